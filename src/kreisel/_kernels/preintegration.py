@@ -1,0 +1,330 @@
+"""The strapdown computation between two updates, for many parameter sets side by side.
+
+Seen from the body's attitude at the first sample, the motion the IMU felt does not depend on where it
+was, how it was turned, how fast it moved, or where gravity points. It is computed here once for every
+distinct set of sensor parameters; `composition` puts it onto the navigation state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel._kernels.compilation import kernel
+from kreisel._kernels.rotation import rotate, turn
+
+
+@kernel
+def affine(matrix, powers, coefficients, out):
+    """Write matrix * (x + k_0 x^0 + k_2 x^2 + ...), the polynomial in parentheses of equations (1) and (2).
+
+    matrix (3, 3, m); powers (N + 1, 3) with row i the i-th power of x (or its integral or derivative);
+    coefficients (N, 3, m) with row 0 k_0 and row i k_(i+1); out (3, m).
+    """
+    m = out.shape[1]
+    x = np.empty((3, m))
+    for axis in range(3):
+        for s in range(m):
+            x[axis, s] = powers[1, axis] + powers[0, axis] * coefficients[0, axis, s]
+        for i in range(1, coefficients.shape[0]):
+            for s in range(m):
+                x[axis, s] += powers[i + 1, axis] * coefficients[i, axis, s]
+    for s in range(m):
+        out[0, s] = matrix[0, 0, s] * x[0, s] + matrix[0, 1, s] * x[1, s] + matrix[0, 2, s] * x[2, s]
+        out[1, s] = matrix[1, 0, s] * x[0, s] + matrix[1, 1, s] * x[1, s] + matrix[1, 2, s] * x[2, s]
+        out[2, s] = matrix[2, 0, s] * x[0, s] + matrix[2, 1, s] * x[1, s] + matrix[2, 2, s] * x[2, s]
+
+
+@kernel
+def size_effect(omega, alpha, axes, lever_arms, products, out):
+    """Write e_j = s_j . ([alpha x] + [omega x]^2) r_j for the three accelerometers, (3, m).
+
+    axes (3, 3, m): row j is s_j; lever_arms (3, 3, m): row j is r_j. products is 1, or 0 to leave out
+    the products of two rates, as the printed equation (2) does.
+    """
+    for s in range(omega.shape[1]):
+        x = omega[0, s]
+        y = omega[1, s]
+        z = omega[2, s]
+        xy = products * x * y
+        xz = products * x * z
+        yz = products * y * z
+        xx = x * x
+        yy = y * y
+        zz = z * z
+        a = alpha[0, s]
+        b = alpha[1, s]
+        c = alpha[2, s]
+        for j in range(3):
+            r0 = lever_arms[j, 0, s]
+            r1 = lever_arms[j, 1, s]
+            r2 = lever_arms[j, 2, s]
+            out[j, s] = (
+                axes[j, 0, s] * (-(yy + zz) * r0 + (xy - c) * r1 + (xz + b) * r2)
+                + axes[j, 1, s] * ((xy + c) * r0 - (xx + zz) * r1 + (yz - a) * r2)
+                + axes[j, 2, s] * ((xz - b) * r0 + (yz + a) * r1 - (xx + yy) * r2)
+            )
+
+
+@kernel
+def specific_force(powers, omega, alpha, K_a, k_a, axes, lever_arms, products, inside, out):
+    """Write f_b of equation (2), (3, m); inside is True where e stands inside the parentheses."""
+    m = out.shape[1]
+    e = np.empty((3, m))
+    size_effect(omega, alpha, axes, lever_arms, products, e)
+    affine(K_a, powers, k_a, out)
+    for i in range(3):
+        if inside:
+            for s in range(m):
+                out[i, s] -= K_a[i, 0, s] * e[0, s] + K_a[i, 1, s] * e[1, s] + K_a[i, 2, s] * e[2, s]
+        else:
+            for s in range(m):
+                out[i, s] -= e[i, s]
+
+
+@kernel
+def rotation_step(step, omega, omega_next, dt, theta):
+    """Write the rotation vector over one sampling interval: integrated rate plus coning, (3, m).
+
+    For a rate linear in time the coning term is dt^2/12 omega_k x omega_k+1; the integrated rate `step`
+    holds the higher order, dt^2/12 (alpha_k - alpha_k+1) of the trapezoid included.
+    """
+    c = dt * dt / 12.0
+    for s in range(theta.shape[1]):
+        ax = omega[0, s]
+        ay = omega[1, s]
+        az = omega[2, s]
+        bx = omega_next[0, s]
+        by = omega_next[1, s]
+        bz = omega_next[2, s]
+        theta[0, s] = step[0, s] + c * (ay * bz - az * by)
+        theta[1, s] = step[1, s] + c * (az * bx - ax * bz)
+        theta[2, s] = step[2, s] + c * (ax * by - ay * bx)
+
+
+@kernel
+def outer_weights(first, last, stamps, base, single, double, low, weight_v, weight_p):
+    """Write the weights of the samples from `low` on in the velocity and position integrals."""
+    weight_v[:] = 0.0
+    weight_p[:] = 0.0
+    for k in range(first, last):
+        rest = stamps[last] - stamps[k + 1]
+        for i in range(4):
+            j = base[k] + i - low
+            weight_v[j] += single[k, i]
+            weight_p[j] += double[k, i] + rest * single[k, i]
+
+
+@kernel
+def preintegrate(
+    first,
+    last,
+    low,
+    high,
+    stamps,
+    base,
+    single,
+    double,
+    rate_powers,
+    rate_slopes,
+    rate_integrals,
+    force_powers,
+    K_omega,
+    k_w,
+    K_a,
+    k_a,
+    axes,
+    lever_arms,
+    products,
+    inside,
+    dq,
+    dv,
+    dp,
+    omega_end,
+    alpha_end,
+    u_end,
+):
+    """Write attitude, velocity and position increments from sample `first` to `last`.
+
+    Samples from `low` to `high` enter (one beyond either end where there is one). All increments are
+    seen from the body's inertial attitude at `first`.
+
+    Parameters
+    ----------
+    rate_powers, force_powers : (n, N + 1, 3)
+        Powers 0 to N of the raw readings; rate_slopes their time derivatives, and rate_integrals
+        (n - 1, N + 1, 3) their integrals over each sampling interval.
+    K_omega, K_a, axes, lever_arms : (3, 3, m)
+    k_w, k_a : (N, 3, m)
+    dq : (4, m)
+    dv, dp : (3, m)
+    omega_end, alpha_end : (3, m)
+        Rate and angular acceleration at `last`.
+    u_end : (3, 3, m)
+        Specific force at the samples last - 1, last, last + 1, seen from the attitude at `first`.
+    """
+    m = dq.shape[1]
+    count = high - low + 1
+    weight_v = np.empty(count)
+    weight_p = np.empty(count)
+    outer_weights(first, last, stamps, base, single, double, low, weight_v, weight_p)
+    omega = np.empty((3, m))
+    omega_next = np.empty((3, m))
+    alpha = np.empty((3, m))
+    step = np.empty((3, m))
+    theta = np.empty((3, m))
+    u = np.empty((3, m))
+
+    dv[:] = 0.0
+    dp[:] = 0.0
+    u_end[:] = 0.0
+    dq[:] = 0.0
+    dq[0] = 1.0
+    # Backwards over the samples before `first`, then forwards; the former are one or two.
+    affine(K_omega, rate_powers[first], k_w, omega_next)
+    for k in range(first - 1, low - 1, -1):
+        affine(K_omega, rate_powers[k], k_w, omega)
+        affine(K_omega, rate_integrals[k], k_w, step)
+        rotation_step(step, omega, omega_next, stamps[k + 1] - stamps[k], theta)
+        turn(dq, theta, -1.0)
+        omega_next[:] = omega
+    omega[:] = omega_next
+    for k in range(low, high + 1):
+        affine(K_omega, rate_slopes[k], k_w, alpha)
+        specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
+        rotate(dq, u, u)
+        wv = weight_v[k - low]
+        wp = weight_p[k - low]
+        for i in range(3):
+            for s in range(m):
+                dv[i, s] += wv * u[i, s]
+                dp[i, s] += wp * u[i, s]
+        if k == last:
+            omega_end[:] = omega
+            alpha_end[:] = alpha
+        if last - 1 <= k <= last + 1:
+            u_end[k - last + 1] = u
+        if k < high:
+            affine(K_omega, rate_powers[k + 1], k_w, omega_next)
+            affine(K_omega, rate_integrals[k], k_w, step)
+            rotation_step(step, omega, omega_next, stamps[k + 1] - stamps[k], theta)
+            turn(dq, theta, 1.0)
+            omega, omega_next = omega_next, omega
+    # dq stands at `high`; bring it back to `last`.
+    for k in range(high - 1, last - 1, -1):
+        affine(K_omega, rate_powers[k], k_w, omega_next)
+        affine(K_omega, rate_integrals[k], k_w, step)
+        rotation_step(step, omega_next, omega, stamps[k + 1] - stamps[k], theta)
+        turn(dq, theta, -1.0)
+        omega, omega_next = omega_next, omega
+
+
+@kernel
+def noise_covariance(
+    first,
+    last,
+    stamps,
+    rate_powers,
+    rate_slopes,
+    rate_integrals,
+    force_powers,
+    rate_variance,
+    force_variance,
+    K_omega,
+    k_w,
+    K_a,
+    k_a,
+    axes,
+    lever_arms,
+    products,
+    inside,
+    Q,
+):
+    """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9).
+
+    rate_variance, force_variance (n - 1, 3): variance of the noise's integral over each interval. Seen
+    from the body's attitude at `first`; attitude errors as left perturbations in that frame. The
+    parameter sets hold one column.
+    """
+    omega = np.empty((3, 1))
+    omega_next = np.empty((3, 1))
+    alpha = np.empty((3, 1))
+    step = np.empty((3, 1))
+    theta = np.empty((3, 1))
+    u = np.empty((3, 1))
+    q = np.zeros((4, 1))
+    q[0, 0] = 1.0
+    column = np.empty((3, 1))
+    F = np.eye(9)
+    G = np.empty((3, 3))
+    Q[:] = 0.0
+    affine(K_omega, rate_powers[first], k_w, omega)
+    for k in range(first, last):
+        dt = stamps[k + 1] - stamps[k]
+        affine(K_omega, rate_slopes[k], k_w, alpha)
+        specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
+        rotate(q, u, u)
+        # d(C f) = -[C f x] d(theta): left perturbation
+        F[3, 1] = u[2, 0] * dt
+        F[3, 2] = -u[1, 0] * dt
+        F[4, 0] = -u[2, 0] * dt
+        F[4, 2] = u[0, 0] * dt
+        F[5, 0] = u[1, 0] * dt
+        F[5, 1] = -u[0, 0] * dt
+        for i in range(3):
+            F[6 + i, 3 + i] = dt
+            for j in range(3):
+                F[6 + i, j] = 0.5 * dt * F[3 + i, j]
+        advance_covariance(F, Q)
+        for j in range(3):
+            for i in range(3):
+                column[i, 0] = K_omega[i, j, 0]
+            rotate(q, column, column)
+            for i in range(3):
+                G[i, j] = column[i, 0]
+        add_noise(G, rate_variance[k], 1.0, 0.0, 0, 0, Q)
+        for j in range(3):
+            for i in range(3):
+                column[i, 0] = K_a[i, j, 0]
+            rotate(q, column, column)
+            for i in range(3):
+                G[i, j] = column[i, 0]
+        add_noise(G, force_variance[k], 1.0, 0.5 * dt, 3, 6, Q)
+        affine(K_omega, rate_powers[k + 1], k_w, omega_next)
+        affine(K_omega, rate_integrals[k], k_w, step)
+        rotation_step(step, omega, omega_next, dt, theta)
+        turn(q, theta, 1.0)
+        omega, omega_next = omega_next, omega
+
+
+@kernel
+def advance_covariance(F, Q):
+    """Replace Q by F Q F^T, using that F is lower block triangular with unit diagonal blocks."""
+    T = np.empty((9, 9))
+    for i in range(9):
+        for j in range(9):
+            total = Q[i, j]
+            for k in range(3 * (i // 3)):
+                total += F[i, k] * Q[k, j]
+            T[i, j] = total
+    for i in range(9):
+        for j in range(9):
+            total = T[i, j]
+            for k in range(3 * (j // 3)):
+                total += T[i, k] * F[j, k]
+            Q[i, j] = total
+
+
+@kernel
+def add_noise(G, variance, gain, gain_below, row, row_below, Q):
+    """Add G diag(variance) G^T to Q at `row`, and with its integral at `row_below` where gain_below > 0."""
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                total += G[i, k] * variance[k] * G[j, k]
+            Q[row + i, row + j] += gain * gain * total
+            if gain_below > 0.0:
+                Q[row_below + i, row + j] += gain_below * gain * total
+                Q[row + i, row_below + j] += gain * gain_below * total
+                # the noise is white within the interval: variance of its integral is dt^2/3, not dt^2/4
+                Q[row_below + i, row_below + j] += 4.0 / 3.0 * gain_below * gain_below * total

@@ -1,0 +1,76 @@
+"""The errors kreisel raises on purpose, each with what, where, got, expected and what to do.
+
+::
+
+    KreiselError
+    ├── RecordingError          a file or a stream that cannot be read, or that says impossible things
+    ├── SynchronizationError    reference and IMU cannot be brought onto one clock
+    ├── ExcitationError         the motion does not show what is asked for
+    ├── SettingsError           a setting that does not exist or makes no sense
+    └── EstimationError         the estimator could not continue, with advice
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = [
+    "EstimationError",
+    "ExcitationError",
+    "KreiselError",
+    "RecordingError",
+    "SettingsError",
+    "SynchronizationError",
+    "unknown_name",
+]
+
+
+class KreiselError(Exception):
+    """Root of all errors kreisel raises on purpose; its text is one line fit for a user."""
+
+
+class RecordingError(KreiselError):
+    """A recording that cannot be used as it is.
+
+    Parameters
+    ----------
+    message
+        What is wrong, what was expected and what to do.
+    file
+        The file or folder at fault.
+    line
+        The line in it, counted from 1, where that is known.
+    """
+
+    def __init__(self, message: str, *, file: Path | str | None = None, line: int | None = None) -> None:
+        self.message = message
+        self.file = None if file is None else Path(file)
+        self.line = line
+        place = "" if file is None else f"{file}: " if line is None else f"{file}, line {line}: "
+        super().__init__(place + message)
+
+
+class SynchronizationError(KreiselError):
+    """Reference and IMU could not be brought onto one clock; `correlation` holds the best found."""
+
+    def __init__(self, message: str, *, correlation: float | None = None) -> None:
+        self.correlation = correlation
+        super().__init__(message)
+
+
+class ExcitationError(KreiselError):
+    """The motion is too poor for what is asked of it."""
+
+
+class SettingsError(KreiselError):
+    """A setting that does not exist or makes no sense."""
+
+
+class EstimationError(KreiselError):
+    """The estimator could not continue; the message says at what time and what to try."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the sentence for a name nobody knows, listing those that are known."""
+    return f"unknown {kind} '{name}'; known are: {', '.join(sorted(known))}"

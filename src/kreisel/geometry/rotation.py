@@ -1,0 +1,130 @@
+"""Exponential and logarithm, products, actions and Jacobians of rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-4
+"""Below this angle (rad) series replace quotients; their first term left out is below 1e-17."""
+
+
+def exp(theta: ArrayLike) -> Array:
+    """Return the unit quaternions (..., 4) of the rotation vectors theta (..., 3), in rad."""
+    theta = np.asarray(theta, dtype=float)
+    half = 0.5 * np.sqrt(np.sum(theta * theta, axis=-1, keepdims=True))
+    safe = np.where(half > 0.0, half, 1.0)
+    ratio = np.where(half > 0.0, np.sin(half) / safe, 1.0)
+    return np.concatenate([np.cos(half), 0.5 * ratio * theta], axis=-1)
+
+
+def log(q: ArrayLike) -> Array:
+    """Return the rotation vectors (..., 3) in rad, at most pi long, of the unit quaternions q (..., 4)."""
+    q = np.asarray(q, dtype=float)
+    vector = q[..., 1:]
+    length = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    scalar = q[..., :1]
+    sign = np.where(scalar < 0.0, -1.0, 1.0)
+    safe = np.where(length > 0.0, length, 1.0)
+    ratio = np.where(length > 0.0, 2.0 * np.arctan2(length, np.abs(scalar)) / safe, 2.0)
+    return np.asarray(sign * ratio * vector)
+
+
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Return the Hamilton products a * b of quaternions (..., 4)."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q: ArrayLike) -> Array:
+    """Return the inverse of unit quaternions (..., 4)."""
+    return np.asarray(q, dtype=float) * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def apply(q: ArrayLike, v: ArrayLike) -> Array:
+    """Return the vectors v (..., 3) turned by q (..., 4): ``C(q) v``."""
+    q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+    t = 2.0 * np.cross(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * t + np.cross(q[..., 1:], t))
+
+
+def matrix(q: ArrayLike) -> Array:
+    """Return the direction cosine matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    q = np.asarray(q, dtype=float)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def from_matrix(C: ArrayLike) -> Array:
+    """Return the unit quaternion (..., 4) of direction cosine matrices (..., 3, 3)."""
+    return np.asarray(Rotation.from_matrix(np.asarray(C)).as_quat(scalar_first=True))
+
+
+def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
+    """Return the quaternion (4,) of the shortest turn that brings the direction of a onto that of b."""
+    a = np.asarray(a, dtype=float) / np.linalg.norm(a)
+    b = np.asarray(b, dtype=float) / np.linalg.norm(b)
+    scalar = 1.0 + a @ b
+    if scalar < 1e-12:
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        return np.concatenate([[0.0], axis / np.linalg.norm(axis)])
+    q = np.concatenate([[scalar], np.cross(a, b)])
+    return np.asarray(q / np.linalg.norm(q))
+
+
+def nearest_rotation(M: ArrayLike) -> Array:
+    """Return the rotation matrix nearest to M (3, 3) in the Frobenius norm."""
+    U, _, Vt = np.linalg.svd(np.asarray(M, dtype=float))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def skew(v: ArrayLike) -> Array:
+    """Return the matrices [v x] (..., 3, 3), with ``skew(v) @ u == cross(v, u)``."""
+    v = np.asarray(v, dtype=float)
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def right_jacobian(theta: ArrayLike) -> Array:
+    """Return J (..., 3, 3) with ``exp(theta + d) = exp(theta) * exp(J d)`` to first order in d."""
+    theta = np.asarray(theta, dtype=float)
+    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    S = skew(theta)
+    return np.asarray(np.eye(3) - a * S + b * (S @ S))
+
+
+def inverse_right_jacobian(theta: ArrayLike) -> Array:
+    """Return the inverse of `right_jacobian`, for angles below 2 pi."""
+    theta = np.asarray(theta, dtype=float)
+    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    b = np.where(small, 1.0 / 12.0 + angle2 / 720.0, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)))
+    S = skew(theta)
+    return np.asarray(np.eye(3) + 0.5 * S + b * (S @ S))

@@ -1,0 +1,151 @@
+"""The sensor model of Fox and Janocha (2005), equations (1) and (2), completed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, skew
+
+FORMULA = {
+    "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
+    "specific_force": (
+        "f_b = K_a (a' + k_a0 + sum_i k_ai a'^i - e), e_j = s_j . ([alpha x] + [omega x]^2) r_j, "
+        "s_j = row j of K_a^-1, r_j = row j of lever_arms, alpha = d omega/dt"
+    ),
+}
+"""How raw readings (primed) become true values; written into every result file."""
+
+
+class SizeEffect(str, Enum):
+    """Which form of the eccentricity term e of equation (2) is used."""
+
+    COMPLETED = "completed"
+    """e_j = s_j . ([alpha x] + [omega x]^2) r_j, inside the parentheses."""
+    FOX2005 = "fox2005"
+    """As printed: no products of rates, added after K_a as if sensor and tool axes were the same."""
+    WITHOUT_PRODUCTS = "without_products"
+    """The first fault of the printed form alone."""
+    AFTER_CROSS_COUPLING = "after_cross_coupling"
+    """The second fault of the printed form alone."""
+
+    @property
+    def products(self) -> float:
+        """1 where the products omega_x omega_y and so on are kept, else 0."""
+        return 1.0 if self in (SizeEffect.COMPLETED, SizeEffect.AFTER_CROSS_COUPLING) else 0.0
+
+    @property
+    def inside(self) -> bool:
+        """Whether e stands inside the parentheses, along the sensitive axes."""
+        return self in (SizeEffect.COMPLETED, SizeEffect.WITHOUT_PRODUCTS)
+
+
+@dataclass(frozen=True)
+class SensorParameters:
+    """Parameters of equations (1) and (2), measured to true, SI.
+
+    Attributes
+    ----------
+    K_omega, K_a : (3, 3)
+        Cross-coupling matrices.
+    k_w, k_a : (N, 3)
+        Row 0 the offset k_0; row i the coefficient k_(i+1) of the power i + 1.
+    lever_arms : (3, 3)
+        Row j is the position r_j of accelerometer j in b, m.
+    """
+
+    K_omega: Array
+    k_w: Array
+    K_a: Array
+    k_a: Array
+    lever_arms: Array
+
+    @classmethod
+    def ideal(cls, order: int = 1) -> SensorParameters:
+        """Return a sensor without errors, its axes those of b, with room for a polynomial of `order`."""
+        zero = np.zeros((order, 3))
+        return cls(np.eye(3), zero, np.eye(3), zero, np.zeros((3, 3)))
+
+
+def powers(raw: Array, order: int) -> Array:
+    """Return the powers 0 to `order` of raw readings (n, 3), as (n, order + 1, 3)."""
+    return np.stack([raw**i for i in range(order + 1)], axis=1)
+
+
+def power_slopes(raw: Array, slope: Array, order: int) -> Array:
+    """Return the time derivatives of `powers`, given those of the readings, (n, order + 1, 3)."""
+    parts = [np.zeros_like(raw), slope]
+    parts += [i * raw ** (i - 1) * slope for i in range(2, order + 1)]
+    return np.stack(parts, axis=1)
+
+
+def polynomial(raw: Array, coefficients: Array) -> Array:
+    """Return raw + k_0 + sum k_i raw^i for readings (n, 3) and coefficients (N, 3)."""
+    result = raw + coefficients[0]
+    for i in range(1, coefficients.shape[0]):
+        result = result + coefficients[i] * raw ** (i + 1)
+    return result
+
+
+def correct_angular_rate(rates: Array, parameters: SensorParameters) -> Array:
+    """Return the angular rate of b against inertial space (n, 3), rad/s, from raw readings (n, 3).
+
+    Notes
+    -----
+    Fox and Janocha (2005), equation (1).
+    """
+    return np.asarray(polynomial(rates, parameters.k_w) @ parameters.K_omega.T)
+
+
+def size_effect(
+    omega_b: Array,
+    alpha_b: Array,
+    parameters: SensorParameters,
+    form: SizeEffect = SizeEffect.COMPLETED,
+) -> Array:
+    """Return the eccentricity term e (n, 3), m/s^2.
+
+    Parameters
+    ----------
+    omega_b, alpha_b : (n, 3)
+        Angular rate (rad/s) and angular acceleration (rad/s^2) of b against inertial space.
+    """
+    W = skew(omega_b)
+    square = W @ W
+    if form.products == 0.0:
+        square = square * np.eye(3)
+    field = skew(alpha_b) + square
+    axes = np.linalg.inv(parameters.K_a) if form.inside else np.eye(3)
+    return np.asarray(np.einsum("jk,nkl,jl->nj", axes, field, parameters.lever_arms))
+
+
+def correct_specific_force(
+    accelerations: Array,
+    omega_b: Array,
+    alpha_b: Array,
+    parameters: SensorParameters,
+    form: SizeEffect = SizeEffect.COMPLETED,
+) -> Array:
+    """Return the specific force at the origin of b (n, 3), m/s^2, from raw readings (n, 3).
+
+    Parameters
+    ----------
+    accelerations, omega_b, alpha_b : (n, 3)
+        Raw readings (m/s^2), angular rate (rad/s) and angular acceleration (rad/s^2) of b.
+    parameters
+        Offset, polynomial, cross-coupling and lever arms.
+    form
+        Which form of equation (2).
+
+    Notes
+    -----
+    Fox and Janocha (2005), equation (2), completed with the products of rates the printed form leaves
+    out and with e measured along the sensitive axes.
+    """
+    y = polynomial(accelerations, parameters.k_a)
+    e = size_effect(omega_b, alpha_b, parameters, form)
+    if form.inside:
+        return np.asarray((y - e) @ parameters.K_a.T)
+    return np.asarray(y @ parameters.K_a.T - e)

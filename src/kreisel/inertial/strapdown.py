@@ -1,0 +1,260 @@
+"""Sampled readings made ready for integration, and the strapdown computation over stretches of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel._kernels import composition, preintegration, quadrature
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
+
+
+@dataclass(frozen=True)
+class InertialSignal:
+    """Raw readings with all that is common to every set of sensor parameters.
+
+    Attributes
+    ----------
+    stamps : (n,)
+        Seconds since the first sample.
+    segments
+        First and last sample (inclusive) of every unbroken stretch, each of five samples or more.
+    base, single, double
+        Stencils of `_kernels.quadrature`.
+    rate_powers, rate_slopes, force_powers : (n, N + 1, 3)
+    rate_integrals : (n - 1, N + 1, 3)
+    rate_variance, force_variance : (n - 1, 3)
+        Variance of the noise's integral over each sampling interval.
+    """
+
+    stamps: Array
+    segments: tuple[tuple[int, int], ...]
+    base: np.ndarray[tuple[int], np.dtype[np.int64]]
+    single: Array
+    double: Array
+    rate_powers: Array
+    rate_slopes: Array
+    rate_integrals: Array
+    force_powers: Array
+    rate_variance: Array
+    force_variance: Array
+
+    @property
+    def order(self) -> int:
+        """Polynomial order N the signal was prepared for."""
+        return self.rate_powers.shape[1] - 1
+
+    def segment_of(self, sample: int) -> int | None:
+        """Return the index of the segment a sample lies in, or None."""
+        for i, (start, stop) in enumerate(self.segments):
+            if start <= sample <= stop:
+                return i
+        return None
+
+
+@dataclass(frozen=True)
+class SensorColumns:
+    """Sensor parameters for many sigma points; the last axis counts them. See `SensorParameters`."""
+
+    K_omega: Array
+    k_w: Array
+    K_a: Array
+    k_a: Array
+    lever_arms: Array
+    axes: Array
+
+    @classmethod
+    def stack(
+        cls, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array, form: SizeEffect
+    ) -> SensorColumns:
+        """Return columns with the sensitive axes worked out (rows of the inverse of K_a)."""
+        if form.inside:
+            axes = np.moveaxis(np.linalg.inv(np.moveaxis(K_a, -1, 0)), 0, -1)
+        else:
+            axes = np.repeat(np.eye(3)[:, :, None], K_a.shape[-1], axis=2)
+        parts = (K_omega, k_w, K_a, k_a, lever_arms, axes)
+        return cls(*(np.ascontiguousarray(part) for part in parts))
+
+    @classmethod
+    def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
+        """Return one column."""
+        parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
+        return cls.stack(*(part[..., None] for part in parts), form)
+
+    def first(self) -> SensorColumns:
+        """Return the first column alone."""
+        parts = (self.K_omega, self.k_w, self.K_a, self.k_a, self.lever_arms, self.axes)
+        return SensorColumns(*(np.ascontiguousarray(part[..., :1]) for part in parts))
+
+
+@dataclass(frozen=True)
+class Increment:
+    """Motion between two samples as the body felt it, one column for each parameter set.
+
+    ``dq`` (4, m), ``dv`` and ``dp`` (3, m) are seen from the inertial attitude at the first sample;
+    ``omega_end``, ``alpha_end`` (3, m) are rate and angular acceleration at the last, ``u_end``
+    (3, 3, m) the specific force around it.
+    """
+
+    duration: float
+    dq: Array
+    dv: Array
+    dp: Array
+    omega_end: Array
+    alpha_end: Array
+    u_end: Array
+
+
+def prepare(
+    stamps: Array,
+    rates: Array,
+    accelerations: Array,
+    *,
+    order: int = 1,
+    segments: tuple[tuple[int, int], ...] | None = None,
+    rate_variance: Array | None = None,
+    force_variance: Array | None = None,
+) -> InertialSignal:
+    """Return the signal made ready: stencils, powers, derivatives and integrals.
+
+    Parameters
+    ----------
+    stamps : (n,)
+        Seconds, ascending.
+    rates, accelerations : (n, 3)
+        Raw readings, rad/s and m/s^2.
+    order
+        Polynomial order N of the sensor model; 1 is offset and scale alone.
+    segments
+        Unbroken stretches as pairs of first and last sample; all samples by default.
+    rate_variance, force_variance : (n - 1, 3)
+        See `InertialSignal`; zero by default.
+    """
+    n = stamps.size
+    segments = ((0, n - 1),) if segments is None else segments
+    base = np.zeros(n - 1, dtype=np.int64)
+    first = np.zeros(n, dtype=np.int64)
+    inside = np.zeros(n, dtype=bool)
+    for start, stop in segments:
+        k = np.arange(start, stop)
+        base[k] = np.clip(k - 1, start, stop - 3)
+        k = np.arange(start, stop + 1)
+        first[k] = np.clip(k - 2, start, stop - 4)
+        inside[k] = True
+    outside = np.flatnonzero(~inside)
+    first[outside] = np.clip(outside - 2, 0, n - 5)
+    between = np.flatnonzero(~(inside[1:] & inside[:-1]))
+    base[between] = np.clip(between - 1, 0, n - 4)
+    single, double = np.empty((n - 1, 4)), np.empty((n - 1, 4))
+    quadrature.interval_weights(stamps, base, single, double)
+    slope = np.empty_like(rates)
+    quadrature.differentiate(stamps, first, rates, slope)
+    rate_powers = powers(rates, order)
+    rate_integrals = np.empty((n - 1, order + 1, 3))
+    for i in range(order + 1):
+        integral = np.empty((n - 1, 3))
+        quadrature.integrate_intervals(base, single, np.ascontiguousarray(rate_powers[:, i]), integral)
+        rate_integrals[:, i] = integral
+    zero = np.zeros((n - 1, 3))
+    return InertialSignal(
+        stamps=stamps,
+        segments=segments,
+        base=base,
+        single=single,
+        double=double,
+        rate_powers=rate_powers,
+        rate_slopes=power_slopes(rates, slope, order),
+        rate_integrals=rate_integrals,
+        force_powers=powers(accelerations, order),
+        rate_variance=zero if rate_variance is None else rate_variance,
+        force_variance=zero if force_variance is None else force_variance,
+    )
+
+
+def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
+    """Return the first and last sample that enter the integrals from sample `first` to `last`."""
+    return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + 3)
+
+
+def preintegrate(
+    signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect
+) -> Increment:
+    """Return the motion from sample `first` to sample `last` for every column of parameters."""
+    m = columns.K_omega.shape[-1]
+    low, high = reach(signal, first, last)
+    out = Increment(
+        duration=float(signal.stamps[last] - signal.stamps[first]),
+        dq=np.empty((4, m)),
+        dv=np.empty((3, m)),
+        dp=np.empty((3, m)),
+        omega_end=np.empty((3, m)),
+        alpha_end=np.empty((3, m)),
+        u_end=np.empty((3, 3, m)),
+    )
+    preintegration.preintegrate(
+        first, last, low, high,
+        signal.stamps, signal.base, signal.single, signal.double,
+        signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
+        columns.K_omega, columns.k_w, columns.K_a, columns.k_a, columns.axes, columns.lever_arms,
+        form.products, form.inside,
+        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end,
+    )  # fmt: skip
+    return out
+
+
+def noise_covariance(
+    signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect
+) -> Array:
+    """Return the covariance (9, 9) of attitude, velocity and position left by sensor noise.
+
+    Uses the first column. Seen from the body's inertial attitude at `first`; attitude errors as left
+    perturbations there.
+    """
+    c = columns.first()
+    Q = np.empty((9, 9))
+    preintegration.noise_covariance(
+        first, last, signal.stamps,
+        signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
+        signal.rate_variance, signal.force_variance,
+        c.K_omega, c.k_w, c.K_a, c.k_a, c.axes, c.lever_arms, form.products, form.inside, Q,
+    )  # fmt: skip
+    return Q
+
+
+def navigate(
+    signal: InertialSignal,
+    parameters: SensorParameters,
+    q: Array,
+    v: Array,
+    p: Array,
+    gravity: Array,
+    earth_rate: Array,
+    *,
+    form: SizeEffect = SizeEffect.COMPLETED,
+    stride: int = 100,
+) -> tuple[Array, Array, Array, Array]:
+    """Return stamps, attitudes, velocities and positions of free inertial navigation in r.
+
+    Parameters
+    ----------
+    q, v, p : (4,), (3,), (3,)
+        Attitude q_rb, velocity and position at the first sample.
+    gravity, earth_rate : (3,)
+        In r, m/s^2 and rad/s.
+    stride
+        Samples between two results; results stand at every `stride`-th sample and at the last.
+    """
+    columns = SensorColumns.single(parameters, form)
+    state = [np.array(part, dtype=float).reshape(-1, 1) for part in (q, v, p)]
+    g, w = gravity.reshape(3, 1).astype(float), earth_rate.reshape(3, 1).astype(float)
+    last_sample = signal.stamps.size - 1
+    knots = [*range(0, last_sample, stride), last_sample]
+    history = [[part[:, 0].copy() for part in state]]
+    for first, last in zip(knots[:-1], knots[1:], strict=True):
+        step = preintegrate(signal, first, last, columns, form)
+        composition.compose(step.duration, step.dq, step.dv, step.dp, g, w, *state)
+        history.append([part[:, 0].copy() for part in state])
+    qs, vs, ps = (np.array(column) for column in zip(*history, strict=True))
+    return signal.stamps[knots], qs, vs, ps

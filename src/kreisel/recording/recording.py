@@ -1,0 +1,123 @@
+"""The recording: raw IMU samples, reference poses and joint angles, each on its own clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.geometry.rotation import Array
+from kreisel.recording.settings import RecordingSettings
+
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something a reader of the result should know about the recording; `subject` is what it is about."""
+
+    subject: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.subject}: {self.message}"
+
+
+@dataclass(frozen=True)
+class ImuSamples:
+    """Raw readings on the IMU's clock.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+    rates, accelerations : (n, 3)
+        rad/s and m/s^2, as read: not corrected in any way.
+    source
+        The file they came from, for messages.
+    """
+
+    stamps_ns: Stamps
+    rates: Array
+    accelerations: Array
+    source: Path
+
+    @property
+    def seconds(self) -> Array:
+        """Seconds since the first sample, (n,)."""
+        return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
+
+    @property
+    def interval(self) -> float:
+        """Usual time between two samples, s."""
+        return float(np.median(np.diff(self.stamps_ns))) * 1e-9
+
+
+@dataclass(frozen=True)
+class ReferencePoses:
+    """Poses of the body b in the reference frame r, on the reference's clock.
+
+    Attributes
+    ----------
+    stamps_ns : (m,)
+    positions : (m, 3) or None
+        m.
+    quaternions : (m, 4) or None
+        q_rb, scalar first, unit length.
+    """
+
+    name: str
+    stamps_ns: Stamps
+    positions: Array | None
+    quaternions: Array | None
+    source: Path
+
+    @property
+    def seconds(self) -> Array:
+        """Seconds since the first pose, (m,)."""
+        return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
+
+    @property
+    def interval(self) -> float:
+        """Usual time between two poses, s."""
+        return float(np.median(np.diff(self.stamps_ns))) * 1e-9
+
+    def part(self, keep: slice | NDArray[np.bool_]) -> ReferencePoses:
+        """Return the poses a slice or a mask selects."""
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[keep],
+            positions=None if self.positions is None else self.positions[keep],
+            quaternions=None if self.quaternions is None else self.quaternions[keep],
+        )
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """Joint angles (m, joints) in rad, on the robot's clock."""
+
+    stamps_ns: Stamps
+    angles: Array
+    source: Path
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All that one run of the cell left behind."""
+
+    path: Path
+    imu: ImuSamples
+    reference: ReferencePoses | None
+    joints: JointAngles | None = None
+    settings: RecordingSettings = field(default_factory=RecordingSettings)
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The recording's name: that of its folder or file."""
+        return self.path.resolve().name
+
+    def with_findings(self, *findings: Finding) -> Recording:
+        """Return the recording with further findings."""
+        return replace(self, findings=(*self.findings, *findings))
