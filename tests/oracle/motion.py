@@ -6,6 +6,7 @@ r is the robot's base, b the body, q_rb turns a vector from b to r, scalar first
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -105,7 +106,7 @@ class AnalyticMotion:
         rest: float = 0.0,
     ) -> None:
         if not 0.0 <= 2.0 * rest < duration:
-            raise ValueError(f"Rest does not fit: expected 0 <= 2 * rest < {duration} s, got rest = {rest} s.")
+            raise ValueError(f"Rest does not fit: expected 0 <= 2 * rest < {duration} s, got {rest} s.")
         self.duration, self.rest = duration, rest
         self._warp = Warp(duration, rest)
         self._home_position = rng.uniform(-1.0, 1.0, 3)
@@ -198,7 +199,7 @@ def inertial_truth(
 
 
 def size_effect(omega: Array, alpha: Array, K_a: Array, lever_arms: Array) -> Array:
-    """Return e_j = s_j . (alpha x r_j + omega x (omega x r_j)), s_j the rows of K_a^-1, r_j the rows given."""
+    """Return e_j = s_j . (alpha x r_j + omega x (omega x r_j)); s_j rows of K_a^-1, r_j of lever_arms."""
     S = np.linalg.inv(K_a)
     parts = [
         (np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))) @ s
@@ -246,8 +247,10 @@ def _invert_polynomial(value: Array, coefficients: Array) -> Array:
         x = x - step
         if np.all(np.abs(step) <= 1e-15 * np.maximum(1.0, np.abs(x))):
             return x
-    raise ValueError(f"Newton's method did not settle: last step {np.max(np.abs(step)):.1e}. Is the polynomial"
-                     " monotonic over these readings?")
+    raise ValueError(
+        f"Newton's method did not settle: last step {np.max(np.abs(step)):.1e}, expected below 1e-15 of the"
+        " reading. Look whether the polynomial is monotonic over these readings."
+    )
 
 
 TimeFunction = Callable[[float], Array]
@@ -258,13 +261,16 @@ def inertial_functions(
 ) -> tuple[TimeFunction, TimeFunction]:
     """Return omega_ib_b(t) and f_b(t) of one instant each, for an integrator."""
 
+    # An integrator asks for both at each instant, and one evaluation gives both.
+    @lru_cache(maxsize=1)
+    def truth(t: float) -> tuple[Array, Array]:
+        omega, _, f = inertial_truth(motion, np.array([t]), gravity_r, earth_rate_r)
+        return omega[0], f[0]
+
     def omega_ib_b(t: float) -> Array:
-        return inertial_truth(motion, np.array([t]), gravity_r, earth_rate_r)[0][0]
+        return truth(t)[0]
 
     def f_b(t: float) -> Array:
-        return inertial_truth(motion, np.array([t]), gravity_r, earth_rate_r)[2][0]
+        return truth(t)[1]
 
     return omega_ib_b, f_b
-
-
-__all__ = ["AnalyticMotion", "inertial_functions", "inertial_truth", "raw_readings", "size_effect"]

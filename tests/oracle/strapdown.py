@@ -63,6 +63,32 @@ def central_differences(stamps: Array, samples: Array) -> Array:
     return np.gradient(samples, stamps, axis=-2, edge_order=2)
 
 
+def five_point_differences(stamps: Array, samples: Array) -> Array:
+    """Return d(samples)/dt along the last axis but one, of the quartics through five neighbours.
+
+    The two samples at either end have central or one-sided differences of three.
+    """
+    rates = central_differences(stamps, samples)
+    n = len(stamps)
+    if n < 5:
+        return rates
+    t = np.stack([stamps[i : n - 4 + i] for i in range(5)])
+    inner = np.zeros_like(samples[..., 2:-2, :])
+    for i in range(5):
+        inner += _slope_weight(t, i)[:, None] * samples[..., i : n - 4 + i, :]
+    rates[..., 2:-2, :] = inner
+    return rates
+
+
+def _slope_weight(t: Array, i: int) -> Array:
+    """Return the slope at t[2] of the quartic that is one at t[i] and zero at the other four."""
+    others = [j for j in range(5) if j != i]
+    if i == 2:
+        return np.sum([1.0 / (t[2] - t[j]) for j in others], axis=0)
+    zeros = np.prod([t[2] - t[j] for j in others if j != 2], axis=0)
+    return np.asarray(zeros / np.prod([t[i] - t[j] for j in others], axis=0))
+
+
 def two_sample(
     stamps: Array,
     omega_ib_b: Array,

@@ -9,8 +9,8 @@ import numpy as np
 from ruamel.yaml import YAML, YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.recording.recording import Finding, ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.recording.settings import ImuTable, RecordingSettings, read_settings
+from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.recording.table import Column, Table, read_table
 
 _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
@@ -23,7 +23,7 @@ def is_folder(path: Path) -> bool:
     return path.is_dir() and any((path / inner / "imu0").is_dir() for inner in ("", "mav0"))
 
 
-def load_folder(path: Path, reference: str | None = None) -> Recording:
+def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> Recording:
     """Return the recording in a folder.
 
     Parameters
@@ -32,6 +32,8 @@ def load_folder(path: Path, reference: str | None = None) -> Recording:
         The folder that holds `imu0`, or the one above `mav0`.
     reference
         Name of the reference's folder; by default `pose0`, or the most direct measurement there is.
+    imu
+        Name of the IMU's folder.
 
     Raises
     ------
@@ -41,11 +43,18 @@ def load_folder(path: Path, reference: str | None = None) -> Recording:
     root = path if (path / "imu0").is_dir() else path / "mav0"
     findings: list[Finding] = []
     settings = read_settings(path / "recording.toml") if (path / "recording.toml").is_file() else RecordingSettings()
-    imu = _read_imu(root / "imu0", findings)
-    settings = _with_sensor_yaml(settings, root / "imu0" / "sensor.yaml", findings)
+    samples = _read_imu(_imu_folder(root, imu), findings)
+    datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
     poses = _read_poses(root, reference, findings)
     joints = _read_joints(root / "joint0" / "data.csv", findings)
-    return Recording(path, imu, poses, joints, settings, tuple(findings))
+    return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet)
+
+
+def _imu_folder(root: Path, name: str) -> Path:
+    known = [folder.name for folder in root.glob("imu*") if folder.is_dir()]
+    if known and name not in known:
+        raise RecordingError(unknown_name("IMU", name, known), file=root)
+    return root / name
 
 
 def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
@@ -121,20 +130,29 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
     return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
 
 
-def _with_sensor_yaml(settings: RecordingSettings, path: Path, findings: list[Finding]) -> RecordingSettings:
-    """Take noise densities from EuRoC's sensor.yaml where recording.toml gives none."""
-    imu = settings.imu
-    if not path.is_file() or imu.gyro_noise_density is not None or imu.grade is not None:
-        return settings
-    text = "\n".join(line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if not line.startswith("%"))
+def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
+    """Return the noise figures of EuRoC's sensor.yaml, or None where there are none."""
+    if not path.is_file():
+        return None
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     try:
-        content: dict[str, Any] = YAML(typ="safe").load(text) or {}
-        gyro = float(content["gyroscope_noise_density"])
-        accel = float(content["accelerometer_noise_density"])
+        content: dict[str, Any] = YAML(typ="safe").load("\n".join(line for line in lines if not line.startswith("%"))) or {}
+        sheet = Datasheet(
+            float(content["gyroscope_noise_density"]),
+            float(content["accelerometer_noise_density"]),
+            float(content.get("gyroscope_random_walk", 0.0)),
+            float(content.get("accelerometer_random_walk", 0.0)),
+        )
     except (YAMLError, KeyError, TypeError, ValueError):
-        return settings
-    if not (np.isfinite([gyro, accel]).all() and min(gyro, accel) > 0.0):
-        return settings
-    findings.append(Finding("noise", f"densities taken from {path.name}: gyro {gyro:.4g} rad/s/sqrt(Hz), accelerometer {accel:.4g} m/s^2/sqrt(Hz)"))
-    table = imu.model_copy(update={"gyro_noise_density": gyro, "accel_noise_density": imu.accel_noise_density or accel})
-    return settings.model_copy(update={"imu": ImuTable.model_validate(table.model_dump())})
+        return None
+    figures = np.array([sheet.gyro_noise_density, sheet.accel_noise_density, sheet.gyro_random_walk, sheet.accel_random_walk])
+    if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():
+        return None
+    findings.append(
+        Finding(
+            "noise",
+            f"densities and random walks taken from {path.name}: gyro {figures[0]:.4g} rad/s/sqrt(Hz), "
+            f"accelerometer {figures[1]:.4g} m/s^2/sqrt(Hz)",
+        )
+    )
+    return sheet

@@ -103,6 +103,19 @@ class JointAngles:
 
 
 @dataclass(frozen=True)
+class Datasheet:
+    """Noise figures that came with the recording but not from its user (EuRoC's sensor.yaml), SI.
+
+    Densities per root hertz; random walks of the offsets, unit per second and root hertz.
+    """
+
+    gyro_noise_density: float
+    accel_noise_density: float
+    gyro_random_walk: float
+    accel_random_walk: float
+
+
+@dataclass(frozen=True)
 class Recording:
     """All that one run of the cell left behind."""
 
@@ -112,6 +125,7 @@ class Recording:
     joints: JointAngles | None = None
     settings: RecordingSettings = field(default_factory=RecordingSettings)
     findings: tuple[Finding, ...] = ()
+    datasheet: Datasheet | None = None
 
     @property
     def name(self) -> str:

@@ -1,0 +1,257 @@
+"""One run of the filter over a recording, and what it leaves for judging it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from kreisel.calibration.cell_model import CellModel
+from kreisel.calibration.parameters import CellParameters
+from kreisel.calibration.problem import Problem, Update
+from kreisel.errors import EstimationError
+from kreisel.estimation import filter as spkf
+from kreisel.estimation.filter import Belief
+from kreisel.estimation.sigma_points import weights
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.recording import ReferencePoses
+
+GATE = 1.0 - 1e-6
+"""A measurement less probable than one in a million is set aside."""
+
+MOST_IN_A_ROW = 6
+"""After so many set aside in a row the estimate, not the measurement, is taken to be wrong."""
+
+_FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
+"""Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class History:
+    """What happened at every update; the first axis counts updates.
+
+    Attributes
+    ----------
+    seconds
+        IMU seconds.
+    parameters, deviations : (u, parameters)
+        Estimates and standard deviations; those of the alignment are changes from the start.
+    at_rest, used
+        Kind of update, and whether it passed the gate.
+    nis, degrees
+        Normalised innovation squared, and the degrees of freedom it is expected to equal.
+    whitened, innovation, residual : (u, 9)
+        Innovation divided by its factor; innovation; innovation left after the update. Position,
+        orientation, velocity; nan where there is no such measurement.
+    noise_variance : (u, 9)
+        The measurement noise believed in, along the diagonal.
+    correction, correction_variance : (u, 6)
+        Change of velocity and attitude by the update, and the variance the filter expected of it.
+    """
+
+    seconds: Array
+    parameters: Array
+    deviations: Array
+    at_rest: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    nis: Array
+    degrees: Array
+    whitened: Array
+    innovation: Array
+    residual: Array
+    noise_variance: Array
+    correction: Array
+    correction_variance: Array
+
+
+@dataclass(frozen=True)
+class FilterRun:
+    """Result of one run: what it started from, final belief, parameters in it, history."""
+
+    start: CellParameters
+    belief: Belief
+    parameters: CellParameters
+    history: History
+
+
+def first_belief(problem: Problem, start: CellParameters) -> Belief:
+    """Return the belief before the first update: parameters at `start` with the problem's deviations."""
+    layout = problem.layout
+    mean = np.zeros(layout.size)
+    deviation = np.zeros(layout.degrees)
+    for part in layout:
+        if part.name in problem.prior_deviation:
+            mean[layout.stored(part.name)] = start.stored(part.name)
+            deviation[layout[part.name]] = problem.prior_deviation[part.name]
+    if "rest_position" in layout:
+        deviation[layout["rest_position"]] = problem.noise.standstill_position
+        deviation[layout["rest_orientation"]] = problem.noise.standstill_orientation
+    mean[layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
+    deviation[layout["attitude"]] = _FIRST_ATTITUDE
+    deviation[layout["velocity"]] = _FIRST_VELOCITY
+    deviation[layout["position"]] = _FIRST_POSITION
+    return Belief(mean, np.diag(deviation))
+
+
+def run_filter(
+    problem: Problem,
+    start: CellParameters,
+    *,
+    gate: float = 1.0,
+    progress: Progress | None = None,
+    belief: Belief | None = None,
+) -> FilterRun:
+    """Return the result of running the filter over all updates of a problem.
+
+    Parameters
+    ----------
+    start
+        First values of the estimated groups, and values of those that are not.
+    gate
+        Factor on the innovation's bound; above 1 where the believed noise is known to be too small.
+    progress
+        Called with the share done.
+
+    Raises
+    ------
+    EstimationError
+        If the state stops being finite; says when.
+    """
+    model = CellModel(problem, start)
+    layout = problem.layout
+    w = weights(problem.settings.weights, layout.degrees)
+    belief = first_belief(problem, start) if belief is None else belief
+    recorder = _Recorder(problem)
+    rejected_in_a_row = 0
+    for i, item in enumerate(problem.updates):
+        if item.new_segment or rejected_in_a_row >= MOST_IN_A_ROW:
+            belief = _navigation_from_reference(problem, model, belief, item)
+            rejected_in_a_row = 0
+        if item.new_rest and "rest_position" in layout:
+            belief = _renew_rest(problem, belief)
+        model.aim(item)
+        factor = model.measurement_factor(belief.mean)
+        prediction = spkf.predict(layout, belief, model, w, factor, problem.changing)
+        whitened = prediction.normalised_innovation
+        nis = float(whitened @ whitened)
+        if not np.isfinite(nis):
+            raise EstimationError(
+                f"the filter's state is no longer finite at {problem.signal.stamps[item.last]:.2f} s; "
+                "check units and noise figures, or fix groups the motion does not show"
+            )
+        used = nis <= gate * float(chi2.ppf(GATE, whitened.size))
+        belief = spkf.update(layout, prediction) if used else prediction.belief
+        rejected_in_a_row = 0 if used else rejected_in_a_row + 1
+        recorder.add(item, belief, prediction, whitened, factor, used=used)
+        if progress is not None and i % 16 == 0:
+            progress(i / len(problem.updates))
+    return FilterRun(start, belief, model.parameters(belief.mean), recorder.history())
+
+
+def _navigation_from_reference(problem: Problem, model: CellModel, belief: Belief, item: Update) -> Belief:
+    """Begin navigation anew at the sample an update starts from."""
+    layout, reference = problem.layout, problem.reference
+    t = problem.signal.stamps[item.first]
+    x = belief.mean
+    values = model.values(x[:, None])
+    start, skew = float(values["time_offset"][0, 0]), float(values["time_skew"][0, 0])
+    tau = (t - start) / (1.0 + skew)
+    q, p, v = pose_near(reference, problem.tau, tau)
+    for name, value, deviation in (
+        ("attitude", q, _FIRST_ATTITUDE if reference.quaternions is not None else 1.0),
+        ("velocity", v, _FIRST_VELOCITY),
+        ("position", p, _FIRST_POSITION),
+    ):
+        belief = spkf.renew(layout, belief, name, value, np.full(3, deviation))
+    return belief
+
+
+def pose_near(reference: ReferencePoses, tau: Array, at: float) -> tuple[Array, Array, Array]:
+    """Return attitude, position and velocity at a reference time, by a line through the poses around it."""
+    k = int(np.clip(np.searchsorted(tau, at) - 1, 0, tau.size - 2))
+    width = max(1, round(0.05 / float(np.median(np.diff(tau)))))
+    low, high = max(k - width + 1, 0), min(k + width, tau.size - 1)
+    share = (at - tau[k]) / (tau[k + 1] - tau[k])
+    q, p, v = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3)
+    if reference.positions is not None:
+        p = (1.0 - share) * reference.positions[k] + share * reference.positions[k + 1]
+        v = (reference.positions[high] - reference.positions[low]) / (tau[high] - tau[low])
+    if reference.quaternions is not None:
+        turned = log(multiply(conjugate(reference.quaternions[k]), reference.quaternions[k + 1]))
+        q = multiply(reference.quaternions[k], exp(share * turned))
+    return q, p, v
+
+
+def _renew_rest(problem: Problem, belief: Belief) -> Belief:
+    noise = problem.noise
+    for name, deviation in (
+        ("rest_position", noise.standstill_position),
+        ("rest_orientation", noise.standstill_orientation),
+    ):
+        belief = spkf.renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
+    return belief
+
+
+class _Recorder:
+    """Collects the history of a run."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._rows: list[tuple[object, ...]] = []
+        self._parameters = len(problem.parameter_names)
+        first = [problem.layout.stored(g) for g in problem.groups]
+        self._stored = np.concatenate([np.arange(s.start, s.stop) for s in first]) if first else np.empty(0, dtype=int)
+        reference = problem.reference
+        self._rows_present = np.repeat([reference.positions is not None, reference.quaternions is not None], 3)
+
+    def add(
+        self,
+        item: Update,
+        belief: Belief,
+        prediction: spkf.Prediction,
+        whitened: Array,
+        factor: Array,
+        *,
+        used: bool,
+    ) -> None:
+        present = np.concatenate([self._rows_present, np.repeat(item.rest is not None, 3)])
+        R = factor @ factor.T
+        S = prediction.innovation_factor
+        left = R @ np.linalg.solve(S.T, whitened)
+        moving = np.r_[self._problem.layout["velocity"], self._problem.layout["attitude"]]
+        gain = prediction.gain_factor[moving]
+        wide = np.full((4, 9), np.nan)
+        for row, value in zip(wide, (whitened, prediction.innovation, left, np.diag(R)), strict=True):
+            row[present] = value
+        self._rows.append(
+            (
+                self._problem.signal.stamps[item.last],
+                self._estimates(belief),
+                belief.standard_deviation[: self._parameters],
+                item.rest is not None,
+                used,
+                float(whitened @ whitened),
+                whitened.size,
+                *wide,
+                gain @ whitened,
+                np.sum(gain**2, axis=1),
+            )
+        )
+
+    def _estimates(self, belief: Belief) -> Array:
+        """Return one number for each parameter's degree of freedom; the alignment's as its vector part."""
+        layout, out = self._problem.layout, []
+        for group in self._problem.groups:
+            value = belief.mean[layout.stored(group)]
+            if group == "alignment":
+                value = 2.0 * value[1 : 1 + layout[group].stop - layout[group].start]
+            out.append(value)
+        return np.concatenate(out) if out else np.empty(0)
+
+    def history(self) -> History:
+        columns = [np.array(column) for column in zip(*self._rows, strict=True)]
+        return History(*columns)

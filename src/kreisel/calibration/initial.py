@@ -1,0 +1,226 @@
+"""First values for the accelerometers and gravity, by linear least squares before any filter runs.
+
+The second difference of the reference's positions over half a second equals the readings' double
+integral with a triangular weight. With the attitude known from gyros and reference together, that is
+linear in K_a, K_a k_a0, a common lever arm and gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel._kernels import attitude
+from kreisel.geometry.rotation import Array, conjugate, exp, from_matrix, log, matrix, multiply, nearest_rotation
+from kreisel.inertial.strapdown import InertialSignal
+from kreisel.synchronization import Clock, RateFit
+
+HALF_WINDOW = 0.25
+"""Half the length of a second difference, s."""
+
+
+@dataclass(frozen=True)
+class ForceFit:
+    """First values found for the accelerometers.
+
+    Attributes
+    ----------
+    K_a, k_a0, lever_arm, gravity
+        (3, 3), (3,), (3,), (3,); SI, gravity in r.
+    motion_slope
+        How the reference's accelerations scale with those the IMU felt, gravity taken off: about 1.
+    residual_sd
+        What is left in a second difference, as an acceleration, m/s^2.
+    K_a_sd, k_a0_sd, lever_arm_sd, tilt_sd
+        Standard deviations of the fit; that of gravity's direction in rad.
+    """
+
+    K_a: Array
+    k_a0: Array
+    lever_arm: Array
+    gravity: Array
+    motion_slope: float
+    residual_sd: float
+    K_a_sd: Array
+    k_a0_sd: Array
+    lever_arm_sd: Array
+    tilt_sd: float
+
+
+def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
+    """Return q_rb at every IMU sample, (n, 4): integrated rates held to the reference over seconds."""
+    b = fit.K_omega @ fit.k_w0
+    omega = signal.rate_powers[:, 1] @ fit.K_omega.T + b
+    steps = signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b
+    steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
+    free = np.empty((signal.stamps.size, 4))
+    free[0] = (1.0, 0.0, 0.0, 0.0)
+    attitude.accumulate(steps, free)
+    t = fit.clock.imu_time(tau)
+    k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
+    at_pose = multiply(free[k], exp(omega[k] * (t - signal.stamps[k])[:, None]))
+    # left error: q = exp(error) * exp(first error) * free, slowly varying
+    error = multiply(q, conjugate(at_pose))
+    turned = log(multiply(error, conjugate(error[0])))
+    width = max(3, round(1.0 / float(np.median(np.diff(tau)))))
+    smooth = _running_mean(_unwrapped(turned), width)
+    at_sample = np.column_stack([np.interp(signal.stamps, t, smooth[:, i]) for i in range(3)])
+    return multiply(multiply(exp(at_sample), error[0]), free)
+
+
+def _unwrapped(theta: Array) -> Array:
+    """Keep rotation vectors from jumping by a full turn as their angle passes pi."""
+    out = theta.copy()
+    for k in range(1, len(out)):
+        angle = float(np.linalg.norm(out[k]))
+        if angle > 2.5 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
+            out[k] *= (angle - 2.0 * np.pi) / angle
+    return out
+
+
+def _running_mean(values: Array, width: int) -> Array:
+    padded = np.vstack([np.zeros(3), np.cumsum(values, axis=0)])
+    n = len(values)
+    low = np.clip(np.arange(n) - width // 2, 0, n)
+    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
+    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])
+
+
+def fit_forces(
+    signal: InertialSignal,
+    fit: RateFit,
+    tau: Array,
+    q: Array,
+    p: Array,
+    gravity: float,
+) -> ForceFit:
+    """Return first values of accelerometers and gravity.
+
+    Parameters
+    ----------
+    tau, q, p : (m,), (m, 4), (m, 3)
+        Reference seconds, attitudes and positions.
+    gravity
+        Its magnitude, m/s^2.
+    """
+    q_sample = reference_attitude(signal, fit, tau, q)
+    C = matrix(q_sample)
+    omega = signal.rate_powers[:, 1] @ fit.K_omega.T + fit.K_omega @ fit.k_w0
+    alpha = signal.rate_slopes[:, 1] @ fit.K_omega.T
+    windows = _Windows.over(signal, fit.clock, tau)
+    target = windows.second_difference(p)
+    a = signal.force_powers[:, 1]
+    columns = [windows.integrate((C[:, :, j] * a[:, k, None])) for j in range(3) for k in range(3)]
+    columns += [windows.integrate(C[:, :, j]) for j in range(3)]
+    columns += [-windows.integrate(_field_column(C, omega, alpha, j)) for j in range(3)]
+    columns += [np.tile(np.eye(3)[j], (target.shape[0], 1)) for j in range(3)]
+    A = np.stack(columns, axis=2)  # (windows, axis, 18)
+
+    R = nearest_rotation(fit.K_omega)
+    felt = A[:, :, :9] @ R.ravel()
+    g = target.mean(axis=0) - felt.mean(axis=0)
+    g *= gravity / np.linalg.norm(g)
+    moved, expected = target - target.mean(axis=0), felt - felt.mean(axis=0)
+    slope = float(np.sum(moved * expected) / max(np.sum(expected**2), 1e-12))
+    solution, deviation, residual = _solve(A, target, R, g, gravity)
+    K = solution[:9].reshape(3, 3)
+    return ForceFit(
+        K_a=K,
+        k_a0=np.linalg.solve(K, solution[9:12]),
+        lever_arm=solution[12:15],
+        gravity=solution[15:18],
+        motion_slope=slope,
+        residual_sd=residual,
+        K_a_sd=deviation[:9].reshape(3, 3),
+        k_a0_sd=deviation[9:12],
+        lever_arm_sd=deviation[12:15],
+        tilt_sd=float(np.max(deviation[15:18])) / gravity,
+    )
+
+
+def _field_column(C: Array, omega: Array, alpha: Array, j: int) -> Array:
+    """Return C ([alpha x] + [omega x]^2) e_j at every sample."""
+    e = np.zeros(3)
+    e[j] = 1.0
+    w = np.cross(omega, e)
+    return np.asarray(np.einsum("nij,nj->ni", C, np.cross(alpha, e) + np.cross(omega, w)))
+
+
+def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple[Array, Array, float]:
+    """Solve with weak priors (axes near the gyros', offsets and lever arms near nothing), robustly."""
+    prior = np.concatenate([R.ravel(), np.zeros(6), g])
+    x = prior.copy()
+    normal = np.eye(18)
+    weight = np.ones(target.shape[0])
+    variance = 0.1
+    for _ in range(8):
+        along = x[15:18] / np.linalg.norm(x[15:18])
+        prior[15:18] = gravity * along
+        precision = np.diag(np.concatenate([np.full(9, 0.2**-2), np.full(3, 1.0), np.full(3, 0.3**-2), np.zeros(3)]))
+        precision[15:18, 15:18] += np.outer(along, along) / 1e-4**2 + np.eye(3) / (0.5 * gravity) ** 2
+        W = weight[:, None, None] * A
+        # windows overlap by half or more and share their noise
+        normal = np.einsum("nij,nik->jk", W, A) / (2.0 * variance) + precision
+        right = np.einsum("nij,ni->j", W, target) / (2.0 * variance) + precision @ prior
+        x = np.linalg.solve(normal, right)
+        left = np.linalg.norm(target - A @ x, axis=1)
+        variance = max((float(np.median(left)) / 1.538) ** 2, 1e-10)
+        weight = 1.0 / (1.0 + left**2 / (16.0 * variance))
+    return x, np.sqrt(np.diag(np.linalg.inv(normal))), float(np.sqrt(variance))
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Second differences at evenly spread poses, divided by their half length squared."""
+
+    stamps: Array
+    t: tuple[Array, Array, Array]
+    tau: tuple[Array, Array, Array]
+    reference: Array
+    half: float
+
+    @classmethod
+    def over(cls, signal: InertialSignal, clock: Clock, tau: Array) -> _Windows:
+        """Choose windows that lie inside both recordings."""
+        half = max(HALF_WINDOW, 3.0 * float(np.median(np.diff(tau))))
+        low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
+        high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
+        middle = np.arange(low, high, 0.4 * half)
+        at = (middle - half, middle, middle + half)
+        return cls(signal.stamps, tuple(clock.imu_time(s) for s in at), at, tau, half)  # type: ignore[arg-type]
+
+    def second_difference(self, p: Array) -> Array:
+        """Second difference of positions, smoothed over the poses near each end, (windows, 3)."""
+        width = max(1, round(0.1 / float(np.median(np.diff(self.reference)))))
+        smooth = _running_mean(p, width) if width > 2 else p
+        a, b, c = (np.column_stack([np.interp(s, self.reference, smooth[:, i]) for i in range(3)]) for s in self.tau)
+        return np.asarray((a - 2.0 * b + c) / self.half**2)
+
+    def integrate(self, values: Array) -> Array:
+        """Triangularly weighted mean of sampled vectors (n, 3), (windows, 3)."""
+        dt = np.diff(self.stamps)[:, None]
+        once = np.vstack([np.zeros(3), np.cumsum(0.5 * (values[1:] + values[:-1]) * dt, axis=0)])
+        twice = np.vstack([np.zeros(3), np.cumsum(0.5 * (once[1:] + once[:-1]) * dt, axis=0)])
+        a, b, c = (np.column_stack([np.interp(s, self.stamps, twice[:, i]) for i in range(3)]) for s in self.t)
+        return np.asarray((a - 2.0 * b + c) / self.half**2)
+
+
+def alignment_from_gravity(gravity: Array, north: Array | None = None) -> Array:
+    """Return q_rn (4,) with n's down along gravity.
+
+    Parameters
+    ----------
+    gravity : (3,)
+        In r.
+    north : (3,)
+        A direction in r whose level part is north; r's y axis by default, which is that of a robot whose
+        x axis faces east.
+    """
+    down = gravity / np.linalg.norm(gravity)
+    if north is None:
+        north = np.array([0.0, 1.0, 0.0]) if abs(down[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    level = north - (north @ down) * down
+    level /= np.linalg.norm(level)
+    C = np.column_stack([level, np.cross(down, level), down])
+    return from_matrix(C)

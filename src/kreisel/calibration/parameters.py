@@ -1,0 +1,165 @@
+"""Groups of parameters: their names, their places in the state and in the result file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.estimation.state import Part
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import SensorColumns
+
+GROUPS = {
+    "gyro_cross_coupling": "K_omega: scale, misalignment and mounting of the gyros",
+    "gyro_offset": "k_w0, rad/s",
+    "gyro_polynomial": "k_wi, i = 2 and above",
+    "accel_cross_coupling": "K_a: scale, misalignment and mounting of the accelerometers",
+    "accel_offset": "k_a0, m/s^2",
+    "accel_polynomial": "k_ai, i = 2 and above",
+    "lever_arms": "r_j: positions of the accelerometers in b, m",
+    "alignment": "turn of the reference frame against the local level",
+    "gravity": "magnitude of gravity, where neither it nor the latitude is given",
+    "time_offset": "offset of the reference's clock",
+    "time_skew": "ratio of the clocks, less one",
+}
+"""All groups of parameters a calibration may estimate, as `--fix` names them."""
+
+SENSOR_GROUPS = (
+    "gyro_cross_coupling",
+    "gyro_offset",
+    "gyro_polynomial",
+    "accel_cross_coupling",
+    "accel_offset",
+    "accel_polynomial",
+    "lever_arms",
+)
+"""Groups every sensor parameter belongs to. They come first in the state; see `estimation.filter`."""
+
+
+@dataclass(frozen=True)
+class CellParameters:
+    """Everything a calibration estimates but the motion itself.
+
+    Attributes
+    ----------
+    sensors
+        The sensor model's parameters.
+    q_rn : (4,)
+        Turn of the reference frame r against the local level n (north, east, down).
+    gravity
+        Magnitude, m/s^2.
+    start, skew
+        See `synchronization.Clock`.
+    """
+
+    sensors: SensorParameters
+    q_rn: Array
+    gravity: float
+    start: float
+    skew: float
+
+    def stored(self, group: str) -> Array:
+        """Return a group's numbers as they are stored in the state."""
+        s = self.sensors
+        values: dict[str, Array] = {
+            "gyro_cross_coupling": s.K_omega.ravel(),
+            "gyro_offset": s.k_w[0],
+            "gyro_polynomial": s.k_w[1:].ravel(),
+            "accel_cross_coupling": s.K_a.ravel(),
+            "accel_offset": s.k_a[0],
+            "accel_polynomial": s.k_a[1:].ravel(),
+            "lever_arms": s.lever_arms.ravel(),
+            "alignment": self.q_rn,
+            "gravity": np.array([self.gravity]),
+            "time_offset": np.array([self.start]),
+            "time_skew": np.array([self.skew]),
+        }
+        return np.asarray(values[group], dtype=float)
+
+    @classmethod
+    def from_stored(cls, values: dict[str, Array]) -> CellParameters:
+        """Return the parameters from every group's stored numbers."""
+        sensors = SensorParameters(
+            K_omega=values["gyro_cross_coupling"].reshape(3, 3),
+            k_w=np.vstack([values["gyro_offset"], values["gyro_polynomial"].reshape(-1, 3)]),
+            K_a=values["accel_cross_coupling"].reshape(3, 3),
+            k_a=np.vstack([values["accel_offset"], values["accel_polynomial"].reshape(-1, 3)]),
+            lever_arms=values["lever_arms"].reshape(3, 3),
+        )
+        return cls(
+            sensors,
+            values["alignment"],
+            float(values["gravity"][0]),
+            float(values["time_offset"][0]),
+            float(values["time_skew"][0]),
+        )
+
+
+def group_part(group: str, order: int, *, heading: bool) -> Part:
+    """Return a group's part of the state; without heading the alignment has two degrees of freedom."""
+    degrees = {
+        "gyro_cross_coupling": 9,
+        "gyro_polynomial": 3 * (order - 1),
+        "accel_cross_coupling": 9,
+        "accel_polynomial": 3 * (order - 1),
+        "lever_arms": 9,
+        "alignment": 3 if heading else 2,
+        "gravity": 1,
+        "time_offset": 1,
+        "time_skew": 1,
+    }
+    return Part(group, degrees.get(group, 3), rotation=group == "alignment")
+
+
+def parameter_names(group: str, order: int) -> tuple[str, ...]:
+    """Return the names of a sensor or timing group's parameters: their paths in the result file."""
+    sensor = "gyroscope" if group.startswith("gyro") else "accelerometer"
+    matrix = [f"[{i},{j}]" for i in range(3) for j in range(3)]
+    if group.endswith("cross_coupling"):
+        return tuple(f"{sensor}.cross_coupling{ij}" for ij in matrix)
+    if group == "lever_arms":
+        return tuple(f"accelerometer.lever_arms{ij}" for ij in matrix)
+    if group.endswith("offset") and group != "time_offset":
+        return tuple(f"{sensor}.offset[{i}]" for i in range(3))
+    if group.endswith("polynomial"):
+        return tuple(f"{sensor}.polynomial.{power}[{i}]" for power in range(2, order + 1) for i in range(3))
+    return {
+        "alignment": ("alignment.tilt[0]", "alignment.tilt[1]", "alignment.heading"),
+        "gravity": ("alignment.gravity_magnitude",),
+        "time_offset": ("timing.offset",),
+        "time_skew": ("timing.skew",),
+    }[group]
+
+
+def sensor_columns(values: dict[str, Array], order: int) -> tuple[Array, ...]:
+    """Return K_omega, k_w, K_a, k_a and lever arms with sigma points last, from stored numbers (size, m)."""
+    m = max(value.shape[1] for value in values.values())
+
+    def matrix(name: str) -> Array:
+        return np.broadcast_to(values[name], (9, m)).reshape(3, 3, m)
+
+    def coefficients(sensor: str) -> Array:
+        offset = np.broadcast_to(values[f"{sensor}_offset"], (3, m)).reshape(1, 3, m)
+        higher = np.broadcast_to(values[f"{sensor}_polynomial"], (3 * (order - 1), m)).reshape(order - 1, 3, m)
+        return np.concatenate([offset, higher])
+
+    return (
+        matrix("gyro_cross_coupling"),
+        coefficients("gyro"),
+        matrix("accel_cross_coupling"),
+        coefficients("accel"),
+        matrix("lever_arms"),
+    )
+
+
+__all__ = [
+    "GROUPS",
+    "SENSOR_GROUPS",
+    "CellParameters",
+    "SensorColumns",
+    "group_part",
+    "parameter_names",
+    "sensor_columns",
+]

@@ -1,0 +1,189 @@
+"""A recording turned into a problem for the filter: signal, layout, first values, priors, updates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.calibration.parameters import GROUPS, SENSOR_GROUPS, CellParameters, group_part, parameter_names
+from kreisel.calibration.reference_noise import ReferenceNoise
+from kreisel.calibration.rests import Rest
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.estimation.state import Part, StateLayout
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.strapdown import InertialSignal
+from kreisel.recording import ReferencePoses
+
+NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rotation=True))
+"""What changes between updates; last in the state."""
+
+REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
+"""The reference's error at the present rest: one draw for each stop."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the cell stands: Earth rate in north, east, down (rad/s) or None where it is not known."""
+
+    gravity: float
+    gravity_sd: float
+    earth_rate_n: Array | None
+
+
+@dataclass(frozen=True)
+class Update:
+    """One use of the reference.
+
+    Attributes
+    ----------
+    first, last
+        Samples the motion is integrated over since the update before.
+    pose, tau
+        Index of the pose and its reference seconds.
+    rest
+        Index of the rest it lies in, or None on the path.
+    new_rest, new_segment
+        Whether it is the first in its rest, and whether navigation starts anew here.
+    """
+
+    first: int
+    last: int
+    pose: int
+    tau: float
+    rest: int | None
+    new_rest: bool
+    new_segment: bool
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything a filter run needs; nothing in it changes during a run."""
+
+    signal: InertialSignal
+    reference: ReferencePoses
+    tau: Array
+    settings: CalibrationSettings
+    site: Site
+    noise: ReferenceNoise
+    imu_bounds: tuple[tuple[float, float], tuple[float, float]]
+    offset_walk: dict[str, float]
+    layout: StateLayout
+    start: CellParameters
+    prior: CellParameters
+    prior_deviation: dict[str, Array]
+    rests: tuple[Rest, ...]
+    updates: tuple[Update, ...]
+    update_interval: float
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups that are estimated, in the order of the state."""
+        return tuple(part.name for part in self.layout if part.name in GROUPS)
+
+    @property
+    def changing(self) -> int:
+        """Degrees of freedom that change between updates."""
+        return sum(part.degrees for part in NAVIGATION)
+
+    @property
+    def sensor_degrees(self) -> int:
+        """Degrees of freedom of the sensor parameters, first in the state."""
+        return sum(part.degrees for part in self.layout if part.name in SENSOR_GROUPS)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Name of every estimated parameter, one for each of its degrees of freedom."""
+        names: list[str] = []
+        for group in self.groups:
+            own = parameter_names(group, self.settings.polynomial_order)
+            names.extend(own[: self.layout[group].stop - self.layout[group].start])
+        return tuple(names)
+
+
+def build_layout(
+    settings: CalibrationSettings, *, heading: bool, gravity: bool, skew: bool, rest_error: bool
+) -> StateLayout:
+    """Return the layout: sensor parameters, cell parameters, rest error, navigation."""
+    absent = set(settings.fixed)
+    if settings.polynomial_order == 1:
+        absent |= {"gyro_polynomial", "accel_polynomial"}
+    if not gravity:
+        absent.add("gravity")
+    if not skew:
+        absent.add("time_skew")
+    parts = [group_part(g, settings.polynomial_order, heading=heading) for g in GROUPS if g not in absent]
+    if rest_error:
+        parts += REST_ERROR
+    return StateLayout([*parts, *NAVIGATION])
+
+
+def schedule(
+    signal: InertialSignal,
+    t_pose: Array,
+    tau: Array,
+    rests: tuple[Rest, ...],
+    interval: float,
+) -> tuple[Update, ...]:
+    """Return the updates: one every `interval`, each with the pose nearest to it.
+
+    Parameters
+    ----------
+    t_pose
+        IMU seconds of every pose, as far as known.
+    tau
+        Reference seconds of every pose.
+    """
+    updates: list[Update] = []
+    last_rest: int | None = None
+    starts = np.array([rest.start for rest in rests])
+    stops = np.array([rest.stop for rest in rests])
+    for begin, end in signal.segments:
+        low, high = signal.stamps[begin + 1], signal.stamps[end - 1]
+        inside = np.flatnonzero((t_pose > low) & (t_pose < high))
+        if inside.size < 2:
+            continue
+        previous: int | None = None
+        for pose in _spread(t_pose, inside, interval):
+            sample = _nearest(signal.stamps, float(t_pose[pose]), begin + 1, end - 1)
+            if previous is not None and sample <= previous:
+                continue
+            rest = _containing(starts, stops, float(t_pose[pose]))
+            updates.append(
+                Update(
+                    first=sample if previous is None else previous,
+                    last=sample,
+                    pose=int(pose),
+                    tau=float(tau[pose]),
+                    rest=rest,
+                    new_rest=rest is not None and rest != last_rest,
+                    new_segment=previous is None,
+                )
+            )
+            last_rest = rest if rest is not None else last_rest
+            previous = sample
+    return tuple(updates)
+
+
+def _spread(t_pose: Array, inside: Array, interval: float) -> Array:
+    """Return the poses nearest to a grid of the given interval, each once."""
+    times = t_pose[inside]
+    grid = np.arange(times[0], times[-1] + 0.5 * interval, interval)
+    right = np.clip(np.searchsorted(times, grid), 1, times.size - 1)
+    nearest = np.where(grid - times[right - 1] < times[right] - grid, right - 1, right)
+    close = np.abs(times[nearest] - grid) <= 0.5 * interval
+    return np.asarray(inside[np.unique(nearest[close])])
+
+
+def _nearest(stamps: Array, t: float, low: int, high: int) -> int:
+    k = int(np.searchsorted(stamps, t))
+    if k > 0 and (k == stamps.size or t - stamps[k - 1] < stamps[k] - t):
+        k -= 1
+    return min(max(k, low), high)
+
+
+def _containing(starts: Array, stops: Array, t: float) -> int | None:
+    if starts.size == 0:
+        return None
+    k = int(np.searchsorted(starts, t, side="right")) - 1
+    return k if k >= 0 and t <= stops[k] else None

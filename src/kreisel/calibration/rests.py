@@ -1,0 +1,99 @@
+"""Where the robot stands still, judged by the reference's motion and the IMU's readings together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.synchronization import Clock
+
+SHORTEST = 0.3
+"""Seconds a rest must last."""
+
+MARGIN = 0.05
+"""Seconds left out at either end, beyond the half windows both criteria already take."""
+
+_WINDOW = 0.2
+_ALWAYS_STILL = (0.01, 0.05)
+_NEVER_STILL = (0.06, 0.8)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A stretch of standstill: IMU seconds, margins already taken off."""
+
+    start: float
+    stop: float
+
+
+def find_rests(
+    imu: ImuSamples, reference: ReferencePoses, clock: Clock, position_sd: float, orientation_sd: float
+) -> tuple[Rest, ...]:
+    """Return the stretches in which neither reference nor IMU moves.
+
+    Parameters
+    ----------
+    position_sd, orientation_sd
+        The reference's noise, m and rad, which looks like motion too.
+
+    Notes
+    -----
+    The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
+    that never rests has no quiet windows at that level and the reference has the last word.
+    """
+    still = _imu_still(imu)
+    t = imu.seconds
+    limits = (0.004 + 4.0 * position_sd, 0.004 + 8.0 * orientation_sd)
+    moving = _reference_moving(reference, clock, t, limits)
+    calm = still & ~moving
+    edges = np.diff(np.concatenate([[0], calm.astype(np.int8), [0]]))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return tuple(
+        Rest(float(t[a]) + MARGIN, float(t[b]) - MARGIN)
+        for a, b in zip(starts, stops, strict=True)
+        if t[b] - t[a] >= SHORTEST + 2.0 * MARGIN
+    )
+
+
+def _imu_still(imu: ImuSamples) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    n = max(3, round(_WINDOW / imu.interval))
+    rate = _spread(imu.rates, n)
+    force = _spread(imu.accelerations, n)
+    limit_rate = np.clip(3.0 * np.percentile(rate, 10), _ALWAYS_STILL[0], _NEVER_STILL[0])
+    limit_force = np.clip(3.0 * np.percentile(force, 10), _ALWAYS_STILL[1], _NEVER_STILL[1])
+    return np.asarray((rate < limit_rate) & (force < limit_force))
+
+
+def _spread(values: Array, n: int) -> Array:
+    """Return the standard deviation within a centred window of n samples, all axes together."""
+    kernel = np.ones(n) / n
+    centred = values - values.mean(axis=0)
+    mean = np.column_stack([np.convolve(centred[:, i], kernel, mode="same") for i in range(3)])
+    square = np.convolve((centred**2).sum(axis=1), kernel, mode="same")
+    spread = np.sqrt(np.maximum(square - (mean**2).sum(axis=1), 0.0))
+    half = n // 2 + 1
+    spread[:half], spread[-half:] = spread[half], spread[-half - 1]
+    return np.asarray(spread)
+
+
+def _reference_moving(
+    reference: ReferencePoses, clock: Clock, t: Array, limits: tuple[float, float]
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return for IMU times whether the reference moves, by its displacement over a third of a second."""
+    tau = reference.seconds
+    stride = max(1, round(0.3 / reference.interval))
+    span = tau[stride:] - tau[:-stride]
+    moving = np.zeros(span.size, dtype=bool)
+    if reference.positions is not None:
+        moving |= np.linalg.norm(reference.positions[stride:] - reference.positions[:-stride], axis=1) / span > limits[0]
+    if reference.quaternions is not None:
+        turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
+        moving |= np.linalg.norm(turned, axis=1) / span > limits[1]
+    middle = clock.imu_time(0.5 * (tau[stride:] + tau[:-stride]))
+    nearest = np.clip(np.searchsorted(middle, t), 0, middle.size - 1)
+    result = moving[nearest]
+    result |= (t < clock.imu_time(tau[0])) | (t > clock.imu_time(tau[-1]))
+    return np.asarray(result)

@@ -1,0 +1,227 @@
+"""Passes of the filter over a problem: relinearised at each pass, noise corrected where the data say so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.filter_run import FilterRun, History, run_filter
+from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.problem import Problem
+from kreisel.estimation.filter import Belief
+from kreisel.geometry.rotation import Array
+from kreisel.recording import Finding
+
+FIRST_GATE = 100.0
+"""How much wider the gate stands in the first pass, when the parameters are still far off."""
+
+MOST_NOISE_PASSES = 8
+"""Further passes spent on finding noise figures where none are given or the given ones are contradicted."""
+
+CONTRADICTION = 2.0
+"""Factor on a given standard deviation from which the data are taken to contradict it."""
+
+_AGREEMENT = 1.15
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Final problem (with the noise finally believed), the run over it, and what to say about both."""
+
+    problem: Problem
+    run: FilterRun
+    passes: int
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class NoiseFactors:
+    """Factors by which believed standard deviations miss what the innovations show.
+
+    position, orientation and standstill are the reference's, gyro and accel the IMU's.
+    """
+
+    position: float = 1.0
+    orientation: float = 1.0
+    standstill: float = 1.0
+    gyro: float = 1.0
+    accel: float = 1.0
+
+    def agree(self) -> bool:
+        """Whether all lie within 15 % of one."""
+        return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
+
+    def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
+        """Return the factors without those of figures that were given and are not clearly too small."""
+
+        def keep(f: float, *, given: bool) -> float:
+            return f if not given or f > CONTRADICTION else 1.0
+
+        return NoiseFactors(
+            keep(self.position, given=reference),
+            keep(self.orientation, given=reference),
+            keep(self.standstill, given=reference),
+            keep(self.gyro, given=imu),
+            keep(self.accel, given=imu),
+        )
+
+
+def estimate(
+    problem: Problem, *, reference_given: bool, imu_given: bool, progress: Progress | None = None
+) -> Estimate:
+    """Return the estimate after all passes.
+
+    Parameters
+    ----------
+    reference_given, imu_given
+        Whether the noise figures are the user's word; they are then changed only if contradicted.
+    """
+    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=_named(progress, "pass 1"))
+    done, changed = 1, False
+    while True:
+        factors = noise_factors(run.history).contradicted(reference=reference_given, imu=imu_given)
+        factors = _within_bounds(problem, factors)
+        settled = factors.agree() or done >= problem.settings.passes + MOST_NOISE_PASSES
+        if settled and done >= problem.settings.passes:
+            break
+        if not factors.agree():
+            problem, changed = _with_factors(problem, factors), True
+        done += 1
+        run = run_filter(problem, run.parameters, progress=_named(progress, f"pass {done}"))
+    findings = _noise_findings(problem, given=reference_given and imu_given) if changed else ()
+    return Estimate(problem, towards_prior(problem, run), done, findings)
+
+
+def noise_factors(history: History) -> NoiseFactors:
+    """Return how far believed and shown noise differ.
+
+    Notes
+    -----
+    Reference: innovation times what is left of it after the update has the measurement noise as its
+    expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
+    velocity against the variance the filter expected of them. The largest two per cent are left out.
+    """
+    settled = np.arange(history.nis.size) >= history.nis.size // 10
+    path = settled & ~history.at_rest & history.used
+
+    def reference(rows: slice) -> float:
+        product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
+        return _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
+
+    def imu(rows: slice) -> float:
+        size = np.sum(history.correction[path, rows] ** 2, axis=1)
+        return _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
+
+    at_rest = settled & history.at_rest
+    standstill = 1.0
+    if at_rest.sum() >= 6:
+        ratio = float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
+        standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
+    return NoiseFactors(
+        position=reference(slice(0, 3)),
+        orientation=reference(slice(3, 6)),
+        standstill=standstill,
+        gyro=imu(slice(3, 6)),
+        accel=imu(slice(0, 3)),
+    )
+
+
+def _within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
+    """Keep the IMU's densities between what its maker says and what its readings show."""
+    limited = []
+    for density, factor, (low, high) in zip(
+        imu_density(problem), (factors.gyro, factors.accel), problem.imu_bounds, strict=True
+    ):
+        limited.append(float(np.clip(density * factor, low, high)) / density)
+    return replace(factors, gyro=limited[0], accel=limited[1])
+
+
+def _trimmed_ratio(shown: Array, believed: Array) -> float:
+    """Return the root of the mean ratio, without its largest and smallest two per cent."""
+    if shown.size < 15 or not np.isfinite(shown).all():
+        return 1.0
+    ratio = np.sort(shown / believed)
+    cut = max(1, ratio.size // 50)
+    return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
+
+
+def _with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
+    noise, signal = problem.noise, problem.signal
+    return replace(
+        problem,
+        noise=replace(
+            noise,
+            position=noise.position * factors.position,
+            orientation=noise.orientation * factors.orientation,
+            standstill_position=noise.standstill_position * factors.standstill,
+            standstill_orientation=noise.standstill_orientation * factors.standstill,
+            jitter_position=noise.jitter_position * factors.standstill,
+            jitter_orientation=noise.jitter_orientation * factors.standstill,
+            velocity=noise.velocity * factors.standstill,
+        ),
+        signal=replace(
+            signal,
+            rate_variance=signal.rate_variance * factors.gyro**2,
+            force_variance=signal.force_variance * factors.accel**2,
+        ),
+    )
+
+
+def imu_density(problem: Problem) -> tuple[float, float]:
+    """Return the noise densities believed in, gyro and accelerometer, rms over the axes, SI."""
+    dt = np.diff(problem.signal.stamps)[:, None]
+    variance = [np.median(v / dt, axis=0).mean() for v in (problem.signal.rate_variance, problem.signal.force_variance)]
+    return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
+
+
+def _noise_findings(problem: Problem, *, given: bool) -> tuple[Finding, ...]:
+    noise = problem.noise
+    gyro, accel = imu_density(problem)
+    figures = (
+        f"reference {noise.position * 1e3:.3g} mm and {noise.orientation * 1e3:.3g} mrad on the path, "
+        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at rest; "
+        f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
+    )
+    if given:
+        return (Finding("noise", f"given noise figures contradict the data; used instead: {figures}"),)
+    return (Finding("noise", f"found from the data: {figures}"),)
+
+
+def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
+    """Return the run with the prior put back where it belongs.
+
+    A pass that starts from estimates carries its prior centred there. To first order the mean is mended by
+    the posterior covariance times the prior's information times the distance of the two centres.
+    """
+    layout = problem.layout
+    change = np.zeros(layout.degrees)
+    start = first_mean(problem, run)
+    for group in problem.groups:
+        d, s = layout[group], layout.stored(group)
+        if group == "alignment":
+            continue
+        information = problem.prior_deviation[group] ** -2.0
+        change[d] = information * (problem.prior.stored(group) - start[s])
+    moved = run.belief.covariance @ change
+    mean = layout.plus(run.belief.mean, moved[:, None])[:, 0]
+    values = {g: run.parameters.stored(g) for g in GROUPS}
+    values.update({g: mean[layout.stored(g)] for g in problem.groups})
+    return replace(run, belief=Belief(mean, run.belief.factor), parameters=CellParameters.from_stored(values))
+
+
+def first_mean(problem: Problem, run: FilterRun) -> Array:
+    """Return the stored state a run started from."""
+    mean = np.zeros(problem.layout.size)
+    for group in problem.groups:
+        mean[problem.layout.stored(group)] = run.start.stored(group)
+    return mean
+
+
+def _named(progress: Progress | None, name: str) -> Callable[[float], None] | None:
+    if progress is None:
+        return None
+    return lambda share: progress(name, share)

@@ -1,0 +1,286 @@
+"""From a recording to a problem: clocks, first values, noise, schedule."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.initial import ForceFit, alignment_from_gravity, fit_forces
+from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.problem import Problem, Site, build_layout, schedule
+from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
+from kreisel.calibration.rests import Rest, find_rests
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.errors import RecordingError, SynchronizationError
+from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.inertial.earth import earth_rate_n, normal_gravity
+from kreisel.inertial.noise import GRADES, high_frequency_density
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import InertialSignal, prepare
+from kreisel.recording import Finding, Recording, ReferencePoses
+from kreisel.recording.checks import LONG_GAP, gaps
+from kreisel.synchronization import Clock, Correlation, RateFit, correlate, fit_rates
+from kreisel.units import STANDARD_GRAVITY
+
+INTERVALS = {"robot": 0.48, "mocap": 0.12}
+"""Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
+second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
+
+_DOUBT = 20.0
+_HEADING_SD = 0.3
+_CROSS_COUPLING_SD = 0.05
+
+GRAVITY_SD = 0.015
+"""m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """Noise of the IMU, SI: densities (3,), random walks and prior deviations of its offsets.
+
+    `gyro_bounds` and `accel_bounds` hold the densities the data may move it between: from what the maker
+    says to what the readings' own scatter shows, vibration included.
+    """
+
+    gyro: Array
+    accel: Array
+    gyro_bounds: tuple[float, float]
+    accel_bounds: tuple[float, float]
+    gyro_walk: float
+    accel_walk: float
+    given: bool
+    gyro_offset_sd: float | None
+    accel_offset_sd: float | None
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """All that comes before the filter."""
+
+    recording: Recording
+    reference: ReferencePoses
+    site: Site
+    imu_noise: ImuNoise
+    noise: ReferenceNoise
+    signal: InertialSignal
+    correlation: Correlation
+    rate_fit: RateFit
+    force_fit: ForceFit
+    rests: tuple[Rest, ...]
+    findings: tuple[Finding, ...]
+
+
+def site_of(recording: Recording) -> Site:
+    """Return gravity and Earth rate where the recording was made, as far as its settings tell."""
+    table = recording.settings.site
+    rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
+    if table.gravity is not None:
+        return Site(table.gravity, 0.0, rate)
+    if table.latitude_deg is not None:
+        return Site(normal_gravity(math.radians(table.latitude_deg), table.height_m or 0.0), 0.0, rate)
+    return Site(STANDARD_GRAVITY, GRAVITY_SD, None)
+
+
+def imu_noise_of(recording: Recording) -> ImuNoise:
+    """Return the IMU's noise: as given, by grade, or as it shows in the readings."""
+    table, imu, sheet = recording.settings.imu, recording.imu, recording.datasheet
+    grade = GRADES.get(table.grade or "")
+    gyro = table.gyro_noise_density or (grade.gyro_noise_density if grade else None)
+    accel = table.accel_noise_density or (grade.accel_noise_density if grade else None)
+    if sheet is not None and gyro is None and accel is None:
+        gyro, accel = sheet.gyro_noise_density, sheet.accel_noise_density
+    shown_gyro = np.maximum(high_frequency_density(imu.rates, imu.interval), 1e-7)
+    shown_accel = np.maximum(high_frequency_density(imu.accelerations, imu.interval), 1e-6)
+    given = table.gyro_noise_density is not None or grade is not None
+    return ImuNoise(
+        gyro=np.full(3, gyro) if gyro and given else np.maximum(shown_gyro, gyro or 0.0),
+        accel=np.full(3, accel) if accel and given else np.maximum(shown_accel, accel or 0.0),
+        gyro_bounds=_bounds(gyro, shown_gyro),
+        accel_bounds=_bounds(accel, shown_accel),
+        gyro_walk=0.0 if sheet is None else sheet.gyro_random_walk,
+        accel_walk=0.0 if sheet is None else sheet.accel_random_walk,
+        given=given,
+        gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
+        accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
+    )
+
+
+def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
+    size = float(np.sqrt(np.mean(shown**2)))
+    low = stated or 0.1 * size
+    return low, max(low, size)
+
+
+def prepare_signal(recording: Recording, noise: ImuNoise, order: int) -> InertialSignal:
+    """Return the IMU's readings ready for integration, split at long gaps, with their noise."""
+    imu = recording.imu
+    t = imu.seconds
+    cuts = gaps(imu.stamps_ns, LONG_GAP)
+    edges = [0, *(int(k) + 1 for k in cuts), t.size]
+    segments = tuple((a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 20)
+    if not segments:
+        raise RecordingError("no unbroken stretch of 20 samples or more", file=imu.source)
+    dt = np.diff(t)
+    bridged_gyro, bridged_accel = (_bridge_variance(values, dt) for values in (imu.rates, imu.accelerations))
+    return prepare(
+        t,
+        imu.rates,
+        imu.accelerations,
+        order=order,
+        segments=segments,
+        rate_variance=noise.gyro**2 * dt[:, None] + bridged_gyro,
+        force_variance=noise.accel**2 * dt[:, None] + bridged_accel,
+    )
+
+
+def _bridge_variance(values: Array, dt: Array) -> Array:
+    """Return what a missing stretch adds to the variance of the integral over it, (n - 1, 3).
+
+    The error of interpolating across a gap of length h is about h^3/12 times the second derivative the
+    readings usually have.
+    """
+    usual = float(np.median(dt))
+    bend = np.diff(values, n=2, axis=0) / usual**2
+    size = np.percentile(np.abs(bend), 90, axis=0)
+    extra = np.zeros((dt.size, 3))
+    missing = dt > 1.6 * usual
+    extra[missing] = (dt[missing, None] ** 3 / 12.0 * size) ** 2
+    return extra
+
+
+def pose_indices(rests: tuple[Rest, ...], t_pose: Array) -> list[Array]:
+    """Return the indices of the poses in each rest."""
+    return [np.flatnonzero((t_pose >= rest.start) & (t_pose <= rest.stop)) for rest in rests]
+
+
+def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Preparation:
+    """Return clocks, first values and noise of a recording.
+
+    Raises
+    ------
+    SynchronizationError, RecordingError
+        If reference and IMU do not belong together, or there is no reference.
+    """
+    reference = recording.reference
+    if reference is None:
+        raise RecordingError(
+            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference beside imu0",
+            file=recording.path,
+        )
+    if reference.quaternions is None or reference.positions is None:
+        raise RecordingError("the reference must hold positions and orientations", file=reference.source)
+    findings: list[Finding] = []
+    imu_noise = imu_noise_of(recording)
+    signal = prepare_signal(recording, imu_noise, settings.polynomial_order)
+    correlation = correlate(recording.imu, reference)
+    tau = reference.seconds
+    fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
+    site = site_of(recording)
+    force = fit_forces(signal, fit, tau, reference.quaternions, reference.positions, site.gravity)
+    noise = believed_noise(recording.settings, reference)
+    rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
+    noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
+    if noise.stamp > 0.0:
+        findings.append(
+            Finding("stamps", f"the reference's stamps are rounded to {noise.stamp * 12**0.5 * 1e3:.0f} ms; taken as noise along the motion")
+        )
+    return Preparation(
+        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, rests, tuple(findings)
+    )
+
+
+def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
+    """Return the parameters the filter starts from, and the standard deviations it believes of them.
+
+    The least squares fits are believed `_DOUBT` times less than they claim: enough to count the same data
+    twice by a quarter of a per cent only, and near enough for the sigma points to stay where the model is
+    nearly linear.
+    """
+    fit, force, noise, site = preparation.rate_fit, preparation.force_fit, preparation.imu_noise, preparation.site
+    gyro_offset, gyro_offset_sd = _with_prior(fit.k_w0, fit.k_w0_sd, noise.gyro_offset_sd, 0.02)
+    accel_offset, accel_offset_sd = _with_prior(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
+    # Accelerometers the motion hardly shows are believed to sit as the gyros do, within a few per cent.
+    mount = nearest_rotation(fit.K_omega)
+    K_a_sd = _DOUBT * force.K_a_sd
+    K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
+    k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
+    k_w[0], k_a[0] = gyro_offset, accel_offset
+    sensors = SensorParameters(fit.K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
+    start = CellParameters(
+        sensors, alignment_from_gravity(force.gravity), site.gravity, fit.clock.start, fit.clock.skew
+    )
+    tilt = float(np.clip(_DOUBT * force.tilt_sd, 1e-4, 0.05))
+    deviation = {
+        "gyro_cross_coupling": np.clip(_DOUBT * fit.K_omega_sd.ravel(), 1e-3, _CROSS_COUPLING_SD),
+        "gyro_offset": gyro_offset_sd,
+        "gyro_polynomial": np.full(3 * (order - 1), 0.02),
+        "accel_cross_coupling": np.clip(K_a_sd.ravel(), 1e-3, _CROSS_COUPLING_SD),
+        "accel_offset": accel_offset_sd,
+        "accel_polynomial": np.full(3 * (order - 1), 0.005),
+        "lever_arms": np.full(9, 0.1),
+        "alignment": np.array([tilt, tilt, _HEADING_SD])[: 2 if site.earth_rate_n is None else 3],
+        "gravity": np.array([max(site.gravity_sd, 1e-9)]),
+        "time_offset": np.array([max(_DOUBT * fit.clock.start_sd, 1e-3)]),
+        "time_skew": np.array([max(_DOUBT * fit.clock.skew_sd, 1e-6)]),
+    }
+    return start, deviation
+
+
+def _with_prior(value: Array, value_sd: Array, given_sd: float | None, widest: float) -> tuple[Array, Array]:
+    """Return an offset and its deviation: what was given, centred at zero, or the fit where that says more."""
+    doubtful = np.minimum(_DOUBT * value_sd, widest)
+    if given_sd is None:
+        return value, doubtful
+    better = doubtful < given_sd
+    return np.where(better, value, 0.0), np.where(better, doubtful, given_sd)
+
+
+def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
+    """Return the problem for the filter.
+
+    Raises
+    ------
+    SynchronizationError
+        If too little of the reference lies within the IMU's recording.
+    """
+    fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
+    start, deviation = first_values(preparation, settings.polynomial_order)
+    skewed = fit.skewed if settings.skew is None else settings.skew
+    if not skewed:
+        start = replace(start, skew=0.0)
+    kind = preparation.recording.settings.reference.kind or "robot"
+    interval = settings.update_interval or INTERVALS[kind]
+    tau = reference.seconds
+    clock = Clock(start.start, start.skew)
+    updates = schedule(preparation.signal, clock.imu_time(tau), tau, preparation.rests, interval)
+    if len(updates) < 20:
+        raise SynchronizationError(
+            f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
+            "expected 20 or more: record longer, or use a shorter --update-interval"
+        )
+    layout = build_layout(
+        settings,
+        heading=site.earth_rate_n is not None,
+        gravity=site.gravity_sd > 0.0,
+        skew=skewed,
+        rest_error=any(u.rest is not None for u in updates),
+    )
+    return Problem(
+        signal=preparation.signal,
+        reference=reference,
+        tau=tau,
+        settings=settings,
+        site=site,
+        noise=preparation.noise,
+        imu_bounds=(preparation.imu_noise.gyro_bounds, preparation.imu_noise.accel_bounds),
+        offset_walk={"gyro_offset": preparation.imu_noise.gyro_walk, "accel_offset": preparation.imu_noise.accel_walk},
+        layout=layout,
+        start=start,
+        prior=start,
+        prior_deviation={group: deviation[group] for group in GROUPS if group in layout},
+        rests=preparation.rests,
+        updates=updates,
+        update_interval=interval,
+    )

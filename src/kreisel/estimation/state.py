@@ -1,0 +1,97 @@
+"""One named layout for the state: where each part lies, and how small changes are added to it.
+
+The state is stored as a column of numbers. Vectors are stored as they are; rotations as unit
+quaternions, changed by right perturbations. A change of the state (an error, a sigma point's distance)
+has one number for each degree of freedom: three for a rotation, not four.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+
+
+@dataclass(frozen=True)
+class Part:
+    """A named part of the state.
+
+    Attributes
+    ----------
+    name
+        What it is.
+    degrees
+        Degrees of freedom. A rotation may have fewer than three; the others are held.
+    rotation
+        Whether it is a rotation.
+    """
+
+    name: str
+    degrees: int
+    rotation: bool = False
+
+    @property
+    def size(self) -> int:
+        """Numbers it is stored in."""
+        return 4 if self.rotation else self.degrees
+
+
+class StateLayout:
+    """Parts of a state in their order.
+
+    ``layout["velocity"]`` is the slice of that part in a change of the state, ``layout.stored("velocity")``
+    that in the stored state.
+    """
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self.parts = tuple(parts)
+        self._degrees: dict[str, slice] = {}
+        self._stored: dict[str, slice] = {}
+        degree = place = 0
+        for part in self.parts:
+            self._degrees[part.name] = slice(degree, degree + part.degrees)
+            self._stored[part.name] = slice(place, place + part.size)
+            degree += part.degrees
+            place += part.size
+        self.degrees = degree
+        self.size = place
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._degrees
+
+    def __getitem__(self, name: str) -> slice:
+        return self._degrees[name]
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.parts)
+
+    def stored(self, name: str) -> slice:
+        """Return the slice of a part in the stored state."""
+        return self._stored[name]
+
+    def plus(self, x: Array, change: Array) -> Array:
+        """Return the states (size, m) that lie changes (degrees, m) away from the state x (size,)."""
+        out = np.empty((self.size, change.shape[1]))
+        for part in self.parts:
+            d, s = self._degrees[part.name], self._stored[part.name]
+            if part.rotation:
+                theta = np.zeros((change.shape[1], 3))
+                theta[:, : part.degrees] = change[d].T
+                out[s] = multiply(x[s], exp(theta)).T
+            else:
+                out[s] = x[s, None] + change[d]
+        return out
+
+    def minus(self, states: Array, x: Array) -> Array:
+        """Return the changes (degrees, m) that lead from the state x (size,) to states (size, m)."""
+        out = np.empty((self.degrees, states.shape[1]))
+        for part in self.parts:
+            d, s = self._degrees[part.name], self._stored[part.name]
+            if part.rotation:
+                out[d] = log(multiply(conjugate(x[s]), states[s].T)).T[: part.degrees]
+            else:
+                out[d] = states[s] - x[s, None]
+        return out

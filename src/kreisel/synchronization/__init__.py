@@ -1,0 +1,7 @@
+"""Bringing reference and IMU onto one clock: correlation of rate norms first, three axes afterwards."""
+
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.correlation import Correlation, correlate
+from kreisel.synchronization.rate_fit import RateFit, fit_rates
+
+__all__ = ["Clock", "Correlation", "RateFit", "correlate", "fit_rates"]

@@ -1,0 +1,232 @@
+"""Coarse time relation of two streams by correlating what does not depend on mounting: norms.
+
+A first search covers every shift with overlap and clock ratios up to one per cent; windows then follow
+the shift through the recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from kreisel.errors import SynchronizationError
+from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.synchronization.clock import Clock
+
+LARGEST_SKEW = 0.012
+"""Clock ratios are searched up to this, a little over the one per cent promised."""
+
+LEAST_CORRELATION = 0.6
+"""Below this the two streams do not show the same motion."""
+
+_COARSE_POINTS = 12000
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """What the correlation found: the clock and the correlation coefficient over the whole overlap."""
+
+    clock: Clock
+    coefficient: float
+
+
+@dataclass(frozen=True)
+class _Norm:
+    """A norm sampled evenly: value[k] at first + k * step."""
+
+    first: float
+    step: float
+    value: Array
+
+    @property
+    def stamps(self) -> Array:
+        return self.first + self.step * np.arange(self.value.size)
+
+    def at(self, t: Array) -> Array:
+        return np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan)
+
+
+def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
+    """Return the clock relation found by correlation of rate norms (of acceleration norms without attitude).
+
+    Raises
+    ------
+    SynchronizationError
+        If no shift and ratio brings the two onto each other; the best coefficient is named.
+    """
+    fine = max(0.01, 0.5 * reference.interval)
+    x, y = _norms(imu, reference, fine)
+    if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
+        raise SynchronizationError(
+            f"{reference.source}: the reference does not move; without motion there is nothing to synchronise or calibrate by"
+        )
+    clock, coefficient = _search(x, y)
+    clock = _track(x, y, clock)
+    final = _coefficient(x, y, clock)
+    if not max(final, 0.0) >= LEAST_CORRELATION:
+        raise SynchronizationError(
+            f"{reference.source}: the poses do not fit the IMU readings: the best correlation of their rates over all "
+            f"shifts and clock ratios is {max(final, coefficient, -1.0):.2f}, expected {LEAST_CORRELATION} or more. "
+            "Do both belong to the same run, and do they overlap in time?",
+            correlation=final,
+        )
+    return Correlation(clock, final)
+
+
+def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:
+    """Return the norms of IMU and reference, each on an even grid and smoothed alike."""
+    tau, t = reference.seconds, imu.seconds
+    window = max(0.06, 2.0 * reference.interval)
+    if reference.quaternions is not None:
+        bias = np.median(imu.rates[_quietest(imu)], axis=0)
+        felt = np.linalg.norm(imu.rates - bias, axis=1)
+        stride = max(1, round(window / reference.interval))
+        turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
+        moved = np.linalg.norm(turned, axis=1) / (tau[stride:] - tau[:-stride])
+        middle = 0.5 * (tau[stride:] + tau[:-stride])
+    else:
+        assert reference.positions is not None  # noqa: S101 - a reference has one of the two
+        felt = np.abs(np.linalg.norm(imu.accelerations, axis=1) - np.median(np.linalg.norm(imu.accelerations, axis=1)))
+        stride = max(1, round(2.0 * window / reference.interval))
+        p = reference.positions
+        after = (p[2 * stride :] - p[stride:-stride]) / (tau[2 * stride :] - tau[stride:-stride])[:, None]
+        before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
+        accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
+        # up is taken along the reference's z; a tilt changes little in a norm dominated by gravity
+        moved = np.abs(np.linalg.norm(accel + [0.0, 0.0, 9.8], axis=1) - 9.8)
+        middle = tau[stride:-stride]
+        window *= 2.0
+    return _even(t, felt, step, window), _even(middle, moved, step, 0.0)
+
+
+def _quietest(imu: ImuSamples) -> slice:
+    """Return the second of the recording with the least variance of the rates: most likely a rest."""
+    n = max(8, round(1.0 / imu.interval))
+    blocks = imu.rates[: imu.rates.shape[0] // n * n].reshape(-1, n, 3)
+    best = int(np.argmin(blocks.var(axis=1).sum(axis=1)))
+    return slice(best * n, (best + 1) * n)
+
+
+def _even(t: Array, value: Array, step: float, window: float) -> _Norm:
+    """Average over `window` by differences of the running integral, on an even grid."""
+    grid = np.arange(t[0], t[-1], step)
+    half = 0.5 * max(window, step)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(t))])
+    low, high = np.clip(grid - half, t[0], t[-1]), np.clip(grid + half, t[0], t[-1])
+    mean = (np.interp(high, t, integral) - np.interp(low, t, integral)) / np.maximum(high - low, 1e-9)
+    return _Norm(float(grid[0]), step, mean)
+
+
+def _search(x: _Norm, y: _Norm) -> tuple[Clock, float]:
+    """Search all shifts and ratios. Long recordings are searched on a coarser grid."""
+    longest = max(x.value.size * x.step, y.value.size * y.step)
+    step = min(max(x.step, 0.03, longest / _COARSE_POINTS), 0.25)
+    xc = _even(x.stamps, x.value, step, 2.0 * step)
+    yc = _even(y.stamps, y.value, step, 2.0 * step)
+    length = yc.value.size * step
+    ratio_step = min(4.0 * step / length, LARGEST_SKEW / 4.0)
+    half = int(np.ceil(LARGEST_SKEW / ratio_step))
+    xv = xc.value - xc.value.mean()
+    norm_x = float(np.linalg.norm(xv))
+    best = (-1.0, 0.0, 0.0)
+    for skew in ratio_step * np.arange(-half, half + 1):
+        stretched = np.arange(0.0, length * (1.0 + skew) - step, step)
+        yv = np.interp(stretched / (1.0 + skew), yc.stamps - yc.first, yc.value)
+        yv = yv - yv.mean()
+        size = fft.next_fast_len(xv.size + yv.size, real=True)
+        product = fft.irfft(fft.rfft(xv, size) * np.conj(fft.rfft(yv, size)), size)
+        k = int(np.argmax(product))
+        value = float(product[k]) / max(norm_x * float(np.linalg.norm(yv)), 1e-30)
+        if value > best[0]:
+            lag = (k if k < xv.size else k - size) * step
+            best = (value, float(skew), lag)
+    coefficient, skew, lag = best
+    return Clock(xc.first + lag - (1.0 + skew) * yc.first, skew), coefficient
+
+
+def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
+    """Follow the shift through windows from the middle outwards and fit a line to it."""
+    duration = y.value.size * y.step
+    width = float(np.clip(duration / 8.0, 8.0, 30.0))
+    starts = np.arange(y.first, y.first + max(duration - width, 0.0) + 1e-9, max(width / 2.0, duration / 200.0))
+    if starts.size < 3:
+        return _polish(x, y, clock)
+    order = np.argsort(np.abs(starts - starts.mean()))
+    centres, shifts, weights = [], [], []
+    reach = max(0.3, 0.5 * LARGEST_SKEW * width)
+    for i in order:
+        tau = np.arange(starts[i], starts[i] + width, y.step)
+        guess = clock
+        if len(centres) >= 4:
+            guess = _line(clock, np.array(centres), np.array(shifts), np.array(weights))
+        found = _local_shift(x, y, guess, tau, reach)
+        if found is None:
+            continue
+        shift, coefficient = found
+        if coefficient > 0.7:
+            centres.append(tau.mean())
+            shifts.append(shift + float(guess.imu_time(tau.mean()) - clock.imu_time(tau.mean())))
+            weights.append(coefficient)
+    if len(centres) < 3:
+        return _polish(x, y, clock)
+    return _line(clock, np.array(centres), np.array(shifts), np.array(weights))
+
+
+def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
+    """Fit shift = a + b tau robustly and return the corrected clock."""
+    w = weights.copy()
+    mean, slope = 0.0, 0.0
+    pivot = float(centres.mean())
+    for _ in range(10):
+        A = np.column_stack([np.ones_like(centres), centres - pivot]) * w[:, None]
+        (mean, slope), *_ = np.linalg.lstsq(A, shifts * w, rcond=None)
+        residual = np.abs(shifts - mean - slope * (centres - pivot))
+        scale = 1.5 * float(np.median(residual)) + 1e-3
+        w = weights / (1.0 + (residual / (2.0 * scale)) ** 2)
+    sd = 1.5 * float(np.median(residual)) + 1e-3
+    spread = float(np.std(centres)) + 1e-9
+    count = np.sqrt(centres.size)
+    return Clock(clock.start + mean - slope * pivot, clock.skew + slope, sd / count + pivot * sd / (spread * count), sd / (spread * count))
+
+
+def _polish(x: _Norm, y: _Norm, clock: Clock) -> Clock:
+    found = _local_shift(x, y, clock, y.stamps, 0.5)
+    return clock if found is None else Clock(clock.start + found[0], clock.skew, 0.01, 0.0)
+
+
+def _local_shift(x: _Norm, y: _Norm, clock: Clock, tau: Array, reach: float) -> tuple[float, float] | None:
+    """Return the shift near a guess that fits a window best, and the coefficient there."""
+    yv = y.at(tau)
+    if not np.isfinite(yv).all() or np.std(yv) < 1e-2:
+        return None
+    shifts = np.arange(-reach, reach + 1e-9, x.step)
+    base = clock.imu_time(tau)
+    scores = np.array([_pearson(x.at(base + shift), yv) for shift in shifts])
+    if not np.isfinite(scores).any():
+        return None
+    k = int(np.nanargmax(scores))
+    if 0 < k < shifts.size - 1 and np.isfinite(scores[k - 1 : k + 2]).all():
+        a, b, c = scores[k - 1 : k + 2]
+        bend = a - 2.0 * b + c
+        return float(shifts[k] + (0.5 * (a - c) / bend * x.step if bend < 0.0 else 0.0)), float(b)
+    return float(shifts[k]), float(scores[k])
+
+
+def _pearson(a: Array, b: Array) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    if both.sum() < 0.6 * b.size:
+        return float("nan")
+    u, v = a[both] - a[both].mean(), b[both] - b[both].mean()
+    size = float(np.linalg.norm(u) * np.linalg.norm(v))
+    return float(u @ v) / size if size > 0.0 else float("nan")
+
+
+def _coefficient(x: _Norm, y: _Norm, clock: Clock) -> float:
+    value = x.at(clock.imu_time(y.stamps))
+    both = np.isfinite(value)
+    if both.sum() * y.step < 4.0:
+        return float("nan")
+    return _pearson(value[both], y.value[both])

@@ -1,0 +1,217 @@
+"""Robust fit of the gyros' cross-coupling and offset, and of the clocks, to the reference's rotations.
+
+The reference's rotation over short stretches (noisy) is regressed on the integrated gyro readings
+(clean); the other way round the noise would make the scale factor too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel._kernels import attitude
+from kreisel.errors import SynchronizationError
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.inertial.strapdown import InertialSignal
+from kreisel.synchronization.clock import Clock
+
+STRETCH = 0.4
+"""Usual length of the stretches compared, s."""
+
+
+@dataclass(frozen=True)
+class RateFit:
+    """Gyro parameters and clock that bring integrated readings onto the reference's rotations.
+
+    Attributes
+    ----------
+    K_omega : (3, 3)
+    k_w0 : (3,)
+        rad/s.
+    clock
+        With the standard deviations of the fit.
+    skewed
+        Whether the clocks run at different rates, or could, as far as this recording tells.
+    explained
+        Share of the reference's squared rotation the fit explains, 1 being all.
+    residual_sd
+        Standard deviation of what is left in a stretch, rad, each axis.
+    K_omega_sd, k_w0_sd : (3, 3), (3,)
+        Standard deviations of the fit.
+    """
+
+    K_omega: Array
+    k_w0: Array
+    clock: Clock
+    skewed: bool
+    explained: float
+    residual_sd: float
+    K_omega_sd: Array
+    k_w0_sd: Array
+
+
+@dataclass(frozen=True)
+class _Stretches:
+    """Reference rotations between pairs of stamps."""
+
+    tau_first: Array
+    tau_last: Array
+    rotation: Array
+
+
+def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
+    """Return the rotation vectors between poses about `length` apart."""
+    stride = max(1, round(length / float(np.median(np.diff(tau)))))
+    step = max(1, stride // 8)
+    first = np.arange(0, tau.size - stride, step)
+    rotation = log(multiply(conjugate(q[first]), q[first + stride]))
+    good = (np.linalg.norm(rotation, axis=1) < 2.5) & (tau[first + stride] - tau[first] < 3.0 * length)
+    return _Stretches(tau[first][good], tau[first + stride][good], rotation[good])
+
+
+def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> float:
+    """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
+    stretches = rotations_between(tau, q, 0.15)
+    turned, duration, _, inside = _integrated(signal, stretches, clock)
+    A = np.hstack([turned, duration[:, None]])
+    target = stretches.rotation[inside]
+    solution, *_ = np.linalg.lstsq(A, target, rcond=None)
+    total = float(np.sum((target - target.mean(axis=0)) ** 2))
+    return 1.0 - float(np.sum((target - A @ solution) ** 2)) / max(total, 1e-30)
+
+
+def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array, Array]:
+    """Return integrated readings over the stretches, durations, and reading differences between their ends."""
+    t = signal.stamps
+    t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
+    inside = (t1 > t[1]) & (t2 < t[-2])
+    integral = np.vstack([np.zeros(3), np.cumsum(signal.rate_integrals[:, 1], axis=0)])
+    at = [np.column_stack([np.interp(s[inside], t, integral[:, i]) for i in range(3)]) for s in (t1, t2)]
+    rate = [np.column_stack([np.interp(s[inside], t, signal.rate_powers[:, 1, i]) for i in range(3)]) for s in (t1, t2)]
+    return at[1] - at[0], (t2 - t1)[inside], rate[1] - rate[0], inside
+
+
+def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> RateFit:
+    """Return the robust least squares fit of gyro parameters and clock.
+
+    Parameters
+    ----------
+    signal
+        Readings prepared for integration.
+    tau, q : (m,), (m, 4)
+        Reference seconds and attitudes q_rb.
+    clock
+        First guess, good to a tenth of a second.
+
+    Raises
+    ------
+    SynchronizationError
+        If fewer than 30 stretches lie inside the IMU's recording.
+    """
+    stretches = rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
+    turned, duration, _, inside = _integrated(signal, stretches, clock)
+    if int(inside.sum()) < 30:
+        raise SynchronizationError(
+            f"IMU and reference overlap in {max(float(duration.sum()), 0.0):.1f} s only; expected some seconds of common motion"
+        )
+    A = np.hstack([turned, duration[:, None]])
+    solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
+    K, b = solution[:3].T, solution[3]
+    skewed = True
+    fit = None
+    for _ in range(6):
+        fit = _refine(signal, stretches, K, b, clock, skewed=skewed)
+        K, b, clock = fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock
+    assert fit is not None  # noqa: S101 - the loop runs
+    # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
+    doubt = max(4.0 * fit.clock.skew_sd, 1e-6)
+    if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
+        clock = replace(clock, start=clock.start + clock.skew * float(np.mean(tau)), skew=0.0)
+        for _ in range(3):
+            fit = _refine(signal, stretches, K, b, clock, skewed=False)
+            K, b, clock = fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock
+    return fit
+
+
+def _refine(
+    signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+) -> RateFit:
+    """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
+    steps = signal.rate_integrals[:, 1] @ K.T + signal.rate_integrals[:, 0] * b
+    omega = signal.rate_powers[:, 1] @ K.T + b
+    dt = np.diff(signal.stamps)[:, None]
+    steps = steps + dt**2 / 12.0 * np.cross(omega[:-1], omega[1:])
+    q = np.empty((signal.stamps.size, 4))
+    q[0] = (1.0, 0.0, 0.0, 0.0)
+    attitude.accumulate(steps, q)
+    turned, duration, _, inside = _integrated(signal, stretches, clock)
+    t1, t2 = clock.imu_time(stretches.tau_first[inside]), clock.imu_time(stretches.tau_last[inside])
+    q1, w1 = _attitude_at(signal.stamps, q, omega, t1)
+    q2, w2 = _attitude_at(signal.stamps, q, omega, t2)
+    predicted = multiply(conjugate(q1), q2)
+    residual = log(multiply(conjugate(predicted), exp(stretches.rotation[inside])))
+    # At the end of the stretch; the rate at its beginning is seen through the rotation between.
+    slope = w2 - _turn_back(predicted, w1)
+    weight = _robust_weight(residual)
+    tau_mid = 0.5 * (stretches.tau_first + stretches.tau_last)[inside]
+    pivot = float(tau_mid.mean())
+    columns = 12 + (2 if skewed else 1)
+    A = np.zeros((residual.shape[0], 3, columns))
+    for i in range(3):
+        A[:, i, 3 * i : 3 * i + 3] = turned
+        A[:, i, 9 + i] = duration
+        A[:, i, 12] = slope[:, i]
+        if skewed:
+            A[:, i, 13] = slope[:, i] * (tau_mid - pivot)
+    root = np.sqrt(weight)[:, None]
+    stacked = (A * root[..., None]).reshape(-1, columns)
+    target = (residual * root).reshape(-1)
+    normal = stacked.T @ stacked
+    solution = np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), stacked.T @ target)
+    left = target - stacked @ solution
+    variance = float(left @ left / max(float(3 * weight.sum()) - columns, 1.0))
+    # Neighbouring stretches overlap eightfold and share their noise.
+    covariance = 8.0 * variance * np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal)))
+    K_new = K + solution[:9].reshape(3, 3)
+    b_new = b + solution[9:12]
+    skew_step = float(solution[13]) if skewed else 0.0
+    clock = Clock(
+        start=clock.start + float(solution[12]) - skew_step * pivot,
+        skew=clock.skew + skew_step,
+        start_sd=float(np.sqrt(covariance[12, 12] + (pivot**2 * covariance[13, 13] if skewed else 0.0))),
+        skew_sd=float(np.sqrt(covariance[13, 13])) if skewed else 0.0,
+    )
+    rotation = stretches.rotation[inside]
+    total = float(np.sum(weight[:, None] * (rotation - rotation.mean(axis=0)) ** 2))
+    return RateFit(
+        K_omega=K_new,
+        k_w0=np.linalg.solve(K_new, b_new),
+        clock=clock,
+        skewed=skewed,
+        explained=1.0 - float(left @ left) / max(total, 1e-30),
+        residual_sd=float(np.sqrt(variance)),
+        K_omega_sd=np.sqrt(np.diag(covariance)[:9]).reshape(3, 3),
+        k_w0_sd=np.sqrt(np.diag(covariance)[9:12]),
+    )
+
+
+def _attitude_at(stamps: Array, q: Array, omega: Array, t: Array) -> tuple[Array, Array]:
+    """Return attitude and rate at times between samples."""
+    k = np.clip(np.searchsorted(stamps, t) - 1, 0, stamps.size - 2)
+    s = (t - stamps[k])[:, None]
+    h = (stamps[k + 1] - stamps[k])[:, None]
+    slope = (omega[k + 1] - omega[k]) / h
+    return multiply(q[k], exp(omega[k] * s + 0.5 * slope * s**2)), omega[k] + slope * s
+
+
+def _turn_back(q: Array, v: Array) -> Array:
+    t = 2.0 * np.cross(-q[:, 1:], v)
+    return np.asarray(v + q[:, :1] * t + np.cross(-q[:, 1:], t))
+
+
+def _robust_weight(residual: Array) -> Array:
+    """Return Cauchy weights with the scale of the median."""
+    size = np.linalg.norm(residual, axis=1)
+    scale = float(np.median(size)) / 1.538 + 1e-12  # median length of a three-dimensional normal vector
+    return np.asarray(1.0 / (1.0 + (size / (4.0 * scale)) ** 2))
