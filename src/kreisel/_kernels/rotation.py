@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from kreisel._kernels.compilation import kernel
 
 
@@ -54,3 +56,46 @@ def rotate(q, vector, out):
         out[0, s] = a + w * tx + (y * tz - z * ty)
         out[1, s] = b + w * ty + (z * tx - x * tz)
         out[2, s] = c + w * tz + (x * ty - y * tx)
+
+
+@kernel
+def plus(q, theta, out):
+    """Write q * exp(theta) for columns: q (4, m) or (4, 1), theta (3, m), out (4, m), angles of any size."""
+    m = theta.shape[1]
+    one = q.shape[1] == 1
+    for s in range(m):
+        j = 0 if one else s
+        x = theta[0, s]
+        y = theta[1, s]
+        z = theta[2, s]
+        half = 0.5 * math.sqrt(x * x + y * y + z * z)
+        k = 0.5 if half == 0.0 else 0.5 * math.sin(half) / half
+        c = math.cos(half)
+        x *= k
+        y *= k
+        z *= k
+        out[0, s] = q[0, j] * c - q[1, j] * x - q[2, j] * y - q[3, j] * z
+        out[1, s] = q[0, j] * x + q[1, j] * c + q[2, j] * z - q[3, j] * y
+        out[2, s] = q[0, j] * y - q[1, j] * z + q[2, j] * c + q[3, j] * x
+        out[3, s] = q[0, j] * z + q[1, j] * y - q[2, j] * x + q[3, j] * c
+
+
+@kernel
+def minus(q, origin, out):
+    """Write log(origin^-1 * q) for columns: q (4, m), origin (4, 1), out (3, m), at most pi long."""
+    a = origin[0, 0]
+    b = -origin[1, 0]
+    c = -origin[2, 0]
+    d = -origin[3, 0]
+    for s in range(q.shape[1]):
+        w = a * q[0, s] - b * q[1, s] - c * q[2, s] - d * q[3, s]
+        x = a * q[1, s] + b * q[0, s] + c * q[3, s] - d * q[2, s]
+        y = a * q[2, s] - b * q[3, s] + c * q[0, s] + d * q[1, s]
+        z = a * q[3, s] + b * q[2, s] - c * q[1, s] + d * q[0, s]
+        length = math.sqrt(x * x + y * y + z * z)
+        k = 2.0 if length == 0.0 else 2.0 * math.atan2(length, abs(w)) / length
+        if w < 0.0:
+            k = -k
+        out[0, s] = k * x
+        out[1, s] = k * y
+        out[2, s] = k * z

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel._kernels import composition
+from kreisel._kernels import composition, rotation
 from kreisel.calibration.parameters import GROUPS, CellParameters, sensor_columns
 from kreisel.calibration.problem import Problem, Update
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multiply
+from kreisel.geometry.rotation import Array, conjugate, matrix
 from kreisel.inertial import strapdown
 from kreisel.inertial.strapdown import Increment, SensorColumns
 
@@ -63,7 +63,7 @@ class CellModel:
         )
         self._increment = Increment(
             step.duration,
-            *(np.ascontiguousarray(a[..., which]) for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)),
+            *(a[..., which] for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)),
         )
         out = points.copy()
         q, v, r = (np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position"))
@@ -81,11 +81,14 @@ class CellModel:
         """Return gravity and Earth rate in r, (3, points) each."""
         values = self.values(points)
         m = points.shape[1]
-        C = matrix(values["alignment"].T)
-        gravity = np.broadcast_to((C[:, :, 2] * values["gravity"].T).T, (3, m))
-        rate = self.problem.site.earth_rate_n
-        earth = np.zeros((3, m)) if rate is None else np.broadcast_to((C @ rate).T, (3, m))
-        return np.ascontiguousarray(gravity), np.ascontiguousarray(earth)
+        q_rn = _columns(values["alignment"], m)
+        gravity, earth_rate = np.zeros((3, m)), np.zeros((3, m))
+        gravity[2] = values["gravity"]
+        rotation.rotate(q_rn, gravity, gravity)
+        if self.problem.site.earth_rate_n is not None:
+            earth_rate[:] = self.problem.site.earth_rate_n[:, None]
+            rotation.rotate(q_rn, earth_rate, earth_rate)
+        return gravity, earth_rate
 
     def process_noise(self, centre: Array) -> Array:
         """Return the factor of sensor noise in velocity, position and attitude, and of offsets that walk."""
@@ -115,7 +118,9 @@ class CellModel:
         if self.problem.reference.positions is not None:
             rows.append(p - p[:, :1])
         if self.problem.reference.quaternions is not None:
-            rows.append(log(multiply(conjugate(q[:, 0]), q.T)).T)
+            turned = np.empty((3, q.shape[1]))
+            rotation.minus(q, q[:, :1], turned)
+            rows.append(turned)
         if self._update.rest is not None:
             rows.append(v - v[:, :1])
         return np.vstack(rows)
@@ -128,7 +133,9 @@ class CellModel:
         if reference.positions is not None:
             rows.append(reference.positions[pose] - p[:, 0])
         if reference.quaternions is not None:
-            rows.append(log(multiply(conjugate(q[:, 0]), reference.quaternions[pose])))
+            turned = np.empty((3, 1))
+            rotation.minus(reference.quaternions[pose][:, None], q, turned)
+            rows.append(turned[:, 0])
         if self._update.rest is not None:
             rows.append(-v[:, 0])
         return np.concatenate(rows)
@@ -141,7 +148,7 @@ class CellModel:
         which = np.where(np.arange(m) < step.dq.shape[1], np.arange(m), 0)
         values = self.values(points)
         t = values["time_offset"][0] + (1.0 + values["time_skew"][0]) * self._update.tau
-        dt = np.ascontiguousarray(np.broadcast_to(t - signal.stamps[last], m))
+        dt = np.full(m, t - signal.stamps[last])
         q, v, p = (np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position"))
         gravity, earth_rate = self._environment(points)
         q_out, p_out = np.empty((4, m)), np.empty((3, m))
@@ -149,12 +156,13 @@ class CellModel:
             dt,
             signal.stamps[last] - signal.stamps[last - 1],
             signal.stamps[last + 1] - signal.stamps[last],
-            *(np.ascontiguousarray(a[..., which]) for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)),
+            *(a[..., which] for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)),
             gravity, earth_rate, q, v, p, q_out, p_out,
         )  # fmt: skip
         if self._update.rest is not None and "rest_position" in self.layout:
             p_out += points[self.layout.stored("rest_position")]
-            q_out = multiply(q_out.T, exp(points[self.layout.stored("rest_orientation")].T)).T
+            turned = points[self.layout.stored("rest_orientation")]
+            rotation.plus(q_out.copy(), turned, q_out)
         return q_out, p_out, v
 
     def measurement_factor(self, centre: Array) -> Array:
@@ -184,3 +192,10 @@ class CellModel:
         w = self.problem.signal.rate_powers[self._update.last, 1]
         x = w + p.k_w[0] + sum(p.k_w[i] * w ** (i + 1) for i in range(1, p.k_w.shape[0]))
         return np.asarray(p.K_omega @ x)
+
+
+def _columns(stored: Array, m: int) -> Array:
+    """Return stored numbers (size, 1 or m) with one contiguous column for each of m points."""
+    if stored.shape[1] == m:
+        return np.ascontiguousarray(stored)
+    return np.repeat(stored, m, axis=1)

@@ -126,6 +126,7 @@ def run_filter(
     w = weights(problem.settings.weights, layout.degrees)
     belief = first_belief(problem, start) if belief is None else belief
     recorder = _Recorder(problem)
+    bounds = {degrees: float(chi2.ppf(GATE, degrees)) for degrees in range(1, 10)}
     rejected_in_a_row = 0
     for i, item in enumerate(problem.updates):
         if item.new_segment or rejected_in_a_row >= MOST_IN_A_ROW:
@@ -143,7 +144,7 @@ def run_filter(
                 f"the filter's state is no longer finite at {problem.signal.stamps[item.last]:.2f} s; "
                 "check units and noise figures, or fix groups the motion does not show"
             )
-        used = nis <= gate * float(chi2.ppf(GATE, whitened.size))
+        used = nis <= gate * bounds[whitened.size]
         belief = spkf.update(layout, prediction) if used else prediction.belief
         rejected_in_a_row = 0 if used else rejected_in_a_row + 1
         recorder.add(item, belief, prediction, whitened, factor, used=used)

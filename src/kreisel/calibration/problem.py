@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,7 +58,19 @@ class Update:
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything a filter run needs; nothing in it changes during a run."""
+    """Everything a filter run needs; nothing in it changes during a run.
+
+    Attributes
+    ----------
+    start, prior
+        Values the first pass starts from, and those its deviations `prior_deviation` are about.
+    prior_width
+        Deviations before any look at the data, against which observability is judged.
+    given_priors
+        Groups whose prior is the user's word.
+    nominal, held
+        Values for groups the motion does not show, and the groups held there for that reason.
+    """
 
     signal: InertialSignal
     reference: ReferencePoses
@@ -66,15 +78,20 @@ class Problem:
     settings: CalibrationSettings
     site: Site
     noise: ReferenceNoise
+    least_noise: tuple[float, float]
     imu_bounds: tuple[tuple[float, float], tuple[float, float]]
     offset_walk: dict[str, float]
     layout: StateLayout
     start: CellParameters
     prior: CellParameters
     prior_deviation: dict[str, Array]
+    prior_width: dict[str, Array]
+    given_priors: tuple[str, ...]
+    nominal: CellParameters
     rests: tuple[Rest, ...]
     updates: tuple[Update, ...]
     update_interval: float
+    held: tuple[str, ...] = ()
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -99,6 +116,23 @@ class Problem:
             own = parameter_names(group, self.settings.polynomial_order)
             names.extend(own[: self.layout[group].stop - self.layout[group].start])
         return tuple(names)
+
+
+def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
+    """Return the problem with groups taken out of the state and held at their nominal values."""
+
+    def with_nominal(values: CellParameters) -> CellParameters:
+        stored = {group: (problem.nominal if group in groups else values).stored(group) for group in GROUPS}
+        return CellParameters.from_stored(stored)
+
+    return replace(
+        problem,
+        layout=StateLayout([part for part in problem.layout if part.name not in groups]),
+        start=with_nominal(problem.start),
+        prior=with_nominal(problem.prior),
+        prior_deviation={g: d for g, d in problem.prior_deviation.items() if g not in groups},
+        held=(*problem.held, *groups),
+    )
 
 
 def build_layout(

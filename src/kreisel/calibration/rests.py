@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import ImuSamples, ReferencePoses
 from kreisel.synchronization import Clock
 
-SHORTEST = 0.3
-"""Seconds a rest must last."""
+SHORTEST = 0.2
+"""Seconds a rest must last, margins taken off."""
 
-MARGIN = 0.05
-"""Seconds left out at either end, beyond the half windows both criteria already take."""
+MARGIN = 0.15
+"""Seconds left out at either end, where the arm still swings and its reported pose still settles."""
 
 _WINDOW = 0.2
 _ALWAYS_STILL = (0.01, 0.05)
@@ -56,6 +57,50 @@ def find_rests(
         for a, b in zip(starts, stops, strict=True)
         if t[b] - t[a] >= SHORTEST + 2.0 * MARGIN
     )
+
+
+@dataclass(frozen=True)
+class OutsideRest:
+    """Rest the IMU recorded before the reference began or after it ended.
+
+    Attributes
+    ----------
+    rate : (3,)
+        Mean reading of the gyros, rad/s.
+    seconds
+        How long it lasted.
+    """
+
+    rate: Array
+    seconds: float
+
+    def deviation(self, density: Array) -> Array:
+        """Return the standard deviation of the rate as the gyros' offset, (3,).
+
+        Parameters
+        ----------
+        density : (3,)
+            Noise density of the gyros. The Earth's rate, of unknown direction here, is an error too; twice
+            the sum is taken, as offsets wander.
+        """
+        return np.asarray(2.0 * np.sqrt(density**2 / self.seconds + EARTH_RATE**2))
+
+
+def rest_outside(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> OutsideRest | None:
+    """Return the longest rest outside the reference's time, or None where it is shorter than two seconds."""
+    t = imu.seconds
+    first, last = clock.imu_time(reference.seconds[[0, -1]])
+    still = _imu_still(imu) & ((t < first) | (t > last))
+    edges = np.diff(np.concatenate([[0], still.astype(np.int8), [0]]))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    if starts.size == 0:
+        return None
+    longest = int(np.argmax(t[stops] - t[starts]))
+    part = slice(starts[longest], stops[longest] + 1)
+    seconds = float(t[stops[longest]] - t[starts[longest]])
+    if seconds < 2.0:
+        return None
+    return OutsideRest(imu.rates[part].mean(axis=0), seconds)
 
 
 def _imu_still(imu: ImuSamples) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -9,7 +9,9 @@ import numpy as np
 
 from kreisel.calibration.filter_run import FilterRun, History, run_filter
 from kreisel.calibration.parameters import GROUPS, CellParameters
-from kreisel.calibration.problem import Problem
+from kreisel.calibration.observability import unshown_groups
+from kreisel.calibration.problem import Problem, hold
+from kreisel.estimation.consistency import correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
 from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding
@@ -17,24 +19,31 @@ from kreisel.recording import Finding
 FIRST_GATE = 100.0
 """How much wider the gate stands in the first pass, when the parameters are still far off."""
 
-MOST_NOISE_PASSES = 8
+MOST_NOISE_PASSES = 6
 """Further passes spent on finding noise figures where none are given or the given ones are contradicted."""
 
 CONTRADICTION = 2.0
 """Factor on a given standard deviation from which the data are taken to contradict it."""
 
-_AGREEMENT = 1.15
+COLOURED = 0.3
+"""Correlation of neighbouring innovations from which they no longer pass for white."""
+
+_AGREEMENT = 1.2
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Final problem (with the noise finally believed), the run over it, and what to say about both."""
+    """Final problem (with the noise finally believed), the run over it, and what to say about both.
+
+    The belief's factor is already multiplied by `correlation_factor`.
+    """
 
     problem: Problem
     run: FilterRun
     passes: int
+    correlation_factor: float
     findings: tuple[Finding, ...]
 
 
@@ -52,7 +61,7 @@ class NoiseFactors:
     accel: float = 1.0
 
     def agree(self) -> bool:
-        """Whether all lie within 15 % of one."""
+        """Whether all lie within 20 % of one."""
         return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
 
     def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
@@ -80,20 +89,67 @@ def estimate(
     reference_given, imu_given
         Whether the noise figures are the user's word; they are then changed only if contradicted.
     """
-    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=_named(progress, "pass 1"))
-    done, changed = 1, False
+    problem, run, done, changed = _passes(problem, 0, reference_given, imu_given, progress)
+    factor = correlation_factor(run.history)
+    unshown = unshown_groups(problem, factor * run.belief.standard_deviation)
+    findings: list[Finding] = []
+    if unshown:
+        problem, run, done, again = _passes(hold(problem, unshown), done, reference_given, imu_given, progress)
+        changed |= again
+        factor = correlation_factor(run.history)
+        findings.append(
+            Finding("motion", f"does not show {', '.join(unshown)}: held at nominal values (--fix does the same at once)")
+        )
+    if changed:
+        findings.append(_noise_finding(problem, given=reference_given and imu_given))
+    if factor > 1.0:
+        findings.append(
+            Finding(
+                "whiteness",
+                f"innovations are correlated in time; standard deviations were multiplied by {factor:.2f} for it",
+            )
+        )
+    run = towards_prior(problem, run)
+    belief = Belief(run.belief.mean, factor * run.belief.factor)
+    return Estimate(problem, replace(run, belief=belief), done, factor, tuple(findings))
+
+
+def _passes(
+    problem: Problem, done: int, reference_given: bool, imu_given: bool, progress: Progress | None
+) -> tuple[Problem, FilterRun, int, bool]:
+    """Run passes until they are as many as asked for and the noise figures fit; return their number too."""
+    first = done
+    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=_named(progress, f"pass {done + 1}"))
+    done, changed = done + 1, False
     while True:
         factors = noise_factors(run.history).contradicted(reference=reference_given, imu=imu_given)
         factors = _within_bounds(problem, factors)
-        settled = factors.agree() or done >= problem.settings.passes + MOST_NOISE_PASSES
-        if settled and done >= problem.settings.passes:
-            break
+        settled = factors.agree() or done - first >= problem.settings.passes + MOST_NOISE_PASSES
+        if settled and done - first >= problem.settings.passes:
+            return problem, run, done, changed
         if not factors.agree():
             problem, changed = _with_factors(problem, factors), True
         done += 1
         run = run_filter(problem, run.parameters, progress=_named(progress, f"pass {done}"))
-    findings = _noise_findings(problem, given=reference_given and imu_given) if changed else ()
-    return Estimate(problem, towards_prior(problem, run), done, findings)
+
+
+def correlation_factor(history: History) -> float:
+    """Return the factor on standard deviations that correlated innovations call for; 1 where they are white.
+
+    Errors of the reference that last over several updates are counted as often as they are seen. Their
+    number is effectively divided by the correlation time of the innovations, the larger of those of
+    position and orientation. Innovations smaller than believed already leave room for that.
+    """
+    path = history.used & ~history.at_rest
+    size = min(mean_normalised(history.nis[path], history.degrees[path]), 1.0) if path.any() else 1.0
+    times = []
+    for rows in (slice(0, 3), slice(3, 6)):
+        series = history.whitened[path, rows]
+        if series.shape[0] < 20 or not np.isfinite(series).all():
+            continue
+        if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
+            times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
+    return float(np.sqrt(max(1.0, size * max(times, default=1.0))))
 
 
 def noise_factors(history: History) -> NoiseFactors:
@@ -131,13 +187,19 @@ def noise_factors(history: History) -> NoiseFactors:
 
 
 def _within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
-    """Keep the IMU's densities between what its maker says and what its readings show."""
+    """Keep the densities within what the problem allows, and the reference's noise above a tenth of the guess."""
     limited = []
     for density, factor, (low, high) in zip(
         imu_density(problem), (factors.gyro, factors.accel), problem.imu_bounds, strict=True
     ):
         limited.append(float(np.clip(density * factor, low, high)) / density)
-    return replace(factors, gyro=limited[0], accel=limited[1])
+    return replace(
+        factors,
+        gyro=limited[0],
+        accel=limited[1],
+        position=max(factors.position, problem.least_noise[0] / problem.noise.position),
+        orientation=max(factors.orientation, problem.least_noise[1] / problem.noise.orientation),
+    )
 
 
 def _trimmed_ratio(shown: Array, believed: Array) -> float:
@@ -178,7 +240,7 @@ def imu_density(problem: Problem) -> tuple[float, float]:
     return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
 
 
-def _noise_findings(problem: Problem, *, given: bool) -> tuple[Finding, ...]:
+def _noise_finding(problem: Problem, *, given: bool) -> Finding:
     noise = problem.noise
     gyro, accel = imu_density(problem)
     figures = (
@@ -187,8 +249,8 @@ def _noise_findings(problem: Problem, *, given: bool) -> tuple[Finding, ...]:
         f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
     )
     if given:
-        return (Finding("noise", f"given noise figures contradict the data; used instead: {figures}"),)
-    return (Finding("noise", f"found from the data: {figures}"),)
+        return Finding("noise", f"given noise figures contradict the data; used instead: {figures}")
+    return Finding("noise", f"found from the data: {figures}")
 
 
 def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:

@@ -11,7 +11,7 @@ from kreisel.calibration.initial import ForceFit, alignment_from_gravity, fit_fo
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, Site, build_layout, schedule
 from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
-from kreisel.calibration.rests import Rest, find_rests
+from kreisel.calibration.rests import OutsideRest, Rest, find_rests, rest_outside
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, nearest_rotation
@@ -21,16 +21,18 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import InertialSignal, prepare
 from kreisel.recording import Finding, Recording, ReferencePoses
 from kreisel.recording.checks import LONG_GAP, gaps
-from kreisel.synchronization import Clock, Correlation, RateFit, correlate, fit_rates
-from kreisel.units import STANDARD_GRAVITY
+from kreisel.synchronization import Clock, Correlation, RateFit, check_conventions, correlate, fit_rates
+from kreisel.synchronization.correlation import LARGEST_SKEW
+from kreisel.units import DEG, STANDARD_GRAVITY
 
-INTERVALS = {"robot": 0.48, "mocap": 0.12}
+INTERVALS = {"robot": 0.48, "mocap": 0.24}
 """Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
 second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
 
 _DOUBT = 20.0
 _HEADING_SD = 0.3
 _CROSS_COUPLING_SD = 0.05
+_MOTION_NOISE = 20.0
 
 GRAVITY_SD = 0.015
 """m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
@@ -41,7 +43,7 @@ class ImuNoise:
     """Noise of the IMU, SI: densities (3,), random walks and prior deviations of its offsets.
 
     `gyro_bounds` and `accel_bounds` hold the densities the data may move it between: from what the maker
-    says to what the readings' own scatter shows, vibration included.
+    says to well above what the readings' own scatter shows, for errors that grow with the motion.
     """
 
     gyro: Array
@@ -69,6 +71,7 @@ class Preparation:
     rate_fit: RateFit
     force_fit: ForceFit
     rests: tuple[Rest, ...]
+    outside_rest: OutsideRest | None
     findings: tuple[Finding, ...]
 
 
@@ -110,7 +113,7 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
 def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
     size = float(np.sqrt(np.mean(shown**2)))
     low = stated or 0.1 * size
-    return low, max(low, size)
+    return low, max(low, _MOTION_NOISE * size)
 
 
 def prepare_signal(recording: Recording, noise: ImuNoise, order: int) -> InertialSignal:
@@ -175,6 +178,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     imu_noise = imu_noise_of(recording)
     signal = prepare_signal(recording, imu_noise, settings.polynomial_order)
     correlation = correlate(recording.imu, reference)
+    check_conventions(signal, reference, correlation.clock)
     tau = reference.seconds
     fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
     site = site_of(recording)
@@ -182,12 +186,17 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     noise = believed_noise(recording.settings, reference)
     rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
+    outside = rest_outside(recording.imu, reference, fit.clock)
+    if outside is not None:
+        findings.append(
+            Finding("rest", f"{outside.seconds:.1f} s of rest without reference used for the gyro offset's first value")
+        )
     if noise.stamp > 0.0:
         findings.append(
             Finding("stamps", f"the reference's stamps are rounded to {noise.stamp * 12**0.5 * 1e3:.0f} ms; taken as noise along the motion")
         )
     return Preparation(
-        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, rests, tuple(findings)
+        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, rests, outside, tuple(findings)
     )
 
 
@@ -200,9 +209,14 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     """
     fit, force, noise, site = preparation.rate_fit, preparation.force_fit, preparation.imu_noise, preparation.site
     gyro_offset, gyro_offset_sd = _with_prior(fit.k_w0, fit.k_w0_sd, noise.gyro_offset_sd, 0.02)
+    if preparation.outside_rest is not None:
+        rest_sd = preparation.outside_rest.deviation(noise.gyro)
+        better = rest_sd < gyro_offset_sd
+        gyro_offset = np.where(better, -preparation.outside_rest.rate, gyro_offset)
+        gyro_offset_sd = np.where(better, rest_sd, gyro_offset_sd)
     accel_offset, accel_offset_sd = _with_prior(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
     # Accelerometers the motion hardly shows are believed to sit as the gyros do, within a few per cent.
-    mount = nearest_rotation(fit.K_omega)
+    mount = _nominal(preparation, order).sensors.K_a
     K_a_sd = _DOUBT * force.K_a_sd
     K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
@@ -226,6 +240,40 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
         "time_skew": np.array([max(_DOUBT * fit.clock.skew_sd, 1e-6)]),
     }
     return start, deviation
+
+
+_WIDTH = {
+    "gyro_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
+    "gyro_offset": np.full(3, 0.02),
+    "gyro_polynomial": np.array([0.02]),
+    "accel_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
+    "accel_offset": np.full(3, 0.6),
+    "accel_polynomial": np.array([0.005]),
+    "lever_arms": np.full(9, 0.1),
+    "alignment": np.array([0.05, 0.05, _HEADING_SD]),
+    "time_offset": np.array([0.01]),
+    "time_skew": np.array([LARGEST_SKEW]),
+}
+"""Standard deviations of what an unknown IMU on an unknown mount may be, SI."""
+
+
+def _nominal(preparation: Preparation, order: int) -> CellParameters:
+    """Return the parameters of a faultless IMU on the mount found.
+
+    A mount within three degrees of one along the axes is taken for that: brackets are built so.
+    """
+    R = nearest_rotation(preparation.rate_fit.K_omega)
+    along = np.round(R)
+    if abs(np.linalg.det(along)) == 1.0 and np.arccos(np.clip((np.trace(R.T @ along) - 1.0) / 2.0, -1.0, 1.0)) < 3.0 * DEG:
+        R = along
+    ideal = SensorParameters.ideal(order)
+    return CellParameters(
+        replace(ideal, K_omega=R, K_a=R),
+        alignment_from_gravity(preparation.force_fit.gravity),
+        preparation.site.gravity,
+        preparation.rate_fit.clock.start,
+        preparation.rate_fit.clock.skew,
+    )
 
 
 def _with_prior(value: Array, value_sd: Array, given_sd: float | None, widest: float) -> tuple[Array, Array]:
@@ -260,6 +308,12 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
             f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
             "expected 20 or more: record longer, or use a shorter --update-interval"
         )
+    noise = preparation.imu_noise
+    given = {}
+    if noise.gyro_offset_sd is not None:
+        given["gyro_offset"] = np.full(3, noise.gyro_offset_sd)
+    if noise.accel_offset_sd is not None:
+        given["accel_offset"] = np.full(3, noise.accel_offset_sd)
     layout = build_layout(
         settings,
         heading=site.earth_rate_n is not None,
@@ -274,12 +328,16 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         settings=settings,
         site=site,
         noise=preparation.noise,
+        least_noise=(0.1 * preparation.noise.position, 0.1 * preparation.noise.orientation),
         imu_bounds=(preparation.imu_noise.gyro_bounds, preparation.imu_noise.accel_bounds),
         offset_walk={"gyro_offset": preparation.imu_noise.gyro_walk, "accel_offset": preparation.imu_noise.accel_walk},
         layout=layout,
         start=start,
         prior=start,
         prior_deviation={group: deviation[group] for group in GROUPS if group in layout},
+        prior_width={**_WIDTH, **given, "gravity": np.array([max(site.gravity_sd, 1e-9)])},
+        given_priors=tuple(given),
+        nominal=_nominal(preparation, settings.polynomial_order),
         rests=preparation.rests,
         updates=updates,
         update_interval=interval,

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel._kernels import rotation
+from kreisel.geometry.rotation import Array
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,9 @@ class StateLayout:
         for part in self.parts:
             d, s = self._degrees[part.name], self._stored[part.name]
             if part.rotation:
-                theta = np.zeros((change.shape[1], 3))
-                theta[:, : part.degrees] = change[d].T
-                out[s] = multiply(x[s], exp(theta)).T
+                theta = np.zeros((3, change.shape[1]))
+                theta[: part.degrees] = change[d]
+                rotation.plus(x[s, None], theta, out[s])
             else:
                 out[s] = x[s, None] + change[d]
         return out
@@ -91,7 +92,9 @@ class StateLayout:
         for part in self.parts:
             d, s = self._degrees[part.name], self._stored[part.name]
             if part.rotation:
-                out[d] = log(multiply(conjugate(x[s]), states[s].T)).T[: part.degrees]
+                theta = np.empty((3, states.shape[1]))
+                rotation.minus(states[s], x[s, None], theta)
+                out[d] = theta[: part.degrees]
             else:
                 out[d] = states[s] - x[s, None]
         return out

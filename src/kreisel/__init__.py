@@ -1,0 +1,47 @@
+"""kreisel: calibration of inertial measurement units while a robot, or motion capture, watches them move.
+
+Conventions
+-----------
+Frames: i inertial; n local level (north, east, down); r robot base, or the world of the motion capture;
+b the body whose pose the reference gives. ``C_rb`` turns a vector from b to r; neighbouring letters cancel.
+Quaternions are Hamilton's, scalar first; small rotations are right perturbations, ``q exp(d)``.
+Accelerometers measure specific force (at rest +g, upward). SI units and radians everywhere inside;
+stamps are integer nanoseconds in recordings and seconds from the first sample in computations.
+
+References
+----------
+J. Fox, H. Janocha: Robotergestütztes Verfahren zur dynamischen Kalibrierung von Inertialmesssystemen (2005).
+R. van der Merwe: Sigma-Point Kalman Filters for Probabilistic Inference in Dynamic State-Space Models (2004).
+D. H. Titterton, J. L. Weston: Strapdown Inertial Navigation Technology (2nd edition, 2004).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kreisel._version import __version__
+
+if TYPE_CHECKING:
+    from kreisel.calibration.calibrate import calibrate
+    from kreisel.calibration.result import Calibration
+    from kreisel.calibration.settings import CalibrationSettings
+    from kreisel.recording import Recording, load
+
+__all__ = ["Calibration", "CalibrationSettings", "Recording", "__version__", "calibrate", "load"]
+
+_HOMES = {
+    "Calibration": "kreisel.calibration.result",
+    "CalibrationSettings": "kreisel.calibration.settings",
+    "Recording": "kreisel.recording",
+    "calibrate": "kreisel.calibration.calibrate",
+    "load": "kreisel.recording",
+}
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever lives at that name
+    """Import public names when they are asked for: `kreisel --help` needs none of them."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'kreisel' has no attribute '{name}'")
+    from importlib import import_module
+
+    return getattr(import_module(_HOMES[name]), name)

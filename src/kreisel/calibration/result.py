@@ -1,0 +1,170 @@
+"""The answer: parameters, their uncertainty, what supports them, and how to apply them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import (
+    FORMULA,
+    SensorParameters,
+    SizeEffect,
+    correct_angular_rate,
+    correct_specific_force,
+)
+from kreisel.inertial.strapdown import prepare
+
+SCHEMA = "kreisel/calibration/1"
+
+FRAMES = (
+    "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
+    "i: inertial. Raw readings (primed) are corrected to true values: omega_ib_b, angular rate of b against i, "
+    "and f_b, specific force at the origin of b (at rest +g, upward), both along the axes of b. Row j of "
+    "lever_arms is the position of accelerometer j in b; rows of the inverse of cross_coupling are the "
+    "sensitive axes in b. SI and radians throughout."
+)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration: the document of `calibration.yaml`, and what is too large for it.
+
+    Attributes
+    ----------
+    document
+        The content of `calibration.yaml`, schema ``kreisel/calibration/1``.
+    names
+        Estimated parameters in the order of `covariance` and of the columns of `estimates`.
+    covariance : (n, n)
+    prior_deviation : (n,)
+    estimates : (updates, 1 + 2 n)
+        IMU seconds, estimates, standard deviations.
+    """
+
+    document: dict[str, Any]
+    names: tuple[str, ...]
+    covariance: Array
+    prior_deviation: Array
+    estimates: Array
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the verdict is that the result may be used."""
+        return bool(self.document["verdict"]["accepted"])
+
+    @property
+    def sensors(self) -> SensorParameters:
+        """Parameters of the sensor model."""
+        return sensor_parameters(self.document)
+
+    @property
+    def size_effect(self) -> SizeEffect:
+        """Form of the eccentricity term the parameters belong to."""
+        return SizeEffect(self.document["estimator"].get("size_effect", SizeEffect.COMPLETED.value))
+
+    def correct(self, rates: Array, accelerations: Array, timestamps: Array) -> tuple[Array, Array]:
+        """Return angular rate and specific force of b, (n, 3) each, from raw readings.
+
+        Parameters
+        ----------
+        rates, accelerations : (n, 3)
+            Raw readings, rad/s and m/s^2.
+        timestamps : (n,)
+            Seconds, ascending; the lever arms need the rate's derivative.
+        """
+        stamps = np.asarray(timestamps, dtype=float)
+        raw, a = np.asarray(rates, dtype=float), np.asarray(accelerations, dtype=float)
+        sensors = self.sensors
+        signal = prepare(stamps - stamps[0], raw, a, order=sensors.k_w.shape[0])
+        omega = correct_angular_rate(raw, sensors)
+        slope = signal.rate_slopes[:, 1] + sum(
+            sensors.k_w[i] * signal.rate_slopes[:, i + 1] for i in range(1, sensors.k_w.shape[0])
+        )
+        alpha = slope @ sensors.K_omega.T
+        return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
+
+    def save(self, folder: str | Path) -> None:
+        """Write `calibration.yaml`, `estimates.csv` and `covariance.npz` into a folder."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        yaml = YAML()
+        yaml.default_flow_style = None
+        yaml.width = 120
+        with (folder / "calibration.yaml").open("w", encoding="utf-8") as stream:
+            yaml.dump(self.document, stream)
+        np.savez_compressed(
+            folder / "covariance.npz",
+            names=np.array(self.names),
+            covariance=self.covariance,
+            prior_deviation=self.prior_deviation,
+        )
+        header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
+        np.savetxt(
+            folder / "estimates.csv", self.estimates, delimiter=",", header=",".join(f'"{h}"' for h in header), comments="", fmt="%.9g"
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Calibration:
+        """Return the calibration in a result folder, or in a `calibration.yaml` alone.
+
+        Raises
+        ------
+        RecordingError
+            If the file is missing, no calibration, or of another schema.
+        """
+        path = Path(path)
+        file = path / "calibration.yaml" if path.is_dir() else path
+        try:
+            document = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise RecordingError("no calibration.yaml there; give a result folder of `kreisel calibrate`", file=file) from error
+        except (YAMLError, UnicodeDecodeError) as error:
+            raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
+        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+            found = document.get("schema") if isinstance(document, dict) else None
+            raise RecordingError(f"schema is {found!r}, expected '{SCHEMA}'", file=file)
+        try:
+            sensor_parameters(document)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
+        extra = file.parent / "covariance.npz"
+        names: tuple[str, ...] = ()
+        covariance, prior = np.zeros((0, 0)), np.zeros(0)
+        if extra.is_file():
+            with np.load(extra) as data:
+                names = tuple(str(name) for name in data["names"])
+                covariance, prior = data["covariance"], data["prior_deviation"]
+        return cls(document, names, covariance, prior, np.zeros((0, 1 + 2 * len(names))))
+
+
+def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
+    """Return the sensor model's parameters from a document."""
+
+    def coefficients(table: Mapping[str, Any]) -> Array:
+        polynomial = table.get("polynomial", {})
+        order = max([1, *(int(power) for power in polynomial)])
+        rows = [table["offset"]] + [polynomial.get(i, polynomial.get(str(i), [0.0, 0.0, 0.0])) for i in range(2, order + 1)]
+        return np.array(rows, dtype=float)
+
+    gyro, accel = document["gyroscope"], document["accelerometer"]
+    k_w, k_a = coefficients(gyro), coefficients(accel)
+    order = max(len(k_w), len(k_a))
+    k_w, k_a = (np.vstack([k, np.zeros((order - len(k), 3))]) for k in (k_w, k_a))
+    return SensorParameters(
+        K_omega=np.array(gyro["cross_coupling"], dtype=float).reshape(3, 3),
+        k_w=k_w,
+        K_a=np.array(accel["cross_coupling"], dtype=float).reshape(3, 3),
+        k_a=k_a,
+        lever_arms=np.array(accel["lever_arms"], dtype=float).reshape(3, 3),
+    )
+
+
+__all__ = ["FORMULA", "FRAMES", "SCHEMA", "Calibration", "sensor_parameters"]

@@ -1,0 +1,209 @@
+"""Does the result hold on data it has not seen? Three answers that need no truth.
+
+Cross-validation navigates through the part of the recording the calibration has not seen, once with
+nominal and once with calibrated parameters. Split halves calibrate twice and compare. Injection adds
+known errors to the raw readings and looks whether they are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.filter_run import FilterRun, run_filter
+from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.problem import Problem
+from kreisel.calibration.run import FIRST_GATE, Estimate
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import prepare
+from kreisel.units import DEG_PER_HOUR, MG
+
+TRAINING = 0.6
+"""Share of the updates the calibration for the cross-validation is made from."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Errors of free navigation from one update to the next, (u,) each.
+
+    seconds are the IMU's; position in m and attitude in rad, length of the innovation.
+    """
+
+    seconds: Array
+    position: Array
+    attitude: Array
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Drift between updates on unseen data, with nominal and with calibrated parameters."""
+
+    trained_until: float
+    nominal: Drift
+    calibrated: Drift
+
+
+@dataclass(frozen=True)
+class SplitHalves:
+    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,)."""
+
+    names: tuple[str, ...]
+    difference: Array
+    deviation: Array
+
+    @property
+    def score(self) -> Array:
+        """Difference over its standard deviation."""
+        return np.asarray(self.difference / np.maximum(self.deviation, 1e-300))
+
+
+@dataclass(frozen=True)
+class Injection:
+    """Known errors added to the raw data, and the change of the estimates, (n,) each."""
+
+    names: tuple[str, ...]
+    injected: Array
+    found: Array
+    deviation: Array
+
+
+def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
+    """Return the drift on the part of the recording that a calibration of its first part has not seen."""
+    problem = found.problem
+    count = len(problem.updates)
+    cut = int(TRAINING * count)
+    trained = _run(problem, slice(0, cut), problem.start, progress, "train")
+    nominal = replace(problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn)
+    unseen = _navigation_only(_part(problem, slice(cut, count)))
+    return CrossValidation(
+        trained_until=float(problem.signal.stamps[problem.updates[cut].last]),
+        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=_named(progress, "nominal"))),
+        calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=_named(progress, "calibrated"))),
+    )
+
+
+def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves:
+    """Return how far the estimates of the two halves of a recording differ."""
+    problem = found.problem
+    middle = len(problem.updates) // 2
+    a, b = (
+        _run(problem, part, problem.start, progress, name)
+        for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
+    )
+    n = len(problem.parameter_names)
+    difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
+    variance = a.belief.standard_deviation[:n] ** 2 + b.belief.standard_deviation[:n] ** 2
+    return SplitHalves(problem.parameter_names, difference, found.correlation_factor * np.sqrt(variance))
+
+
+def inject(found: Estimate, progress: Progress | None = None) -> Injection:
+    """Return whether known errors added to the raw readings are found.
+
+    The errors are 5 mg and -3 mg and 4 mg of accelerometer offset, 20, -30 and 10 deg/h of gyro offset,
+    and 2000 ppm of scale on the first axis of either. What the paper did with its accelerometer offsets.
+    """
+    problem = found.problem
+    base = found.run.parameters
+    errors = _errors()
+    sensors = errors.apply(base.sensors)
+    signal = problem.signal
+    raw_rates = (signal.rate_powers[:, 1] + errors.gyro_offset) * (1.0 + errors.gyro_scale)
+    raw_forces = (signal.force_powers[:, 1] + errors.accel_offset) * (1.0 + errors.accel_scale)
+    moved = prepare(
+        signal.stamps,
+        raw_rates,
+        raw_forces,
+        order=signal.order,
+        segments=signal.segments,
+        rate_variance=signal.rate_variance,
+        force_variance=signal.force_variance,
+    )
+    changed = replace(problem, signal=moved)
+    run = _run(changed, slice(None), base, progress, "injection")
+    expected = replace(base, sensors=sensors)
+    n = len(problem.parameter_names)
+    layout = problem.layout
+    zero = _stored(problem, base)
+    return Injection(
+        problem.parameter_names,
+        layout.minus(_stored(problem, expected)[:, None], zero)[:n, 0],
+        layout.minus(_stored(problem, run.parameters)[:, None], zero)[:n, 0],
+        found.run.belief.standard_deviation[:n],
+    )
+
+
+@dataclass(frozen=True)
+class _Errors:
+    gyro_offset: Array
+    accel_offset: Array
+    gyro_scale: Array
+    accel_scale: Array
+
+    def apply(self, p: SensorParameters) -> SensorParameters:
+        """Return the parameters that undo the errors: raw = (old + offset) (1 + scale)."""
+        gyro, accel = 1.0 / (1.0 + self.gyro_scale), 1.0 / (1.0 + self.accel_scale)
+        k_w, k_a = p.k_w.copy(), p.k_a.copy()
+        k_w[0] = (k_w[0] - self.gyro_offset) / gyro
+        k_a[0] = (k_a[0] - self.accel_offset) / accel
+        # K (w + k0) = K diag(g) (w' + (k0 - d) / g); the size effect is untouched by K_a diag(g) only in
+        # e's own unit, so the sensitive axes change with it
+        return replace(p, K_omega=p.K_omega * gyro, k_w=k_w, K_a=p.K_a * accel, k_a=k_a)
+
+
+def _errors() -> _Errors:
+    return _Errors(
+        gyro_offset=np.array([20.0, -30.0, 10.0]) * DEG_PER_HOUR,
+        accel_offset=np.array([5.0, -3.0, 4.0]) * MG,
+        gyro_scale=np.array([2e-3, 0.0, 0.0]),
+        accel_scale=np.array([2e-3, 0.0, 0.0]),
+    )
+
+
+def _stored(problem: Problem, parameters: CellParameters) -> Array:
+    x = np.zeros(problem.layout.size)
+    x[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
+    for group in problem.groups:
+        x[problem.layout.stored(group)] = parameters.stored(group)
+    return x
+
+
+def _part(problem: Problem, part: slice) -> Problem:
+    updates = list(problem.updates[part])
+    updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
+    return replace(problem, updates=tuple(updates))
+
+
+def _navigation_only(problem: Problem) -> Problem:
+    """Return the problem with every parameter taken as known."""
+    layout = StateLayout([part for part in problem.layout if part.name not in GROUPS])
+    return replace(problem, layout=layout, prior_deviation={})
+
+
+def _run(problem: Problem, part: slice, start: CellParameters, progress: Progress | None, name: str) -> FilterRun:
+    chosen = _part(problem, part)
+    first = run_filter(chosen, start, gate=FIRST_GATE, progress=_named(progress, name))
+    return run_filter(chosen, first.parameters, progress=_named(progress, name))
+
+
+def _drift(run: FilterRun) -> Drift:
+    h = run.history
+    path = ~h.at_rest
+    path[:2] = False  # navigation has just begun
+    return Drift(
+        h.seconds[path],
+        np.linalg.norm(h.innovation[path, 0:3], axis=1),
+        np.linalg.norm(h.innovation[path, 3:6], axis=1),
+    )
+
+
+def _named(progress: Progress | None, name: str) -> Callable[[float], None] | None:
+    return None if progress is None else lambda share: progress(name, share)
+
+
+__all__ = ["CrossValidation", "Drift", "Injection", "SplitHalves", "cross_validate", "inject", "split_halves"]
