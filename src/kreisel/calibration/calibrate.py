@@ -22,6 +22,7 @@ from kreisel.calibration.setup import Preparation, build_problem, prepare_record
 from kreisel.calibration.verdict import Consistency, Verdict, consistency, judge
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import compile_kernels
 from kreisel.recording import Finding, Recording
 from kreisel.synchronization import Clock
 
@@ -64,6 +65,7 @@ def run_calibration(
     progress
         Called with the name of the step and the share of it that is done.
     """
+    compile_kernels(None if progress is None else lambda share: progress("prepare kernels", share))
     if progress is not None:
         progress("synchronise", 0.0)
     preparation = prepare_recording(recording, settings)

@@ -63,7 +63,7 @@ class CellModel:
         )
         self._increment = Increment(
             step.duration,
-            *(a[..., which] for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)),
+            *(np.take(a, which, axis=-1) for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)),
         )
         out = points.copy()
         q, v, r = (np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position"))
@@ -119,7 +119,7 @@ class CellModel:
             rows.append(p - p[:, :1])
         if self.problem.reference.quaternions is not None:
             turned = np.empty((3, q.shape[1]))
-            rotation.minus(q, q[:, :1], turned)
+            rotation.minus(q, q[:, :1].copy(), turned)
             rows.append(turned)
         if self._update.rest is not None:
             rows.append(v - v[:, :1])
@@ -134,7 +134,7 @@ class CellModel:
             rows.append(reference.positions[pose] - p[:, 0])
         if reference.quaternions is not None:
             turned = np.empty((3, 1))
-            rotation.minus(reference.quaternions[pose][:, None], q, turned)
+            rotation.minus(reference.quaternions[pose][:, None].copy(), q, turned)
             rows.append(turned[:, 0])
         if self._update.rest is not None:
             rows.append(-v[:, 0])
@@ -156,7 +156,7 @@ class CellModel:
             dt,
             signal.stamps[last] - signal.stamps[last - 1],
             signal.stamps[last + 1] - signal.stamps[last],
-            *(a[..., which] for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)),
+            *(np.take(a, which, axis=-1) for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)),
             gravity, earth_rate, q, v, p, q_out, p_out,
         )  # fmt: skip
         if self._update.rest is not None and "rest_position" in self.layout:

@@ -269,7 +269,7 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
         information = problem.prior_deviation[group] ** -2.0
         change[d] = information * (problem.prior.stored(group) - start[s])
     moved = run.belief.covariance @ change
-    mean = layout.plus(run.belief.mean, moved[:, None])[:, 0]
+    mean = layout.plus(run.belief.mean, moved[:, None])[:, 0].copy()
     values = {g: run.parameters.stored(g) for g in GROUPS}
     values.update({g: mean[layout.stored(g)] for g in problem.groups})
     return replace(run, belief=Belief(mean, run.belief.factor), parameters=CellParameters.from_stored(values))

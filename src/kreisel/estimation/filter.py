@@ -123,7 +123,7 @@ def predict(
     n = layout.degrees
     held = n - changing
     points = transition.propagate(draw(layout, belief, w))
-    centre = points[:, 0]
+    centre = points[:, 0].copy()
     noise = transition.process_noise(centre)
     distance = _changing_distance(layout, points, centre, held)
 
@@ -147,7 +147,7 @@ def predict(
     predicted_factor = triangularise(np.hstack([linear[m:], further[m:]]))
     mean_change = np.zeros((n, 1))
     mean_change[held:, 0] = shift[m:]
-    mean = layout.plus(centre, mean_change)[:, 0] if np.any(shift[m:]) else centre.copy()
+    mean = layout.plus(centre, mean_change)[:, 0].copy() if np.any(shift[m:]) else centre
     return Prediction(
         belief=Belief(mean, predicted_factor),
         innovation=transition.innovation(centre) - shift[:m],
@@ -160,7 +160,7 @@ def predict(
 def update(layout: StateLayout, prediction: Prediction) -> Belief:
     """Return the belief once the measurement is used."""
     change = prediction.gain_factor @ prediction.normalised_innovation
-    mean = layout.plus(prediction.belief.mean, change[:, None])[:, 0]
+    mean = layout.plus(prediction.belief.mean, change[:, None])[:, 0].copy()
     return Belief(mean, prediction.posterior_factor)
 
 

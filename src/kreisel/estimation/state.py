@@ -93,7 +93,7 @@ class StateLayout:
             d, s = self._degrees[part.name], self._stored[part.name]
             if part.rotation:
                 theta = np.empty((3, states.shape[1]))
-                rotation.minus(states[s], x[s, None], theta)
+                rotation.minus(np.ascontiguousarray(states[s]), x[s, None], theta)
                 out[d] = theta[: part.degrees]
             else:
                 out[d] = states[s] - x[s, None]

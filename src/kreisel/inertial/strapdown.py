@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels import composition, preintegration, quadrature
+from kreisel._kernels import attitude, composition, preintegration, quadrature, rotation
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
@@ -75,7 +76,7 @@ class SensorColumns:
         else:
             axes = np.repeat(np.eye(3)[:, :, None], K_a.shape[-1], axis=2)
         parts = (K_omega, k_w, K_a, k_a, lever_arms, axes)
-        return cls(*(np.ascontiguousarray(part) for part in parts))
+        return cls(*(np.array(part, order="C") for part in parts))
 
     @classmethod
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
@@ -86,7 +87,7 @@ class SensorColumns:
     def first(self) -> SensorColumns:
         """Return the first column alone."""
         parts = (self.K_omega, self.k_w, self.K_a, self.k_a, self.lever_arms, self.axes)
-        return SensorColumns(*(np.ascontiguousarray(part[..., :1]) for part in parts))
+        return SensorColumns(*(np.array(part[..., :1], order="C") for part in parts))
 
 
 @dataclass(frozen=True)
@@ -258,3 +259,34 @@ def navigate(
         history.append([part[:, 0].copy() for part in state])
     qs, vs, ps = (np.array(column) for column in zip(*history, strict=True))
     return signal.stamps[knots], qs, vs, ps
+
+
+def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
+    """Compile every kernel, or load it from the cache, by a small problem; seconds the first time.
+
+    Parameters
+    ----------
+    progress
+        Called with the share done.
+    """
+    ideal = SensorParameters.ideal()
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    one = level[:, None].copy()
+    columns = SensorColumns.single(ideal, SizeEffect.COMPLETED)
+    signal: list[InertialSignal] = []
+    steps: list[Callable[[], object]] = [
+        lambda: signal.append(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))),
+        lambda: navigate(signal[0], ideal, level, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)),
+        lambda: noise_covariance(signal[0], 2, 4, columns, SizeEffect.COMPLETED),
+        lambda: rotation.plus(one, np.zeros((3, 1)), one.copy()),
+        lambda: rotation.minus(one, one, np.zeros((3, 1))),
+        lambda: attitude.accumulate(np.zeros((2, 3)), np.tile(level, (3, 1))),
+        lambda: composition.pose_at(
+            np.zeros(1), 1.0, 1.0, one, *(np.zeros((3, 1)) for _ in range(2)), np.zeros((3, 3, 1)),
+            *(np.zeros((3, 1)) for _ in range(2)), one, *(np.zeros((3, 1)) for _ in range(2)), one.copy(), np.zeros((3, 1)),
+        ),
+    ]  # fmt: skip
+    for i, step in enumerate(steps):
+        step()
+        if progress is not None:
+            progress((i + 1) / len(steps))

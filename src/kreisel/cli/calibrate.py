@@ -1,0 +1,111 @@
+"""`kreisel calibrate`: the main job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.calibration.calibrate import Outcome
+    from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves
+
+
+def calibrate(
+    recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
+    reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
+    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    estimator: str = typer.Option("spkf", help="spkf or ekf."),
+    sigma_points: str | None = typer.Option(None, help="central-difference or unscented."),
+    update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
+    polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
+    fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
+    skew: bool | None = typer.Option(None, help="Estimate the clocks' ratio; by itself where it shows."),
+    size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
+    passes: int = typer.Option(2, help="Passes over the data."),
+    inject: bool = typer.Option(False, "--inject", help="Add known errors to the data and look whether they are found."),
+    validate: bool = typer.Option(True, help="Cross-validation and split halves for the report."),
+    json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
+) -> None:
+    """Calibrate an IMU from a recording of its readings and of reference poses."""
+    from kreisel.calibration.calibrate import run_calibration
+    from kreisel.calibration.settings import CalibrationSettings
+    from kreisel.calibration.validation import cross_validate, split_halves
+    from kreisel.calibration.validation import inject as inject_errors
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress import progress_bar
+    from kreisel.errors import SettingsError, unknown_name
+    from kreisel.inertial.sensor_model import SizeEffect
+    from kreisel.recording import load
+
+    if size_effect not in [form.value for form in SizeEffect]:
+        raise SettingsError(unknown_name("size effect", size_effect, [form.value for form in SizeEffect]))
+    settings = CalibrationSettings(
+        estimator=estimator,
+        sigma_points=sigma_points,
+        update_interval=update_interval,
+        polynomial_order=polynomial_order,
+        fixed=tuple(fix),
+        skew=skew,
+        size_effect=SizeEffect(size_effect),
+        passes=passes,
+    )
+    if output is not None:
+        check_output(output)
+    cross: CrossValidation | None = None
+    halves: SplitHalves | None = None
+    injection: Injection | None = None
+    with progress_bar() as show:
+        outcome = run_calibration(load(recording, reference, imu), settings, show)
+        if validate and output is not None:
+            cross = cross_validate(outcome.estimate, show)
+            halves = split_halves(outcome.estimate, show)
+        if inject:
+            injection = inject_errors(outcome.estimate, show)
+        if output is not None:
+            _save(outcome, output, cross, halves, injection)
+    _say(outcome, output, injection, as_json=json)
+    if not outcome.verdict.accepted:
+        raise typer.Exit(3)
+
+
+def _save(
+    outcome: Outcome,
+    output: Path,
+    cross: CrossValidation | None,
+    halves: SplitHalves | None,
+    injection: Injection | None,
+) -> None:
+    from kreisel.report import write_report
+
+    outcome.calibration.save(output)
+    write_report(outcome, output / "report.html", cross=cross, halves=halves, injection=injection)
+
+
+def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, as_json: bool) -> None:
+    import json
+
+    if as_json:
+        document: dict[str, Any] = dict(outcome.calibration.document)
+        if output is not None:
+            document["output"] = str(output)
+        if injection is not None:
+            document["injection"] = {
+                name: {"injected": float(a), "found": float(b), "standard_deviation": float(c)}
+                for name, a, b, c in zip(
+                    injection.names, injection.injected, injection.found, injection.deviation, strict=True
+                )
+            }
+        typer.echo(json.dumps(document))
+        return
+    from kreisel.cli.tables import print_injection, print_result
+
+    print_result(outcome)
+    if injection is not None:
+        print_injection(injection)
+    if output is not None:
+        typer.echo(f"written: {output}/calibration.yaml, report.html, estimates.csv, covariance.npz")
+    else:
+        typer.echo("nothing written; -o OUT keeps the result and a report")

@@ -1,0 +1,101 @@
+"""`kreisel info`: what is in a recording, and what looks wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.recording import Recording
+
+
+def info(
+    recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
+    reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
+    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Say what is in a recording: rates, jitter, gaps, excitation, rests, suspicions."""
+    import json as json_module
+
+    from kreisel.recording import load
+
+    facts = _facts(load(recording, reference, imu))
+    if json:
+        typer.echo(json_module.dumps(facts))
+        return
+    for title, table in facts.items():
+        if isinstance(table, dict):
+            typer.echo(f"{title}")
+            for name, value in table.items():
+                typer.echo(f"  {name:<28}{_text(value)}")
+    for line in facts["findings"]:
+        typer.echo(f"· {line}")
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 - numbers, lists and words
+    if isinstance(value, list):
+        return "  ".join(_text(v) for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _facts(recording: Recording) -> dict[str, Any]:
+    import numpy as np
+
+    from kreisel.calibration.reference_noise import believed_noise
+    from kreisel.calibration.rests import find_rests
+    from kreisel.errors import KreiselError
+    from kreisel.inertial.noise import high_frequency_density
+    from kreisel.synchronization import correlate
+
+    imu, reference = recording.imu, recording.reference
+    steps = np.diff(imu.stamps_ns) * 1e-9
+    findings = [str(finding) for finding in recording.findings]
+    facts: dict[str, Any] = {
+        "imu": {
+            "samples": int(imu.stamps_ns.size),
+            "duration s": float(imu.seconds[-1]),
+            "rate Hz": 1.0 / imu.interval,
+            "stamp jitter us": float(np.std(steps[steps < 1.6 * imu.interval]) * 1e6),
+            "longest step ms": float(steps.max() * 1e3),
+            "rate rms x y z deg/s": np.rad2deg(np.std(imu.rates, axis=0)).tolist(),
+            "rate peak x y z deg/s": np.rad2deg(np.abs(imu.rates).max(axis=0)).tolist(),
+            "acceleration rms x y z m/s^2": np.std(imu.accelerations, axis=0).tolist(),
+            "gyro noise deg/s/sqrt(Hz)": np.rad2deg(high_frequency_density(imu.rates, imu.interval)).tolist(),
+            "accel noise mg/sqrt(Hz)": (high_frequency_density(imu.accelerations, imu.interval) / 9.80665e-3).tolist(),
+        }
+    }
+    if reference is not None:
+        ref_steps = np.diff(reference.stamps_ns) * 1e-9
+        facts["reference"] = {
+            "name": reference.name,
+            "poses": int(reference.stamps_ns.size),
+            "holds": " and ".join(
+                name for name, part in (("positions", reference.positions), ("orientations", reference.quaternions)) if part is not None
+            ),
+            "duration s": float(reference.seconds[-1]),
+            "rate Hz": 1.0 / reference.interval,
+            "longest step ms": float(ref_steps.max() * 1e3),
+        }
+        if reference.positions is not None:
+            facts["reference"]["workspace x y z m"] = np.ptp(reference.positions, axis=0).tolist()
+        try:
+            found = correlate(imu, reference)
+            noise = believed_noise(recording.settings, reference)
+            rests = find_rests(imu, reference, found.clock, noise.position, noise.orientation)
+            offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
+            facts["together"] = {
+                "correlation of rates": found.coefficient,
+                "time offset s (coarse)": offset,
+                "clock ratio - 1 (coarse)": found.clock.skew,
+                "rests": len(rests),
+                "rest seconds": float(sum(rest.stop - rest.start for rest in rests)),
+            }
+        except KreiselError as error:
+            findings.append(f"synchronisation: {error}")
+    if recording.joints is not None:
+        facts["joints"] = {"rows": int(recording.joints.stamps_ns.size), "joints": int(recording.joints.angles.shape[1])}
+    facts["findings"] = findings
+    return facts

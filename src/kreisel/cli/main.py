@@ -1,0 +1,68 @@
+"""The `kreisel` command."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+# The filter's matrices are small: threads inside BLAS cost more than they bring.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from kreisel.cli import calibrate, convert, demo, info
+from kreisel.errors import KreiselError
+
+app = typer.Typer(
+    name="kreisel",
+    help="Calibrate inertial measurement units while a robot, or motion capture, watches them move.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("calibrate")(calibrate.calibrate)
+app.command("info")(info.info)
+app.command("convert")(convert.convert)
+app.command("demo")(demo.demo)
+
+
+@app.callback(invoke_without_command=True)
+def version(
+    show: bool = typer.Option(False, "--version", help="Print the version and end."),
+) -> None:
+    """Calibrate inertial measurement units while a robot, or motion capture, watches them move."""
+    if show:
+        from kreisel import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+def run() -> None:
+    """Run the command line; turn our errors into one line on standard error and exit status 1."""
+    try:
+        app()
+    except KreiselError as error:
+        fail(str(error))
+    except BrokenPipeError:
+        sys.exit(1)
+    except MemoryError:
+        fail("out of memory; use a shorter recording or a larger --update-interval")
+    except OSError as error:
+        fail(f"{error.filename or 'file system'}: {error.strerror or error}")
+    except Exception as error:
+        if os.environ.get("KREISEL_DEBUG"):
+            raise
+        fail(f"unexpected {type(error).__name__}: {error}; set KREISEL_DEBUG=1 to see where, and please report it")
+
+
+def fail(message: str) -> None:
+    """Print one line on standard error and end with status 1."""
+    typer.echo("kreisel: " + " ".join(message.split()), err=True)
+    sys.exit(1)
+
+
+if __name__ == "__main__":
+    run()

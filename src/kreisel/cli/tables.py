@@ -1,0 +1,122 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from kreisel.units import DEG_PER_HOUR, MG
+
+if TYPE_CHECKING:
+    from kreisel.calibration.calibrate import Outcome
+    from kreisel.calibration.validation import Injection
+    from kreisel.simulation import Truth
+
+_ROWS = (
+    ("gyro scale error", "gyro_scale_ppm", "ppm", ("x", "y", "z")),
+    ("gyro non-orthogonality", "gyro_non_orthogonality_mrad", "mrad", ("xy", "xz", "yz")),
+    ("gyro offset", "offset_deg_h", "deg/h", ("x", "y", "z")),
+    ("accelerometer scale error", "accel_scale_ppm", "ppm", ("x", "y", "z")),
+    ("accelerometer non-orthogonality", "non_orthogonality_mrad", "mrad", ("xy", "xz", "yz")),
+    ("accelerometer offset", "offset_mg", "mg", ("x", "y", "z")),
+    ("mounting", "mounting_rotation_deg", "deg", ("x", "y", "z")),
+    ("gyros to accelerometers", "gyro_to_accel_rotation_mrad", "mrad", ("x", "y", "z")),
+)
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
+
+
+def _pair(value: float, deviation: float) -> str:
+    """Return a value with its standard deviation, rounded to two digits of the latter."""
+    from math import floor, log10
+
+    digits = 2 if deviation <= 0.0 else max(0, min(6, 1 - floor(log10(deviation))))
+    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
+
+
+def print_result(outcome: Outcome) -> None:
+    """Print what was found, with uncertainties, and the verdict."""
+    document = outcome.calibration.document
+    console = _console()
+    for finding in outcome.findings:
+        console.print(f"· {finding}", markup=False)
+    table = Table(title=f"{outcome.recording.name}: {document['recording']['reference']}", title_justify="left")
+    for name in ("quantity", "unit", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name in ("quantity", "unit") else "right")
+    derived, deviations = document["derived"], document["standard_deviation"]["derived"]
+    for title, key, unit, _ in _ROWS:
+        table.add_row(title, unit, *(_pair(v, s) for v, s in zip(derived[key], deviations[key], strict=True)))
+    for j, axis in enumerate("xyz"):
+        arms = document["accelerometer"]["lever_arms"][j]
+        sd = document["standard_deviation"]["accelerometer"]["lever_arms"][j]
+        table.add_row(f"lever arm of accelerometer {axis}", "mm", *(_pair(1e3 * a, 1e3 * s) for a, s in zip(arms, sd, strict=True)))
+    timing, timing_sd = document["timing"], document["standard_deviation"]["timing"]
+    table.add_row("time offset", "ms", _pair(1e3 * timing["offset"], 1e3 * timing_sd["offset"]), "", "")
+    if timing_sd["skew"]:
+        table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 1e6 * timing_sd["skew"]), "", "")
+    console.print(table)
+    _print_verdict(console, document)
+
+
+def _print_verdict(console: Console, document: dict[str, Any]) -> None:
+    facts, verdict = document["consistency"], document["verdict"]
+    still = facts["nis_standstill"]
+    console.print(
+        f"normalised innovation squared (expected 1): path {facts['nis_path']:.2f}"
+        + ("" if still is None else f", standstill {still:.2f}")
+        + f"; set aside {facts['rejected_updates']} of {facts['updates']} updates",
+        markup=False,
+    )
+    if verdict["unobservable"]:
+        names = verdict["unobservable"]
+        console.print(f"not shown by this motion, or too weakly: {', '.join(names)}", markup=False)
+    if verdict["accepted"]:
+        console.print("verdict: accepted", markup=False)
+    else:
+        console.print(f"verdict: rejected: {'; '.join(verdict['reasons'])}", markup=False)
+
+
+def print_truth(outcome: Outcome, truth: Truth) -> None:
+    """Print error, standard deviation and their ratio, rms over each group of parameters."""
+    import numpy as np
+
+    document = outcome.calibration.document
+    found, true = outcome.calibration.sensors, truth.sensors
+    sd = document["standard_deviation"]
+    rows = (
+        ("gyro cross-coupling", "ppm", 1e6, found.K_omega - true.K_omega, sd["gyroscope"]["cross_coupling"]),
+        ("gyro offset", "deg/h", 1.0 / DEG_PER_HOUR, found.k_w[0] - true.k_w[0], sd["gyroscope"]["offset"]),
+        ("accelerometer cross-coupling", "ppm", 1e6, found.K_a - true.K_a, sd["accelerometer"]["cross_coupling"]),
+        ("accelerometer offset", "mg", 1.0 / MG, found.k_a[0] - true.k_a[0], sd["accelerometer"]["offset"]),
+        ("lever arms", "mm", 1e3, found.lever_arms - true.lever_arms, sd["accelerometer"]["lever_arms"]),
+        ("time offset", "ms", 1e3, np.array([document["timing"]["offset"] - truth.time_offset]), [sd["timing"]["offset"]]),
+    )
+    table = Table(title="against the truth, rms", title_justify="left")
+    for name in ("group", "unit", "error", "standard deviation", "error / sd"):
+        table.add_column(name, justify="left" if name in ("group", "unit") else "right")
+    for name, unit, factor, error, deviation in rows:
+        spread = np.array(deviation)
+        table.add_row(
+            name,
+            unit,
+            f"{factor * np.sqrt(np.mean(error**2)):.4g}",
+            f"{factor * np.sqrt(np.mean(spread**2)):.4g}",
+            f"{np.sqrt(np.mean((error / spread) ** 2)):.2f}",
+        )
+    _console().print(table)
+
+
+def print_injection(injection: Injection) -> None:
+    """Print injected errors against what was found."""
+    table = Table(title="injected errors", title_justify="left")
+    for name in ("parameter", "injected", "found", "difference / sd"):
+        table.add_column(name, justify="left" if name == "parameter" else "right")
+    for name, a, b, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
+        if abs(a) > 1e-12:
+            table.add_row(name, f"{a:.6g}", f"{b:.6g}", f"{(b - a) / sd:.2f}")
+    _console().print(table)
