@@ -38,7 +38,7 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever lives at that name
+def __getattr__(name: str) -> Any:
     """Import public names when they are asked for: `kreisel --help` needs none of them."""
     if name not in _HOMES:
         raise AttributeError(f"module 'kreisel' has no attribute '{name}'")

@@ -55,9 +55,7 @@ def calibrate(recording: Recording, settings: CalibrationSettings | None = None)
     return run_calibration(recording, settings or CalibrationSettings()).calibration
 
 
-def run_calibration(
-    recording: Recording, settings: CalibrationSettings, progress: Progress | None = None
-) -> Outcome:
+def run_calibration(recording: Recording, settings: CalibrationSettings, progress: Progress | None = None) -> Outcome:
     """Return the calibration of a recording with everything that led to it.
 
     Parameters
@@ -107,7 +105,7 @@ def _document(
     findings: tuple[Finding, ...],
     seconds: float,
 ) -> dict[str, Any]:
-    problem, parameters = found.problem, found.run.parameters
+    problem = found.problem
     settings, noise = problem.settings, problem.noise
     gyro_density, accel_density = imu_density(problem)
     values, deviations = _derived(found)

@@ -56,17 +56,22 @@ class CellModel:
         which = np.zeros(points.shape[1], dtype=np.int64)
         which[distinct] = np.arange(distinct.size)
         self._columns = SensorColumns.stack(
-            *sensor_columns(self.values(points[:, distinct]), p.settings.polynomial_order), p.settings.size_effect
+            p.settings.size_effect, *sensor_columns(self.values(points[:, distinct]), p.settings.polynomial_order)
         )
         step = strapdown.preintegrate(
             p.signal, self._update.first, self._update.last, self._columns, p.settings.size_effect
         )
         self._increment = Increment(
             step.duration,
-            *(np.take(a, which, axis=-1) for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)),
+            *(
+                np.take(a, which, axis=-1)
+                for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)
+            ),
         )
         out = points.copy()
-        q, v, r = (np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position"))
+        q, v, r = (
+            np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position")
+        )
         self._q_first = q.copy()
         gravity, earth_rate = self._environment(points)
         composition.compose(
@@ -90,7 +95,7 @@ class CellModel:
             rotation.rotate(q_rn, earth_rate, earth_rate)
         return gravity, earth_rate
 
-    def process_noise(self, centre: Array) -> Array:
+    def process_noise(self, centre: Array) -> Array:  # noqa: ARG002 - the increment already stands for it
         """Return the factor of sensor noise in velocity, position and attitude, and of offsets that walk."""
         p, u = self.problem, self._update
         Q = strapdown.noise_covariance(p.signal, u.first, u.last, self._columns, p.settings.size_effect)
@@ -149,16 +154,16 @@ class CellModel:
         values = self.values(points)
         t = values["time_offset"][0] + (1.0 + values["time_skew"][0]) * self._update.tau
         dt = np.full(m, t - signal.stamps[last])
-        q, v, p = (np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position"))
+        q, v, p = (
+            np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position")
+        )
         gravity, earth_rate = self._environment(points)
         q_out, p_out = np.empty((4, m)), np.empty((3, m))
-        composition.pose_at(
-            dt,
-            signal.stamps[last] - signal.stamps[last - 1],
-            signal.stamps[last + 1] - signal.stamps[last],
-            *(np.take(a, which, axis=-1) for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)),
-            gravity, earth_rate, q, v, p, q_out, p_out,
-        )  # fmt: skip
+        q_first, omega, alpha, u_end = (
+            np.take(a, which, axis=-1) for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)
+        )
+        before, after = np.diff(signal.stamps[last - 1 : last + 2])
+        composition.pose_at(dt, before, after, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out)
         if self._update.rest is not None and "rest_position" in self.layout:
             p_out += points[self.layout.stored("rest_position")]
             turned = points[self.layout.stored("rest_orientation")]

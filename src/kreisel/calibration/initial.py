@@ -111,7 +111,7 @@ def fit_forces(
     windows = _Windows.over(signal, fit.clock, tau)
     target = windows.second_difference(p)
     a = signal.force_powers[:, 1]
-    columns = [windows.integrate((C[:, :, j] * a[:, k, None])) for j in range(3) for k in range(3)]
+    columns = [windows.integrate(C[:, :, j] * a[:, k, None]) for j in range(3) for k in range(3)]
     columns += [windows.integrate(C[:, :, j]) for j in range(3)]
     columns += [-windows.integrate(_field_column(C, omega, alpha, j)) for j in range(3)]
     columns += [np.tile(np.eye(3)[j], (target.shape[0], 1)) for j in range(3)]
@@ -127,7 +127,7 @@ def fit_forces(
     K = solution[:9].reshape(3, 3)
     return ForceFit(
         K_a=K,
-        k_a0=np.linalg.solve(K, solution[9:12]),
+        k_a0=np.asarray(np.linalg.solve(K, solution[9:12]), dtype=float),
         lever_arm=solution[12:15],
         gravity=solution[15:18],
         motion_slope=slope,

@@ -71,7 +71,11 @@ def unshown_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
 def observability(problem: Problem, run: FilterRun) -> Observability:
     """Return what the motion shows of each parameter."""
     deviation = run.belief.standard_deviation
-    names, prior, posterior, unobservable, unshown = [], [], [], [], []
+    names: list[str] = []
+    prior: list[float] = []
+    posterior: list[float] = []
+    unobservable: list[str] = []
+    unshown: list[str] = []
     order = problem.settings.polynomial_order
     for group in GROUPS:
         own = parameter_names(group, order)
@@ -82,7 +86,9 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             continue
         d = problem.layout[group]
         size = d.stop - d.start
-        width = np.resize(problem.prior_width[group], size) if group != "alignment" else problem.prior_width[group][:size]
+        width = (
+            np.resize(problem.prior_width[group], size) if group != "alignment" else problem.prior_width[group][:size]
+        )
         for name, before, after in zip(own, width, deviation[d], strict=False):
             names.append(name)
             prior.append(float(before))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from kreisel.calibration.setup import Preparation
 from kreisel.errors import ExcitationError, RecordingError
+
 
 def check_first_values(preparation: Preparation) -> None:
     """Raise an error if the first values betray wrong units, a mirrored triad or too poor a motion.
@@ -35,8 +34,8 @@ def check_first_values(preparation: Preparation) -> None:
                 f"{100 * singular[-1]:.0f} % of the gyros' sensitivity. Turn about all three axes"
             )
         raise RecordingError(
-            f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to {1 / singular[-1]:.3g}, "
-            "expected near 1: check the unit of the gyros and the stamps of the reference",
+            f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
+            f"{1 / singular[-1]:.3g}, expected near 1: check the unit of the gyros and the stamps of the reference",
             file=imu.source,
             line=1,
         )
@@ -49,10 +48,8 @@ def check_first_values(preparation: Preparation) -> None:
         )
     if force.motion_slope < -0.2:
         raise RecordingError(
-            f"the accelerometers move against the reference (slope {force.motion_slope:.2f}, expected 1): they give gravity "
-            "instead of specific force. Change the sign of all three; at rest upward must read +9.8",
+            f"the accelerometers move against the reference (slope {force.motion_slope:.2f}, expected 1): they give "
+            "gravity instead of specific force. Change the sign of all three; at rest upward must read +9.8",
             file=imu.source,
             line=1,
         )
-
-

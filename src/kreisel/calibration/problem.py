@@ -11,7 +11,7 @@ from kreisel.calibration.reference_noise import ReferenceNoise
 from kreisel.calibration.rests import Rest
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.estimation.state import Part, StateLayout
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import ReferencePoses
 
@@ -199,7 +199,7 @@ def schedule(
     return tuple(updates)
 
 
-def _spread(t_pose: Array, inside: Array, interval: float) -> Array:
+def _spread(t_pose: Array, inside: Indices, interval: float) -> Indices:
     """Return the poses nearest to a grid of the given interval, each once."""
     times = t_pose[inside]
     grid = np.arange(times[0], times[-1] + 0.5 * interval, interval)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Indices
 from kreisel.recording import RecordingSettings, ReferencePoses
 
 
@@ -76,7 +76,7 @@ def stamp_resolution(reference: ReferencePoses) -> float:
     return unit * 1e-9
 
 
-def with_measured_jitter(noise: ReferenceNoise, reference: ReferencePoses, rests: list[Array]) -> ReferenceNoise:
+def with_measured_jitter(noise: ReferenceNoise, reference: ReferencePoses, rests: list[Indices]) -> ReferenceNoise:
     """Return the noise with the scatter of poses within rests, where it exceeds what is assumed.
 
     Parameters

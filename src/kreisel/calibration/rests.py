@@ -133,7 +133,9 @@ def _reference_moving(
     span = tau[stride:] - tau[:-stride]
     moving = np.zeros(span.size, dtype=bool)
     if reference.positions is not None:
-        moving |= np.linalg.norm(reference.positions[stride:] - reference.positions[:-stride], axis=1) / span > limits[0]
+        moving |= (
+            np.linalg.norm(reference.positions[stride:] - reference.positions[:-stride], axis=1) / span > limits[0]
+        )
     if reference.quaternions is not None:
         turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
         moving |= np.linalg.norm(turned, axis=1) / span > limits[1]

@@ -108,7 +108,12 @@ class Calibration:
         )
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
         np.savetxt(
-            folder / "estimates.csv", self.estimates, delimiter=",", header=",".join(f'"{h}"' for h in header), comments="", fmt="%.9g"
+            folder / "estimates.csv",
+            self.estimates,
+            delimiter=",",
+            header=",".join(f'"{h}"' for h in header),
+            comments="",
+            fmt="%.9g",
         )
 
     @classmethod
@@ -125,7 +130,9 @@ class Calibration:
         try:
             document = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
         except OSError as error:
-            raise RecordingError("no calibration.yaml there; give a result folder of `kreisel calibrate`", file=file) from error
+            raise RecordingError(
+                "no calibration.yaml there; give a result folder of `kreisel calibrate`", file=file
+            ) from error
         except (YAMLError, UnicodeDecodeError) as error:
             raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
@@ -151,7 +158,9 @@ def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
     def coefficients(table: Mapping[str, Any]) -> Array:
         polynomial = table.get("polynomial", {})
         order = max([1, *(int(power) for power in polynomial)])
-        rows = [table["offset"]] + [polynomial.get(i, polynomial.get(str(i), [0.0, 0.0, 0.0])) for i in range(2, order + 1)]
+        rows = [table["offset"]] + [
+            polynomial.get(i, polynomial.get(str(i), [0.0, 0.0, 0.0])) for i in range(2, order + 1)
+        ]
         return np.array(rows, dtype=float)
 
     gyro, accel = document["gyroscope"], document["accelerometer"]

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from kreisel.calibration.filter_run import FilterRun, History, run_filter
-from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.filter_run import GATE, FilterRun, History, run_filter
 from kreisel.calibration.observability import unshown_groups
+from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold
 from kreisel.estimation.consistency import correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
@@ -19,14 +20,17 @@ from kreisel.recording import Finding
 FIRST_GATE = 100.0
 """How much wider the gate stands in the first pass, when the parameters are still far off."""
 
-MOST_NOISE_PASSES = 6
-"""Further passes spent on finding noise figures where none are given or the given ones are contradicted."""
+MOST_NOISE_PASSES = 8
+"""Passes spent at the most on finding noise figures where none are given or the given ones are contradicted."""
 
 CONTRADICTION = 2.0
 """Factor on a given standard deviation from which the data are taken to contradict it."""
 
 COLOURED = 0.3
 """Correlation of neighbouring innovations from which they no longer pass for white."""
+
+MOST_PASSES = 4
+CURVATURE = 0.2
 
 _AGREEMENT = 1.2
 
@@ -79,9 +83,7 @@ class NoiseFactors:
         )
 
 
-def estimate(
-    problem: Problem, *, reference_given: bool, imu_given: bool, progress: Progress | None = None
-) -> Estimate:
+def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progress: Progress | None = None) -> Estimate:
     """Return the estimate after all passes.
 
     Parameters
@@ -98,7 +100,9 @@ def estimate(
         changed |= again
         factor = correlation_factor(run.history)
         findings.append(
-            Finding("motion", f"does not show {', '.join(unshown)}: held at nominal values (--fix does the same at once)")
+            Finding(
+                "motion", f"does not show {', '.join(unshown)}: held at nominal values (--fix does the same at once)"
+            )
         )
     if changed:
         findings.append(_noise_finding(problem, given=reference_given and imu_given))
@@ -124,13 +128,38 @@ def _passes(
     while True:
         factors = noise_factors(run.history).contradicted(reference=reference_given, imu=imu_given)
         factors = _within_bounds(problem, factors)
-        settled = factors.agree() or done - first >= problem.settings.passes + MOST_NOISE_PASSES
-        if settled and done - first >= problem.settings.passes:
+        settled = factors.agree() or done - first >= MOST_NOISE_PASSES
+        if settled and not _another_pass(problem, run, done - first):
             return problem, run, done, changed
         if not factors.agree():
             problem, changed = _with_factors(problem, factors), True
         done += 1
         run = run_filter(problem, run.parameters, progress=_named(progress, f"pass {done}"))
+
+
+def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
+    """Return whether another pass is asked for, or pays.
+
+    It pays where the estimates moved so far from where the pass began that what the sigma points leave of
+    the model's curvature, about the square of the way, is not small against the standard deviation; and
+    where the first pass, whose gate stands wide, let in what the usual gate would not.
+    """
+    if problem.settings.passes is not None:
+        return done < problem.settings.passes
+    if done >= MOST_PASSES:
+        return False
+    let_in = run.history.used & (run.history.nis > chi2.ppf(GATE, run.history.degrees))
+    if done == 1 and let_in.any():
+        return True
+    layout = problem.layout
+    angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}  # without heading
+    parts = [slice(layout[g].start, layout[g].start + n) for g, n in angles.items() if g in layout]
+    if not parts:
+        return False
+    moved = layout.minus(run.belief.mean[:, None], first_mean(problem, run))[:, 0]
+    way = max(float(np.max(np.abs(moved[part]))) for part in parts)
+    deviation = min(float(np.median(run.belief.standard_deviation[part])) for part in parts)
+    return way**2 > CURVATURE * deviation
 
 
 def correlation_factor(history: History) -> float:
@@ -265,7 +294,7 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
     for group in problem.groups:
         d, s = layout[group], layout.stored(group)
         if group == "alignment":
-            continue
+            continue  # its prior is weak, and its centre a rotation
         information = problem.prior_deviation[group] ** -2.0
         change[d] = information * (problem.prior.stored(group) - start[s])
     moved = run.belief.covariance @ change
@@ -278,6 +307,7 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
 def first_mean(problem: Problem, run: FilterRun) -> Array:
     """Return the stored state a run started from."""
     mean = np.zeros(problem.layout.size)
+    mean[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
     for group in problem.groups:
         mean[problem.layout.stored(group)] = run.start.stored(group)
     return mean

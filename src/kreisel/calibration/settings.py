@@ -34,7 +34,7 @@ class CalibrationSettings:
     size_effect
         Form of the eccentricity term in equation (2).
     passes
-        Passes over the data, each starting from the estimates of the one before.
+        Passes over the data, each starting from the estimates of the one before; as many as pay if None.
     """
 
     estimator: str = "spkf"
@@ -44,7 +44,7 @@ class CalibrationSettings:
     fixed: tuple[str, ...] = ()
     skew: bool | None = None
     size_effect: SizeEffect = SizeEffect.COMPLETED
-    passes: int = 2
+    passes: int | None = None
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
@@ -58,7 +58,7 @@ class CalibrationSettings:
             raise SettingsError(f"polynomial order {self.polynomial_order}; expected 1 to 5")
         if self.update_interval is not None and not 0.005 <= self.update_interval <= 10.0:
             raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
-        if not 1 <= self.passes <= 10:
+        if self.passes is not None and not 1 <= self.passes <= 10:
             raise SettingsError(f"{self.passes} passes; expected 1 to 10")
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, 
 from kreisel.calibration.rests import OutsideRest, Rest, find_rests, rest_outside
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.rotation import Array, Indices, nearest_rotation
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES, high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
@@ -122,7 +123,7 @@ def prepare_signal(recording: Recording, noise: ImuNoise, order: int) -> Inertia
     t = imu.seconds
     cuts = gaps(imu.stamps_ns, LONG_GAP)
     edges = [0, *(int(k) + 1 for k in cuts), t.size]
-    segments = tuple((a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 20)
+    segments = tuple((a, b - 1) for a, b in pairwise(edges) if b - a >= 20)
     if not segments:
         raise RecordingError("no unbroken stretch of 20 samples or more", file=imu.source)
     dt = np.diff(t)
@@ -153,7 +154,7 @@ def _bridge_variance(values: Array, dt: Array) -> Array:
     return extra
 
 
-def pose_indices(rests: tuple[Rest, ...], t_pose: Array) -> list[Array]:
+def pose_indices(rests: tuple[Rest, ...], t_pose: Array) -> list[Indices]:
     """Return the indices of the poses in each rest."""
     return [np.flatnonzero((t_pose >= rest.start) & (t_pose <= rest.stop)) for rest in rests]
 
@@ -193,7 +194,11 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         )
     if noise.stamp > 0.0:
         findings.append(
-            Finding("stamps", f"the reference's stamps are rounded to {noise.stamp * 12**0.5 * 1e3:.0f} ms; taken as noise along the motion")
+            Finding(
+                "stamps",
+                f"the reference's stamps are rounded to {noise.stamp * 12**0.5 * 1e3:.0f} ms; "
+                "taken as noise along the motion",
+            )
         )
     return Preparation(
         recording, reference, site, imu_noise, noise, signal, correlation, fit, force, rests, outside, tuple(findings)
@@ -264,7 +269,10 @@ def _nominal(preparation: Preparation, order: int) -> CellParameters:
     """
     R = nearest_rotation(preparation.rate_fit.K_omega)
     along = np.round(R)
-    if abs(np.linalg.det(along)) == 1.0 and np.arccos(np.clip((np.trace(R.T @ along) - 1.0) / 2.0, -1.0, 1.0)) < 3.0 * DEG:
+    if (
+        abs(np.linalg.det(along)) == 1.0
+        and np.arccos(np.clip((np.trace(R.T @ along) - 1.0) / 2.0, -1.0, 1.0)) < 3.0 * DEG
+    ):
         R = along
     ideal = SensorParameters.ideal(order)
     return CellParameters(

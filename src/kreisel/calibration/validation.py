@@ -79,7 +79,9 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     count = len(problem.updates)
     cut = int(TRAINING * count)
     trained = _run(problem, slice(0, cut), problem.start, progress, "train")
-    nominal = replace(problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn)
+    nominal = replace(
+        problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn
+    )
     unseen = _navigation_only(_part(problem, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.signal.stamps[problem.updates[cut].last]),

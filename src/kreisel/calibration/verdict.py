@@ -60,7 +60,8 @@ def judge(estimate: Estimate, seen: Observability, facts: Consistency) -> Verdic
     for name, nis in (("on the path", facts.nis_path), ("at rest", facts.nis_standstill)):
         if nis > LARGEST_NIS:
             reasons.append(
-                f"innovations {name} are {np.sqrt(nis):.1f} times larger than believed: model or noise figures do not fit"
+                f"innovations {name} are {np.sqrt(nis):.1f} times larger than believed: "
+                "model or noise figures do not fit"
             )
     if facts.rejected > MOST_REJECTED * facts.updates:
         reasons.append(
@@ -77,5 +78,7 @@ def judge(estimate: Estimate, seen: Observability, facts: Consistency) -> Verdic
     for name, K in (("gyroscope", sensors.K_omega), ("accelerometer", sensors.K_a)):
         scale = np.linalg.norm(np.linalg.inv(K), axis=1)
         if scale.max() > 1.5 or scale.min() < 0.67:
-            reasons.append(f"{name} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range")
+            reasons.append(
+                f"{name} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range"
+            )
     return Verdict(not reasons, tuple(reasons))

@@ -24,8 +24,10 @@ def calibrate(
     fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
     skew: bool | None = typer.Option(None, help="Estimate the clocks' ratio; by itself where it shows."),
     size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
-    passes: int = typer.Option(2, help="Passes over the data."),
-    inject: bool = typer.Option(False, "--inject", help="Add known errors to the data and look whether they are found."),
+    passes: int | None = typer.Option(None, help="Passes over the data; as many as pay by default."),
+    inject: bool = typer.Option(
+        False, "--inject", help="Add known errors to the data and look whether they are found."
+    ),
     validate: bool = typer.Option(True, help="Cross-validation and split halves for the report."),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:

@@ -35,7 +35,7 @@ def info(
         typer.echo(f"· {line}")
 
 
-def _text(value: Any) -> str:  # noqa: ANN401 - numbers, lists and words
+def _text(value: Any) -> str:
     if isinstance(value, list):
         return "  ".join(_text(v) for v in value)
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -73,7 +73,9 @@ def _facts(recording: Recording) -> dict[str, Any]:
             "name": reference.name,
             "poses": int(reference.stamps_ns.size),
             "holds": " and ".join(
-                name for name, part in (("positions", reference.positions), ("orientations", reference.quaternions)) if part is not None
+                name
+                for name, part in (("positions", reference.positions), ("orientations", reference.quaternions))
+                if part is not None
             ),
             "duration s": float(reference.seconds[-1]),
             "rate Hz": 1.0 / reference.interval,
@@ -96,6 +98,9 @@ def _facts(recording: Recording) -> dict[str, Any]:
         except KreiselError as error:
             findings.append(f"synchronisation: {error}")
     if recording.joints is not None:
-        facts["joints"] = {"rows": int(recording.joints.stamps_ns.size), "joints": int(recording.joints.angles.shape[1])}
+        facts["joints"] = {
+            "rows": int(recording.joints.stamps_ns.size),
+            "joints": int(recording.joints.angles.shape[1]),
+        }
     facts["findings"] = findings
     return facts

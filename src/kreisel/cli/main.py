@@ -11,8 +11,8 @@ import typer
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from kreisel.cli import calibrate, convert, demo, info
-from kreisel.errors import KreiselError
+from kreisel.cli import calibrate, convert, demo, info  # noqa: E402 - after the environment is set
+from kreisel.errors import KreiselError  # noqa: E402
 
 app = typer.Typer(
     name="kreisel",

@@ -54,7 +54,11 @@ def print_result(outcome: Outcome) -> None:
     for j, axis in enumerate("xyz"):
         arms = document["accelerometer"]["lever_arms"][j]
         sd = document["standard_deviation"]["accelerometer"]["lever_arms"][j]
-        table.add_row(f"lever arm of accelerometer {axis}", "mm", *(_pair(1e3 * a, 1e3 * s) for a, s in zip(arms, sd, strict=True)))
+        table.add_row(
+            f"lever arm of accelerometer {axis}",
+            "mm",
+            *(_pair(1e3 * a, 1e3 * s) for a, s in zip(arms, sd, strict=True)),
+        )
     timing, timing_sd = document["timing"], document["standard_deviation"]["timing"]
     table.add_row("time offset", "ms", _pair(1e3 * timing["offset"], 1e3 * timing_sd["offset"]), "", "")
     if timing_sd["skew"]:
@@ -94,7 +98,13 @@ def print_truth(outcome: Outcome, truth: Truth) -> None:
         ("accelerometer cross-coupling", "ppm", 1e6, found.K_a - true.K_a, sd["accelerometer"]["cross_coupling"]),
         ("accelerometer offset", "mg", 1.0 / MG, found.k_a[0] - true.k_a[0], sd["accelerometer"]["offset"]),
         ("lever arms", "mm", 1e3, found.lever_arms - true.lever_arms, sd["accelerometer"]["lever_arms"]),
-        ("time offset", "ms", 1e3, np.array([document["timing"]["offset"] - truth.time_offset]), [sd["timing"]["offset"]]),
+        (
+            "time offset",
+            "ms",
+            1e3,
+            np.array([document["timing"]["offset"] - truth.time_offset]),
+            [sd["timing"]["offset"]],
+        ),
     )
     table = Table(title="against the truth, rms", title_justify="left")
     for name in ("group", "unit", "error", "standard deviation", "error / sd"):

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _SMALL = 1e-4
 """Below this angle (rad) series replace quotients; their first term left out is below 1e-17."""
@@ -80,13 +82,13 @@ def from_matrix(C: ArrayLike) -> Array:
 
 def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
     """Return the quaternion (4,) of the shortest turn that brings the direction of a onto that of b."""
-    a = np.asarray(a, dtype=float) / np.linalg.norm(a)
-    b = np.asarray(b, dtype=float) / np.linalg.norm(b)
-    scalar = 1.0 + a @ b
+    u, v = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+    scalar = 1.0 + float(u @ v)
     if scalar < 1e-12:
-        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        axis = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
         return np.concatenate([[0.0], axis / np.linalg.norm(axis)])
-    q = np.concatenate([[scalar], np.cross(a, b)])
+    q = np.concatenate([[scalar], np.cross(u, v)])
     return np.asarray(q / np.linalg.norm(q))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 
@@ -19,7 +19,7 @@ FORMULA = {
 """How raw readings (primed) become true values; written into every result file."""
 
 
-class SizeEffect(str, Enum):
+class SizeEffect(StrEnum):
     """Which form of the eccentricity term e of equation (2) is used."""
 
     COMPLETED = "completed"

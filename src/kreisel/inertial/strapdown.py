@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class SensorColumns:
 
     @classmethod
     def stack(
-        cls, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array, form: SizeEffect
+        cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
     ) -> SensorColumns:
         """Return columns with the sensitive axes worked out (rows of the inverse of K_a)."""
         if form.inside:
@@ -82,7 +83,7 @@ class SensorColumns:
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
         """Return one column."""
         parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
-        return cls.stack(*(part[..., None] for part in parts), form)
+        return cls.stack(form, *(part[..., None] for part in parts))
 
     def first(self) -> SensorColumns:
         """Return the first column alone."""
@@ -179,9 +180,7 @@ def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
     return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + 3)
 
 
-def preintegrate(
-    signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect
-) -> Increment:
+def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect) -> Increment:
     """Return the motion from sample `first` to sample `last` for every column of parameters."""
     m = columns.K_omega.shape[-1]
     low, high = reach(signal, first, last)
@@ -205,9 +204,7 @@ def preintegrate(
     return out
 
 
-def noise_covariance(
-    signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect
-) -> Array:
+def noise_covariance(signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect) -> Array:
     """Return the covariance (9, 9) of attitude, velocity and position left by sensor noise.
 
     Uses the first column. Seen from the body's inertial attitude at `first`; attitude errors as left
@@ -253,7 +250,7 @@ def navigate(
     last_sample = signal.stamps.size - 1
     knots = [*range(0, last_sample, stride), last_sample]
     history = [[part[:, 0].copy() for part in state]]
-    for first, last in zip(knots[:-1], knots[1:], strict=True):
+    for first, last in pairwise(knots):
         step = preintegrate(signal, first, last, columns, form)
         composition.compose(step.duration, step.dq, step.dv, step.dp, g, w, *state)
         history.append([part[:, 0].copy() for part in state])
@@ -273,6 +270,7 @@ def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
     level = np.array([1.0, 0.0, 0.0, 0.0])
     one = level[:, None].copy()
     columns = SensorColumns.single(ideal, SizeEffect.COMPLETED)
+    vector = np.zeros((3, 1))
     signal: list[InertialSignal] = []
     steps: list[Callable[[], object]] = [
         lambda: signal.append(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))),
@@ -282,8 +280,8 @@ def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
         lambda: rotation.minus(one, one, np.zeros((3, 1))),
         lambda: attitude.accumulate(np.zeros((2, 3)), np.tile(level, (3, 1))),
         lambda: composition.pose_at(
-            np.zeros(1), 1.0, 1.0, one, *(np.zeros((3, 1)) for _ in range(2)), np.zeros((3, 3, 1)),
-            *(np.zeros((3, 1)) for _ in range(2)), one, *(np.zeros((3, 1)) for _ in range(2)), one.copy(), np.zeros((3, 1)),
+            np.zeros(1), 1.0, 1.0, one, vector, vector, np.zeros((3, 3, 1)), vector, vector, one, vector, vector,
+            one.copy(), vector.copy(),
         ),
     ]  # fmt: skip
     for i, step in enumerate(steps):

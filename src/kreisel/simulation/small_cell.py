@@ -13,7 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix, multiply, nearest_rotation
+from kreisel.geometry.rotation import (
+    Array,
+    Indices,
+    Mask,
+    apply,
+    conjugate,
+    exp,
+    from_matrix,
+    multiply,
+    nearest_rotation,
+)
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
@@ -21,7 +31,7 @@ from kreisel.recording import ImuSamples, Recording, RecordingSettings, Referenc
 from kreisel.recording.settings import ImuTable, ReferenceTable, SiteTable
 
 _LATITUDE = math.radians(49.2571)  # Saarbrücken, where the paper was written
-_IMU_RATE, _POSE_INTERVAL = 200.0, 0.012
+_POSE_INTERVAL = 0.012
 _MOVE, _REST, _FIRST_REST = 2.5, 1.5, 3.0
 _START_NS = 1_000_000_000_000
 _CLOCK_OFFSET = 0.0271
@@ -66,7 +76,7 @@ class _Motion:
             dds[:, None] * turn,
         )
 
-    def rest(self, t: Array) -> tuple[Array, Array]:
+    def rest(self, t: Array) -> tuple[Mask, Indices]:
         """Return whether t lies in a rest, and which."""
         period = _MOVE + _REST
         phase = (t - _FIRST_REST) % period
@@ -104,7 +114,7 @@ def _sensors(rng: np.random.Generator) -> SensorParameters:
     )
 
 
-def simulate(rng: np.random.Generator, seconds: float, path: Path) -> tuple[Truth, Recording]:
+def simulate(rng: np.random.Generator, seconds: float, path: Path, imu_rate: float = 200.0) -> tuple[Truth, Recording]:
     """Return a recording of a small cell, and the truth behind it; nothing is written.
 
     Parameters
@@ -113,6 +123,8 @@ def simulate(rng: np.random.Generator, seconds: float, path: Path) -> tuple[Trut
         Length of the recording.
     path
         The recording's name.
+    imu_rate
+        Samples a second.
     """
     count = max(1, math.ceil((seconds - _FIRST_REST) / (_MOVE + _REST)))
     motion, sensors = _moves(rng, count), _sensors(rng)
@@ -120,7 +132,7 @@ def simulate(rng: np.random.Generator, seconds: float, path: Path) -> tuple[Trut
     tilt = nearest_rotation(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]))
     q_rn = multiply(from_matrix(tilt), exp(rng.normal(0.0, 2e-3, size=3)))
     gravity, earth = apply(q_rn, np.array([0.0, 0.0, gravity_n])), apply(q_rn, earth_rate_n(_LATITUDE))
-    t = np.arange(round(seconds * _IMU_RATE) + 1) / _IMU_RATE
+    t = np.arange(round(seconds * imu_rate) + 1) / imu_rate
     imu = _readings(rng, motion, sensors, t, gravity, earth, path)
     poses = _poses(rng, motion, seconds, path)
     grade = GRADES["fog-mems"]
@@ -159,7 +171,7 @@ def _readings(
     omega = rate + earth_b
     alpha_ib = alpha - np.cross(rate, earth_b)
     force = apply(back, a - gravity + 2.0 * np.cross(earth, v))
-    grade, root = GRADES["fog-mems"], math.sqrt(_IMU_RATE)
+    grade, root = GRADES["fog-mems"], math.sqrt(1.0 / (t[1] - t[0]))
     raw_rate = omega @ np.linalg.inv(sensors.K_omega).T - sensors.k_w[0]
     raw_force = force @ np.linalg.inv(sensors.K_a).T + size_effect(omega, alpha_ib, sensors) - sensors.k_a[0]
     stamps = _START_NS + np.round(t * 1e9).astype(np.int64)
