@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels.compilation import kernel
+from kreisel._kernels.quadrature import POINTS
 from kreisel._kernels.rotation import rotate, turn
 
 
@@ -82,23 +83,40 @@ def specific_force(powers, omega, alpha, K_a, k_a, axes, lever_arms, products, i
 
 
 @kernel
-def rotation_step(step, omega, omega_next, dt, theta):
-    """Write the rotation vector over one sampling interval: integrated rate plus coning, (3, m).
+def rotation_step(step, omega, omega_next, alpha, alpha_next, dt, theta):
+    """Write the rotation vector over one sampling interval, (3, m), to the sixth order in dt.
 
-    For a rate linear in time the coning term is dt^2/12 omega_k x omega_k+1; the integrated rate `step`
-    holds the higher order, dt^2/12 (alpha_k - alpha_k+1) of the trapezoid included.
+    `step` is the integrated rate; what its axis' motion within the interval adds follows from rate and
+    angular acceleration at both ends. The leading term is the coning correction dt^2/12 omega_k x omega_k+1.
+    Magnus' series as given by Blanes, Casas and Ros (2000), equation (4.12) there with the sign of a
+    rotation composed on its right.
     """
-    c = dt * dt / 12.0
     for s in range(theta.shape[1]):
-        ax = omega[0, s]
-        ay = omega[1, s]
-        az = omega[2, s]
-        bx = omega_next[0, s]
-        by = omega_next[1, s]
-        bz = omega_next[2, s]
-        theta[0, s] = step[0, s] + c * (ay * bz - az * by)
-        theta[1, s] = step[1, s] + c * (az * bx - ax * bz)
-        theta[2, s] = step[2, s] + c * (ax * by - ay * bx)
+        # moments of the rate about the middle, to the orders the series needs
+        cx = 0.5 * dt * dt * (alpha_next[0, s] - alpha[0, s])
+        cy = 0.5 * dt * dt * (alpha_next[1, s] - alpha[1, s])
+        cz = 0.5 * dt * dt * (alpha_next[2, s] - alpha[2, s])
+        bx = dt * (1.2 * (omega_next[0, s] - omega[0, s]) - 0.1 * dt * (alpha[0, s] + alpha_next[0, s]))
+        by = dt * (1.2 * (omega_next[1, s] - omega[1, s]) - 0.1 * dt * (alpha[1, s] + alpha_next[1, s]))
+        bz = dt * (1.2 * (omega_next[2, s] - omega[2, s]) - 0.1 * dt * (alpha[2, s] + alpha_next[2, s]))
+        ax = step[0, s] - cx / 12.0
+        ay = step[1, s] - cy / 12.0
+        az = step[2, s] - cz / 12.0
+        abx = ay * bz - az * by
+        aby = az * bx - ax * bz
+        abz = ax * by - ay * bx
+        ux = 20.0 * ax + cx + abx
+        uy = 20.0 * ay + cy + aby
+        uz = 20.0 * az + cz + abz
+        ex = abx - 2.0 * cx
+        ey = aby - 2.0 * cy
+        ez = abz - 2.0 * cz
+        vx = bx - (ay * ez - az * ey) / 60.0
+        vy = by - (az * ex - ax * ez) / 60.0
+        vz = bz - (ax * ey - ay * ex) / 60.0
+        theta[0, s] = step[0, s] + (uy * vz - uz * vy) / 240.0
+        theta[1, s] = step[1, s] + (uz * vx - ux * vz) / 240.0
+        theta[2, s] = step[2, s] + (ux * vy - uy * vx) / 240.0
 
 
 @kernel
@@ -108,7 +126,7 @@ def outer_weights(first, last, stamps, base, single, double, low, weight_v, weig
     weight_p[:] = 0.0
     for k in range(first, last):
         rest = stamps[last] - stamps[k + 1]
-        for i in range(4):
+        for i in range(POINTS):
             j = base[k] + i - low
             weight_v[j] += single[k, i]
             weight_p[j] += double[k, i] + rest * single[k, i]
@@ -145,7 +163,7 @@ def preintegrate(
 ):
     """Write attitude, velocity and position increments from sample `first` to `last`.
 
-    Samples from `low` to `high` enter (one beyond either end where there is one). All increments are
+    Samples from `low` to `high` enter (two beyond either end where there are). All increments are
     seen from the body's inertial attitude at `first`.
 
     Parameters
@@ -170,6 +188,8 @@ def preintegrate(
     omega = np.empty((3, m))
     omega_next = np.empty((3, m))
     alpha = np.empty((3, m))
+    alpha_next = np.empty((3, m))
+    dq_last = np.empty((4, m))
     step = np.empty((3, m))
     theta = np.empty((3, m))
     u = np.empty((3, m))
@@ -179,17 +199,20 @@ def preintegrate(
     u_end[:] = 0.0
     dq[:] = 0.0
     dq[0] = 1.0
-    # Backwards over the samples before `first`, then forwards; the former are one or two.
+    # Backwards over the samples before `first`, then forwards; the former are two or three.
     affine(K_omega, rate_powers[first], k_w, omega_next)
+    affine(K_omega, rate_slopes[first], k_w, alpha_next)
     for k in range(first - 1, low - 1, -1):
         affine(K_omega, rate_powers[k], k_w, omega)
-        affine(K_omega, rate_integrals[k], k_w, step)
-        rotation_step(step, omega, omega_next, stamps[k + 1] - stamps[k], theta)
-        turn(dq, theta, -1.0)
-        omega_next[:] = omega
-    omega[:] = omega_next
-    for k in range(low, high + 1):
         affine(K_omega, rate_slopes[k], k_w, alpha)
+        affine(K_omega, rate_integrals[k], k_w, step)
+        rotation_step(step, omega, omega_next, alpha, alpha_next, stamps[k + 1] - stamps[k], theta)
+        turn(dq, theta, -1.0)
+        omega, omega_next = omega_next, omega
+        alpha, alpha_next = alpha_next, alpha
+    omega, omega_next = omega_next, omega
+    alpha, alpha_next = alpha_next, alpha
+    for k in range(low, high + 1):
         specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
         rotate(dq, u, u)
         wv = weight_v[k - low]
@@ -201,21 +224,18 @@ def preintegrate(
         if k == last:
             omega_end[:] = omega
             alpha_end[:] = alpha
+            dq_last[:] = dq
         if last - 1 <= k <= last + 1:
             u_end[k - last + 1] = u
         if k < high:
             affine(K_omega, rate_powers[k + 1], k_w, omega_next)
+            affine(K_omega, rate_slopes[k + 1], k_w, alpha_next)
             affine(K_omega, rate_integrals[k], k_w, step)
-            rotation_step(step, omega, omega_next, stamps[k + 1] - stamps[k], theta)
+            rotation_step(step, omega, omega_next, alpha, alpha_next, stamps[k + 1] - stamps[k], theta)
             turn(dq, theta, 1.0)
             omega, omega_next = omega_next, omega
-    # dq stands at `high`; bring it back to `last`.
-    for k in range(high - 1, last - 1, -1):
-        affine(K_omega, rate_powers[k], k_w, omega_next)
-        affine(K_omega, rate_integrals[k], k_w, step)
-        rotation_step(step, omega_next, omega, stamps[k + 1] - stamps[k], theta)
-        turn(dq, theta, -1.0)
-        omega, omega_next = omega_next, omega
+            alpha, alpha_next = alpha_next, alpha
+    dq[:] = dq_last
 
 
 @kernel
@@ -248,6 +268,7 @@ def noise_covariance(
     omega = np.empty((3, 1))
     omega_next = np.empty((3, 1))
     alpha = np.empty((3, 1))
+    alpha_next = np.empty((3, 1))
     step = np.empty((3, 1))
     theta = np.empty((3, 1))
     u = np.empty((3, 1))
@@ -258,9 +279,9 @@ def noise_covariance(
     G = np.empty((3, 3))
     Q[:] = 0.0
     affine(K_omega, rate_powers[first], k_w, omega)
+    affine(K_omega, rate_slopes[first], k_w, alpha)
     for k in range(first, last):
         dt = stamps[k + 1] - stamps[k]
-        affine(K_omega, rate_slopes[k], k_w, alpha)
         specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
         rotate(q, u, u)
         # d(C f) = -[C f x] d(theta): left perturbation
@@ -290,10 +311,12 @@ def noise_covariance(
                 G[i, j] = column[i, 0]
         add_noise(G, force_variance[k], 1.0, 0.5 * dt, 3, 6, Q)
         affine(K_omega, rate_powers[k + 1], k_w, omega_next)
+        affine(K_omega, rate_slopes[k + 1], k_w, alpha_next)
         affine(K_omega, rate_integrals[k], k_w, step)
-        rotation_step(step, omega, omega_next, dt, theta)
+        rotation_step(step, omega, omega_next, alpha, alpha_next, dt, theta)
         turn(q, theta, 1.0)
         omega, omega_next = omega_next, omega
+        alpha, alpha_next = alpha_next, alpha
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Integrals and derivatives of sampled signals at arbitrary stamps, by local cubic and quartic polynomials."""
+"""Integrals and derivatives of sampled signals at arbitrary stamps, by local quintic and quartic polynomials."""
 
 from __future__ import annotations
 
@@ -7,34 +7,44 @@ import numpy as np
 from kreisel._kernels.compilation import kernel
 
 
+POINTS = 6
+"""Samples each interpolating polynomial goes through."""
+
+
 @kernel
 def interval_weights(stamps, base, single, double):
     """Write for every sampling interval [t_k, t_k+1] the weights of its two integrals.
 
     ``sum_i single[k, i] * u[base[k] + i]`` is the integral of u over the interval and
-    ``sum_i double[k, i] * u[base[k] + i]`` that of (t_k+1 - t) u, for u the cubic through the four
-    samples from ``base[k]`` on. Exact for cubics; on even stamps the single weights are the well-known
-    dt/24 (-1, 13, 13, -1).
+    ``sum_i double[k, i] * u[base[k] + i]`` that of (t_k+1 - t) u, for u the quintic through the six
+    samples from ``base[k]`` on.
     """
-    x = np.empty(4)
+    x = np.empty(POINTS)
+    c = np.empty(POINTS)
     for k in range(stamps.size - 1):
         h = stamps[k + 1] - stamps[k]
-        for i in range(4):
+        for i in range(POINTS):
             x[i] = (stamps[base[k] + i] - stamps[k]) / h
-        for i in range(4):
-            s1 = 0.0
-            s2 = 0.0
-            s3 = 1.0
-            denominator = 1.0
-            for m in range(4):
+        for i in range(POINTS):
+            # coefficients of the polynomial that is 1 at x_i and 0 at the other nodes
+            c[:] = 0.0
+            c[0] = 1.0
+            degree = 0
+            for m in range(POINTS):
                 if m == i:
                     continue
-                denominator *= x[i] - x[m]
-                s3 *= x[m]
-                s2 += x[m] * s1
-                s1 += x[m]
-            single[k, i] = h / denominator * (1.0 / 4.0 - s1 / 3.0 + s2 / 2.0 - s3)
-            double[k, i] = h * h / denominator * (1.0 / 20.0 - s1 / 12.0 + s2 / 6.0 - s3 / 2.0)
+                scale = 1.0 / (x[i] - x[m])
+                degree += 1
+                for j in range(degree, -1, -1):
+                    below = c[j - 1] if j > 0 else 0.0
+                    c[j] = (below - x[m] * c[j]) * scale
+            once = 0.0
+            twice = 0.0
+            for j in range(POINTS):
+                once += c[j] / (j + 1)
+                twice += c[j] / ((j + 1) * (j + 2))
+            single[k, i] = h * once
+            double[k, i] = h * h * twice
 
 
 @kernel
@@ -43,7 +53,7 @@ def integrate_intervals(base, single, values, out):
     for k in range(base.size):
         for axis in range(3):
             total = 0.0
-            for i in range(4):
+            for i in range(POINTS):
                 total += single[k, i] * values[base[k] + i, axis]
             out[k, axis] = total
 

@@ -22,7 +22,7 @@ class InertialSignal:
     stamps : (n,)
         Seconds since the first sample.
     segments
-        First and last sample (inclusive) of every unbroken stretch, each of five samples or more.
+        First and last sample (inclusive) of every unbroken stretch, each of six samples or more.
     base, single, double
         Stencils of `_kernels.quadrature`.
     rate_powers, rate_slopes, force_powers : (n, N + 1, 3)
@@ -141,15 +141,15 @@ def prepare(
     inside = np.zeros(n, dtype=bool)
     for start, stop in segments:
         k = np.arange(start, stop)
-        base[k] = np.clip(k - 1, start, stop - 3)
+        base[k] = np.clip(k - 2, start, stop - 5)
         k = np.arange(start, stop + 1)
         first[k] = np.clip(k - 2, start, stop - 4)
         inside[k] = True
     outside = np.flatnonzero(~inside)
     first[outside] = np.clip(outside - 2, 0, n - 5)
     between = np.flatnonzero(~(inside[1:] & inside[:-1]))
-    base[between] = np.clip(between - 1, 0, n - 4)
-    single, double = np.empty((n - 1, 4)), np.empty((n - 1, 4))
+    base[between] = np.clip(between - 2, 0, n - 6)
+    single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
     slope = np.empty_like(rates)
     quadrature.differentiate(stamps, first, rates, slope)
@@ -177,7 +177,7 @@ def prepare(
 
 def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
     """Return the first and last sample that enter the integrals from sample `first` to `last`."""
-    return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + 3)
+    return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + quadrature.POINTS - 1)
 
 
 def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect) -> Increment:

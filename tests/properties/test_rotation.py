@@ -1,0 +1,107 @@
+"""Group laws, exponential and logarithm, Jacobians; almost-zero rotations included."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from kreisel._kernels import rotation as kernels
+from kreisel.geometry import (
+    apply,
+    conjugate,
+    exp,
+    from_matrix,
+    from_two_vectors,
+    inverse_right_jacobian,
+    log,
+    matrix,
+    multiply,
+    nearest_rotation,
+    right_jacobian,
+)
+
+EPS = np.finfo(float).eps
+component = st.one_of(st.floats(-1.8, 1.8), st.floats(-1e-9, 1e-9), st.sampled_from([0.0, 1e-160, -1e-300]))
+vectors = st.tuples(component, component, component).map(np.array)
+
+
+@given(vectors)
+def test_log_undoes_exp(theta):
+    if np.linalg.norm(theta) < np.pi - 1e-6:
+        np.testing.assert_allclose(log(exp(theta)), theta, rtol=0, atol=20 * EPS)
+
+
+@given(vectors)
+def test_exp_is_scipys(theta):
+    expected = Rotation.from_rotvec(theta).as_matrix()
+    np.testing.assert_allclose(matrix(exp(theta)), expected, atol=20 * EPS)
+
+
+@given(vectors, vectors, vectors)
+def test_products_and_actions(a, b, v):
+    p, q = exp(a), exp(b)
+    np.testing.assert_allclose(apply(multiply(p, q), v), apply(p, apply(q, v)), atol=50 * EPS)
+    np.testing.assert_allclose(multiply(p, conjugate(p)), [1, 0, 0, 0], atol=10 * EPS)
+    np.testing.assert_allclose(apply(p, v), matrix(p) @ v, atol=50 * EPS)
+
+
+@given(vectors, vectors)
+def test_right_jacobian_is_the_derivative_of_exp(theta, direction):
+    size = np.linalg.norm(direction)
+    if size < 1e-3:
+        return
+    d = 1e-6 * direction / size
+    difference = log(multiply(conjugate(exp(theta - d)), exp(theta + d))) / 2
+    # central difference: third order in d, rounding of order eps / |d|
+    np.testing.assert_allclose(right_jacobian(theta) @ d, difference, atol=1e-15)
+
+
+@given(vectors)
+def test_inverse_right_jacobian(theta):
+    if np.linalg.norm(theta) < 3.0:
+        np.testing.assert_allclose(inverse_right_jacobian(theta) @ right_jacobian(theta), np.eye(3), atol=1e-11)
+
+
+@given(vectors)
+def test_matrix_and_back(theta):
+    q = exp(theta)
+    assert abs(abs(from_matrix(matrix(q)) @ q) - 1.0) < 20 * EPS
+
+
+@given(vectors, vectors)
+def test_shortest_turn(a, b):
+    if np.linalg.norm(a) > 1e-3 and np.linalg.norm(b) > 1e-3:
+        turned = apply(from_two_vectors(a, b), a / np.linalg.norm(a))
+        np.testing.assert_allclose(turned, b / np.linalg.norm(b), atol=1e-7)
+
+
+def test_opposite_vectors_have_a_turn():
+    np.testing.assert_allclose(apply(from_two_vectors([1.0, 0, 0], [-1.0, 0, 0]), [1.0, 0, 0]), [-1, 0, 0], atol=1e-12)
+
+
+def test_nearest_rotation_is_proper():
+    R = nearest_rotation(np.diag([1.0, 1.0, -1.0]))
+    assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+@given(vectors, vectors)
+def test_kernels_agree_with_the_plain_form(a, b):
+    q = exp(a)[:, None].copy()
+    out = np.empty((4, 1))
+    kernels.plus(q, b[:, None].copy(), out)
+    np.testing.assert_allclose(out[:, 0], multiply(exp(a), exp(b)), atol=10 * EPS)
+    back = np.empty((3, 1))
+    kernels.minus(out, q, back)
+    if np.linalg.norm(b) < np.pi - 1e-6:
+        np.testing.assert_allclose(back[:, 0], b, atol=30 * EPS)
+    kernels.rotate(q, b[:, None].copy(), back)
+    np.testing.assert_allclose(back[:, 0], apply(exp(a), b), atol=20 * EPS)
+
+
+@given(vectors)
+def test_series_of_the_step_is_exact_below_one_radian(theta):
+    theta = theta / max(1.0, float(np.linalg.norm(theta)))
+    q = np.array([[1.0], [0.0], [0.0], [0.0]])
+    kernels.turn(q, theta[:, None].copy(), 1.0)
+    np.testing.assert_allclose(q[:, 0], exp(theta), atol=4 * EPS)
