@@ -79,22 +79,23 @@ class FilterRun:
 
 
 def first_belief(problem: Problem, start: CellParameters) -> Belief:
-    """Return the belief before the first update: parameters at `start` with the problem's deviations."""
+    """Return the belief before the first update: parameters at `start` with the problem's covariances."""
     layout = problem.layout
     mean = np.zeros(layout.size)
-    deviation = np.zeros(layout.degrees)
+    factor = np.zeros((layout.degrees, layout.degrees))
     for part in layout:
-        if part.name in problem.prior_deviation:
+        if part.name in problem.prior_covariance:
+            d = layout[part.name]
             mean[layout.stored(part.name)] = start.stored(part.name)
-            deviation[layout[part.name]] = problem.prior_deviation[part.name]
+            factor[d, d] = np.linalg.cholesky(problem.prior_covariance[part.name])
+    others = {"attitude": _FIRST_ATTITUDE, "velocity": _FIRST_VELOCITY, "position": _FIRST_POSITION}
     if "rest_position" in layout:
-        deviation[layout["rest_position"]] = problem.noise.standstill_position
-        deviation[layout["rest_orientation"]] = problem.noise.standstill_orientation
+        others["rest_position"] = problem.noise.standstill_position
+        others["rest_orientation"] = problem.noise.standstill_orientation
+    for name, deviation in others.items():
+        factor[layout[name], layout[name]] = deviation * np.eye(3)
     mean[layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
-    deviation[layout["attitude"]] = _FIRST_ATTITUDE
-    deviation[layout["velocity"]] = _FIRST_VELOCITY
-    deviation[layout["position"]] = _FIRST_POSITION
-    return Belief(mean, np.diag(deviation))
+    return Belief(mean, factor)
 
 
 def run_filter(

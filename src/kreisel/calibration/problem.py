@@ -63,7 +63,7 @@ class Problem:
     Attributes
     ----------
     start, prior
-        Values the first pass starts from, and those its deviations `prior_deviation` are about.
+        Values the first pass starts from, and those `prior_covariance` is about, group by group.
     prior_width
         Deviations before any look at the data, against which observability is judged.
     given_priors
@@ -84,7 +84,7 @@ class Problem:
     layout: StateLayout
     start: CellParameters
     prior: CellParameters
-    prior_deviation: dict[str, Array]
+    prior_covariance: dict[str, Array]
     prior_width: dict[str, Array]
     given_priors: tuple[str, ...]
     nominal: CellParameters
@@ -130,7 +130,7 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
         layout=StateLayout([part for part in problem.layout if part.name not in groups]),
         start=with_nominal(problem.start),
         prior=with_nominal(problem.prior),
-        prior_deviation={g: d for g, d in problem.prior_deviation.items() if g not in groups},
+        prior_covariance={g: P for g, P in problem.prior_covariance.items() if g not in groups},
         held=(*problem.held, *groups),
     )
 

@@ -295,8 +295,7 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
         d, s = layout[group], layout.stored(group)
         if group == "alignment":
             continue  # its prior is weak, and its centre a rotation
-        information = problem.prior_deviation[group] ** -2.0
-        change[d] = information * (problem.prior.stored(group) - start[s])
+        change[d] = np.linalg.solve(problem.prior_covariance[group], problem.prior.stored(group) - start[s])
     moved = run.belief.covariance @ change
     mean = layout.plus(run.belief.mean, moved[:, None])[:, 0].copy()
     values = {g: run.parameters.stored(g) for g in GROUPS}

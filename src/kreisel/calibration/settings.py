@@ -43,7 +43,7 @@ class CalibrationSettings:
     polynomial_order: int = 1
     fixed: tuple[str, ...] = ()
     skew: bool | None = None
-    size_effect: SizeEffect = SizeEffect.COMPLETED
+    size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
     passes: int | None = None
 
     def __post_init__(self) -> None:
@@ -51,6 +51,9 @@ class CalibrationSettings:
             raise SettingsError(unknown_name("estimator", self.estimator, ESTIMATORS))
         if self.sigma_points is not None and self.sigma_points not in WEIGHTS:
             raise SettingsError(unknown_name("choice of sigma points", self.sigma_points, WEIGHTS))
+        if self.size_effect not in list(SizeEffect):
+            raise SettingsError(unknown_name("size effect", str(self.size_effect), [form.value for form in SizeEffect]))
+        object.__setattr__(self, "size_effect", SizeEffect(self.size_effect))
         for group in self.fixed:
             if group not in GROUPS:
                 raise SettingsError(unknown_name("group", group, GROUPS))

@@ -33,6 +33,7 @@ second; motion capture errs nearly independently from frame to frame, and hands 
 _DOUBT = 20.0
 _HEADING_SD = 0.3
 _CROSS_COUPLING_SD = 0.05
+_NON_ORTHOGONALITY = 0.015
 _MOTION_NOISE = 20.0
 
 GRAVITY_SD = 0.015
@@ -206,7 +207,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
 
 
 def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
-    """Return the parameters the filter starts from, and the standard deviations it believes of them.
+    """Return the parameters the filter starts from, and the covariance of each group it believes in.
 
     The least squares fits are believed `_DOUBT` times less than they claim: enough to count the same data
     twice by a quarter of a per cent only, and near enough for the sigma points to stay where the model is
@@ -226,16 +227,18 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
     k_w[0], k_a[0] = gyro_offset, accel_offset
-    sensors = SensorParameters(fit.K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
+    K_omega, K_omega_covariance = _nearly_orthogonal(
+        fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, 1e-3, _CROSS_COUPLING_SD)
+    )
+    K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, 1e-3, _CROSS_COUPLING_SD))
+    sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
     start = CellParameters(
         sensors, alignment_from_gravity(force.gravity), site.gravity, fit.clock.start, fit.clock.skew
     )
     tilt = float(np.clip(_DOUBT * force.tilt_sd, 1e-4, 0.05))
     deviation = {
-        "gyro_cross_coupling": np.clip(_DOUBT * fit.K_omega_sd.ravel(), 1e-3, _CROSS_COUPLING_SD),
         "gyro_offset": gyro_offset_sd,
         "gyro_polynomial": np.full(3 * (order - 1), 0.02),
-        "accel_cross_coupling": np.clip(K_a_sd.ravel(), 1e-3, _CROSS_COUPLING_SD),
         "accel_offset": accel_offset_sd,
         "accel_polynomial": np.full(3 * (order - 1), 0.005),
         "lever_arms": np.full(9, 0.1),
@@ -244,7 +247,34 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
         "time_offset": np.array([max(_DOUBT * fit.clock.start_sd, 1e-3)]),
         "time_skew": np.array([max(_DOUBT * fit.clock.skew_sd, 1e-6)]),
     }
-    return start, deviation
+    covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
+    covariance |= {"gyro_cross_coupling": K_omega_covariance, "accel_cross_coupling": K_a_covariance}
+    return start, covariance
+
+
+def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
+    """Return a cross-coupling matrix and its covariance (9, 9) once it is known that triads are nearly square.
+
+    The mean of the two couplings between a pair of axes, seen along the mount, is their non-orthogonality:
+    three observations of zero with the deviation `_NON_ORTHOGONALITY`. They matter only where the motion
+    says less.
+
+    Parameters
+    ----------
+    K, deviation : (3, 3)
+        The matrix, and the standard deviations of its entries.
+    """
+    R = nearest_rotation(K)
+    P = np.diag(deviation.ravel() ** 2)
+    H = np.zeros((3, 9))
+    for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        shear = 0.5 * (np.outer(R[:, i], np.eye(3)[j]) + np.outer(R[:, j], np.eye(3)[i]))
+        H[row] = shear.ravel()
+    S = H @ P @ H.T + _NON_ORTHOGONALITY**2 * np.eye(3)
+    gain = np.linalg.solve(S, H @ P).T
+    mean = K.ravel() - gain @ (H @ K.ravel())
+    P = P - gain @ S @ gain.T
+    return mean.reshape(3, 3), 0.5 * (P + P.T)
 
 
 _WIDTH = {
@@ -302,7 +332,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         If too little of the reference lies within the IMU's recording.
     """
     fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
-    start, deviation = first_values(preparation, settings.polynomial_order)
+    start, covariance = first_values(preparation, settings.polynomial_order)
     skewed = fit.skewed if settings.skew is None else settings.skew
     if not skewed:
         start = replace(start, skew=0.0)
@@ -342,7 +372,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         layout=layout,
         start=start,
         prior=start,
-        prior_deviation={group: deviation[group] for group in GROUPS if group in layout},
+        prior_covariance={group: covariance[group] for group in GROUPS if group in layout},
         prior_width={**_WIDTH, **given, "gravity": np.array([max(site.gravity_sd, 1e-9)])},
         given_priors=tuple(given),
         nominal=_nominal(preparation, settings.polynomial_order),

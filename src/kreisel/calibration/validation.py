@@ -184,7 +184,7 @@ def _part(problem: Problem, part: slice) -> Problem:
 def _navigation_only(problem: Problem) -> Problem:
     """Return the problem with every parameter taken as known."""
     layout = StateLayout([part for part in problem.layout if part.name not in GROUPS])
-    return replace(problem, layout=layout, prior_deviation={})
+    return replace(problem, layout=layout, prior_covariance={})
 
 
 def _run(problem: Problem, part: slice, start: CellParameters, progress: Progress | None, name: str) -> FilterRun:

@@ -38,12 +38,9 @@ def calibrate(
     from kreisel.calibration.validation import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
-    from kreisel.errors import SettingsError, unknown_name
     from kreisel.inertial.sensor_model import SizeEffect
     from kreisel.recording import load
 
-    if size_effect not in [form.value for form in SizeEffect]:
-        raise SettingsError(unknown_name("size effect", size_effect, [form.value for form in SizeEffect]))
     settings = CalibrationSettings(
         estimator=estimator,
         sigma_points=sigma_points,

@@ -1,0 +1,509 @@
+"""What the report shows, taken out of a calibration's outcome: numbers in the units they are shown in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.filter_run import History
+from kreisel.calibration.validation import CrossValidation, Drift, Injection, SplitHalves
+from kreisel.estimation.consistency import autocorrelation, mean_normalised, normalised_bounds
+from kreisel.geometry.rotation import Array, Mask, conjugate, log, multiply
+from kreisel.inertial.sensor_model import polynomial
+from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
+from kreisel.synchronization import Clock
+from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
+
+STRETCH = 8.0
+"""Seconds of the recording shown raw and corrected."""
+
+MOST_MARKERS = 2000
+"""Markers of one kind in a figure; more of them only slow a browser down."""
+
+_MARGIN = 50
+_HISTOGRAM_EDGES = np.linspace(-5.0, 5.0, 41)
+_MOST_LAGS = 40
+
+Curves = tuple[Curve, ...]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Least and greatest value and rms over the recording, (3,) each."""
+
+    least: Array
+    greatest: Array
+    rms: Array
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """A step on the way to the time relation: start of the reference in IMU seconds, and skew."""
+
+    name: str
+    start: float
+    skew: float
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Readings as they came (deg/s, m/s^2), rests (k, 2) and updates set aside in IMU seconds.
+
+    `felt` and `seen` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
+    """
+
+    rates: Curves
+    forces: Curves
+    rests: Array
+    set_aside: Single
+    rate_spread: Spread
+    force_spread: Spread
+    resting: float
+    clock: tuple[ClockStep, ...]
+    coefficient: float
+    explained: float
+    felt: Curve
+    seen: Curve
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Updates of one kind: their number, mean NIS per degree of freedom and the bounds of 95 %.
+
+    `mean_bounds` are those of the mean, `bounds` those of a single update.
+    """
+
+    name: str
+    count: int
+    set_aside: int
+    degrees: int
+    mean: float
+    mean_bounds: tuple[float, float]
+    bounds: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Innovations at every update: position (u, 3) mm, attitude (u, 3) mrad, and what they say.
+
+    The histogram's densities belong to the bins between `edges`; `normal` is the unit normal's at `steps`.
+    """
+
+    seconds: Single
+    at_rest: Mask
+    used: Mask
+    position: Single
+    attitude: Single
+    nis: Single
+    kinds: tuple[Kind, ...]
+    edges: Array
+    densities: dict[str, Array]
+    steps: Array
+    normal: Array
+    lags: Array
+    correlations: dict[str, Array]
+    bound: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """What the calibration changes in the readings of one triad over a stretch.
+
+    raw (turned by the nominal mount) and corrected in deg/s or m/s^2; their difference, and its rms by
+    cause, in deg/s or mg.
+    """
+
+    raw: Curves
+    corrected: Curves
+    difference: Curves
+    causes: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The change of rates and of specific forces over a telling stretch, in IMU seconds."""
+
+    start: float
+    stop: float
+    rates: Change
+    forces: Change
+
+
+@dataclass(frozen=True)
+class Track:
+    """An estimate and its standard deviation over the updates, and what is reported in the end."""
+
+    name: str
+    seconds: Single
+    value: Single
+    deviation: Single
+    reported: float
+    reported_sd: float
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Tracks by quantity, three axes each or one alone; prior and posterior; correlations (n, n).
+
+    `names` and `groups` say to which parameter a row of the others belongs. Lever arms and time offset
+    are less the reported value.
+    """
+
+    tracks: dict[str, tuple[Track, ...]]
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    prior: Array
+    posterior: Array
+    correlation: Single
+
+
+@dataclass(frozen=True)
+class DriftCurves:
+    """Drift between updates in mm and mrad, its rms and its greatest value."""
+
+    position: Curve
+    attitude: Curve
+    rms: tuple[float, float]
+    greatest: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Drift on unseen data with nominal and with calibrated parameters."""
+
+    trained_until: float
+    updates: int
+    nominal: DriftCurves
+    calibrated: DriftCurves
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """All that the figures and tables of a report are made from."""
+
+    outcome: Outcome
+    excitation: Excitation
+    residuals: Residuals
+    difference: Difference
+    uncertainty: Uncertainty
+    unseen: Unseen | None
+    halves: SplitHalves | None
+    injection: Injection | None
+
+
+def extract(
+    outcome: Outcome,
+    cross: CrossValidation | None = None,
+    halves: SplitHalves | None = None,
+    injection: Injection | None = None,
+) -> ReportData:
+    """Return what a report shows of an outcome and its validations."""
+    stretch = telling_stretch(outcome)
+    return ReportData(
+        outcome=outcome,
+        excitation=_excitation(outcome, stretch),
+        residuals=_residuals(outcome.estimate.run.history),
+        difference=_difference(outcome, stretch),
+        uncertainty=_uncertainty(outcome),
+        unseen=None if cross is None else _unseen(cross),
+        halves=halves,
+        injection=injection,
+    )
+
+
+def telling_stretch(outcome: Outcome) -> slice:
+    """Return the samples of the stretch with the most rotation about all three axes together.
+
+    It lies within one unbroken segment, and between the first and the last update where they are far
+    enough apart.
+    """
+    signal, history = outcome.problem.signal, outcome.estimate.run.history
+    t, omega = signal.stamps, signal.rate_powers[:, 1]
+    energy = np.zeros((t.size, 3))
+    np.cumsum(omega[:-1] ** 2 * np.diff(t)[:, None], axis=0, out=energy[1:])
+    best, chosen = -1.0, slice(signal.segments[0][0], signal.segments[0][1] + 1)
+    for first, last in signal.segments:
+        low, high = max(t[first], history.seconds[0]), min(t[last], history.seconds[-1])
+        starts = np.arange(low, max(high - STRETCH, low) + 1e-9, 0.5)
+        a = np.searchsorted(t, starts)
+        b = np.minimum(np.searchsorted(t, starts + STRETCH), np.searchsorted(t, high))
+        score = np.prod(np.cbrt(energy[np.maximum(b, a)] - energy[a]), axis=1)
+        k = int(np.argmax(score))
+        if b[k] - a[k] > 10 and score[k] > best:
+            best, chosen = float(score[k]), slice(int(a[k]), int(b[k]))
+    return chosen
+
+
+def _excitation(outcome: Outcome, stretch: slice) -> Excitation:
+    imu, history = outcome.recording.imu, outcome.estimate.run.history
+    t, preparation, found = imu.seconds, outcome.preparation, outcome.estimate.run.parameters
+    rates, forces = imu.rates / DEG, imu.accelerations
+    felt, seen = _rate_norms(outcome, stretch)
+    rests = np.array([(rest.start, rest.stop) for rest in outcome.problem.rests]).reshape(-1, 2)
+    return Excitation(
+        rates=thinned_axes(t, rates),
+        forces=thinned_axes(t, forces),
+        rests=rests,
+        set_aside=history.seconds[~history.used].astype(np.float32),
+        rate_spread=_spread(rates),
+        force_spread=_spread(forces),
+        resting=float(np.sum(rests[:, 1] - rests[:, 0]) / t[-1]),
+        clock=(
+            _step("correlation of rate norms", preparation.correlation.clock),
+            _step("fit on three axes", preparation.rate_fit.clock),
+            ClockStep("filter", found.start, found.skew),
+        ),
+        coefficient=preparation.correlation.coefficient,
+        explained=preparation.rate_fit.explained,
+        felt=felt,
+        seen=seen,
+    )
+
+
+def _step(name: str, clock: Clock) -> ClockStep:
+    return ClockStep(name, clock.start, clock.skew)
+
+
+def _spread(values: Array) -> Spread:
+    return Spread(values.min(axis=0), values.max(axis=0), np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
+    """Return the norms of the rate by corrected gyros and by the reference, over the same stretch."""
+    signal, parameters, reference = outcome.problem.signal, outcome.estimate.run.parameters, outcome.problem.reference
+    t = signal.stamps[stretch]
+    s = parameters.sensors
+    omega = polynomial(signal.rate_powers[stretch, 1], s.k_w) @ s.K_omega.T
+    felt = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
+    nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
+    if reference.quaternions is None:
+        return felt, nothing
+    clock, tau = Clock(parameters.start, parameters.skew), outcome.problem.tau
+    at = clock.imu_time(tau)
+    inside = np.flatnonzero((at >= t[0]) & (at <= t[-1]))
+    stride = max(1, round(0.06 / reference.interval))
+    if inside.size <= stride + 1:
+        return felt, nothing
+    q, moment = reference.quaternions[inside], at[inside]
+    turned = log(multiply(conjugate(q[:-stride]), q[stride:]))
+    span = moment[stride:] - moment[:-stride]
+    middle = 0.5 * (moment[stride:] + moment[:-stride])
+    return felt, thinned(middle, np.linalg.norm(turned, axis=1) / span / DEG)
+
+
+def _residuals(h: History) -> Residuals:
+    path, rest = h.used & ~h.at_rest, h.used & h.at_rest
+    shown = every(h.seconds.size, MOST_MARKERS)
+    position, orientation, velocity = slice(0, 3), slice(3, 6), slice(6, 9)
+    samples = {
+        "position, path": h.whitened[path, position],
+        "attitude, path": h.whitened[path, orientation],
+        "position, rest": h.whitened[rest, position],
+        "attitude, rest": h.whitened[rest, orientation],
+        "velocity, rest": h.whitened[rest, velocity],
+    }
+    lags = int(min(_MOST_LAGS, path.sum() // 4))
+    series = {"position": h.whitened[path, position], "attitude": h.whitened[path, orientation]}
+    correlations = {name: _correlation(x, lags) for name, x in series.items()}
+    steps = np.linspace(-5.0, 5.0, 201)
+    return Residuals(
+        seconds=h.seconds[shown].astype(np.float32),
+        at_rest=h.at_rest[shown],
+        used=h.used[shown],
+        position=(h.innovation[shown, position] / MM).astype(np.float32),
+        attitude=(h.innovation[shown, orientation] / MRAD).astype(np.float32),
+        nis=(h.nis / h.degrees)[shown].astype(np.float32),
+        kinds=tuple(_kind(name, h, which) for name, which in (("path", ~h.at_rest), ("rest", h.at_rest)) if which.any()),
+        edges=_HISTOGRAM_EDGES,
+        densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
+        steps=steps,
+        normal=np.asarray(norm.pdf(steps)),
+        lags=np.arange(lags + 1),
+        correlations={name: c for name, c in correlations.items() if c is not None},
+        bound=float(1.96 / np.sqrt(3.0 * max(int(path.sum()), 1))),
+    )
+
+
+def _kind(name: str, h: History, which: Mask) -> Kind:
+    used = h.used & which
+    degrees = int(np.median(h.degrees[which]))
+    low, high = chi2.ppf([0.025, 0.975], degrees) / degrees
+    return Kind(
+        name=name,
+        count=int(which.sum()),
+        set_aside=int(np.sum(which & ~h.used)),
+        degrees=degrees,
+        mean=mean_normalised(h.nis[used], h.degrees[used]),
+        mean_bounds=normalised_bounds(h.degrees[used]) if used.any() else (np.nan, np.nan),
+        bounds=(float(low), float(high)),
+    )
+
+
+def _density(whitened: Array) -> Array | None:
+    """Return the histogram's densities, the outermost bins holding what lies beyond; None for too few."""
+    values = whitened[np.isfinite(whitened)]
+    if values.size < 30:
+        return None
+    inside = np.clip(values, _HISTOGRAM_EDGES[0], _HISTOGRAM_EDGES[-1])
+    return np.asarray(np.histogram(inside, _HISTOGRAM_EDGES, density=True)[0])
+
+
+def _correlation(series: Array, lags: int) -> Array | None:
+    if lags < 3 or not np.isfinite(series).all():
+        return None
+    return np.mean([autocorrelation(series[:, i], lags) for i in range(3)], axis=0)
+
+
+def _difference(outcome: Outcome, stretch: slice) -> Difference:
+    signal, sensors, nominal = outcome.problem.signal, outcome.calibration.sensors, outcome.problem.nominal.sensors
+    segment = signal.segments[signal.segment_of(stretch.start) or 0]
+    wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))
+    rates, forces = signal.rate_powers[wide, 1], signal.force_powers[wide, 1]
+    omega, f = outcome.calibration.correct(rates, forces, signal.stamps[wide])
+    cut = slice(stretch.start - wide.start, stretch.stop - wide.start)
+    t = signal.stamps[stretch]
+    gyro = _parts(rates[cut], sensors.K_omega, sensors.k_w, nominal.K_omega, omega[cut])
+    accel = _parts(forces[cut], sensors.K_a, sensors.k_a, nominal.K_a, f[cut])
+    del gyro["lever arms"]  # rates have none
+    return Difference(
+        start=float(t[0]),
+        stop=float(t[-1]),
+        rates=_change(t, rates[cut] @ nominal.K_omega.T, omega[cut], DEG, DEG, gyro),
+        forces=_change(t, forces[cut] @ nominal.K_a.T, f[cut], 1.0, MG, accel),
+    )
+
+
+def _parts(raw: Array, K: Array, k: Array, mount: Array, corrected: Array) -> dict[str, Array]:
+    """Return the parts the correction consists of, (n, 3) each; their sum is corrected less mounted raw."""
+    curved = polynomial(raw, k) - raw - k[0]
+    parts = {
+        "offset": np.broadcast_to(K @ k[0], raw.shape),
+        "scale, cross-coupling and mount": raw @ (K - mount).T,
+        "polynomial": curved @ K.T,
+        "lever arms": corrected - polynomial(raw, k) @ K.T,
+    }
+    if k.shape[0] == 1:
+        del parts["polynomial"]
+    return parts
+
+
+def _change(t: Array, raw: Array, corrected: Array, unit: float, fine: float, parts: dict[str, Array]) -> Change:
+    change = corrected - raw
+    rms = {name: np.sqrt(np.mean(part**2, axis=0)) / fine for name, part in {**parts, "all": change}.items()}
+    return Change(
+        raw=thinned_axes(t, raw / unit),
+        corrected=thinned_axes(t, corrected / unit),
+        difference=thinned_axes(t, change / fine),
+        causes=rms,
+    )
+
+
+def _uncertainty(outcome: Outcome) -> Uncertainty:
+    problem, calibration = outcome.problem, outcome.calibration
+    groups = tuple(g for g in problem.groups for _ in range(problem.layout[g].start, problem.layout[g].stop))
+    deviation = np.sqrt(np.diag(calibration.covariance))
+    safe = np.where(deviation > 0.0, deviation, 1.0)
+    correlation = calibration.covariance / np.outer(safe, safe)
+    return Uncertainty(
+        tracks=_tracks(outcome, groups, correlation),
+        names=calibration.names,
+        groups=groups,
+        prior=calibration.prior_deviation,
+        posterior=deviation,
+        correlation=correlation.astype(np.float32),
+    )
+
+
+def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> dict[str, tuple[Track, ...]]:
+    n = len(groups)
+    table = outcome.calibration.estimates[every(outcome.calibration.estimates.shape[0], MOST_MARKERS)]
+    seconds, values, deviations = table[:, 0], table[:, 1 : 1 + n], table[:, 1 + n :]
+    covariance, parameters = outcome.calibration.covariance, outcome.estimate.run.parameters
+    tracks: dict[str, tuple[Track, ...]] = {}
+
+    def columns(group: str) -> slice:
+        return slice(groups.index(group), groups.index(group) + groups.count(group))
+
+    def track(name: str, value: Array, sd: Array, reported: float, reported_sd: float) -> Track:
+        return Track(name, *(x.astype(np.float32) for x in (seconds, value, sd)), reported, reported_sd)
+
+    for group, unit, relative, labels in (
+        ("accel_offset", MG, False, "xyz"),
+        ("gyro_offset", DEG_PER_HOUR, False, "xyz"),
+        ("lever_arms", MM, True, ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")),
+        ("time_offset", MS, True, ("t",)),
+    ):
+        if group not in groups:
+            continue
+        value, sd = values[:, columns(group)] / unit, deviations[:, columns(group)] / unit
+        reported, own = parameters.stored(group) / unit, covariance[columns(group), columns(group)] / unit**2
+        if relative:
+            value = value - reported
+        tracks[group] = tuple(
+            track(label, value[:, i], sd[:, i], float(reported[i]), float(np.sqrt(own[i, i])))
+            for i, label in enumerate(labels)
+        )
+    for group in ("gyro_cross_coupling", "accel_cross_coupling"):
+        if group in groups:
+            c = columns(group)
+            scale, sd = _scales(values[:, c], deviations[:, c], correlation[c, c])
+            K = parameters.stored(group)[None]
+            reported, reported_sd = _scales(K, np.sqrt(np.diag(covariance)[c])[None], correlation[c, c])
+            tracks[group] = tuple(
+                track("xyz"[i], scale[:, i], sd[:, i], float(reported[0, i]), float(reported_sd[0, i]))
+                for i in range(3)
+            )
+    return tracks
+
+
+def _scales(K: Array, deviation: Array, correlation: Array) -> tuple[Array, Array]:
+    """Return scale errors and standard deviations (u, 3), ppm, of matrices K (u, 9).
+
+    The correlations (9, 9) are those of the end, taken to have held all along.
+    """
+    matrices = K.reshape(-1, 3, 3)
+    rows = np.linalg.inv(matrices)
+    scale = np.linalg.norm(rows, axis=2)
+    # d|s_j| = -(s_j dK)(K^-1 s_j^T) / |s_j| with s_j row j of K^-1
+    turned = np.einsum("uab,ujb->uja", rows, rows) / scale[:, :, None]
+    J = -np.einsum("uja,ujb->ujab", rows, turned).reshape(-1, 3, 9) * deviation[:, None, :]
+    variance = np.einsum("uji,ik,ujk->uj", J, correlation, J)
+    return (scale - 1.0) / PPM, np.sqrt(np.maximum(variance, 0.0)) / PPM
+
+
+def _unseen(cross: CrossValidation) -> Unseen | None:
+    if cross.nominal.seconds.size == 0 or cross.calibrated.seconds.size == 0:
+        return None
+    return Unseen(
+        cross.trained_until, int(cross.calibrated.seconds.size), _drift(cross.nominal), _drift(cross.calibrated)
+    )
+
+
+def _drift(drift: Drift) -> DriftCurves:
+    shown = every(drift.seconds.size, MOST_MARKERS)
+    sizes = drift.position / MM, drift.attitude / MRAD
+    curves = [Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes]
+    rms, greatest = (
+        tuple(float(f(size[np.isfinite(size)])) if np.isfinite(size).any() else np.nan for size in sizes)
+        for f in (lambda x: np.sqrt(np.mean(x**2)), np.max)
+    )
+    return DriftCurves(curves[0], curves[1], (rms[0], rms[1]), (greatest[0], greatest[1]))
+
+
+__all__ = [
+    "Change",
+    "Curve",
+    "Difference",
+    "DriftCurves",
+    "Excitation",
+    "Kind",
+    "ReportData",
+    "Residuals",
+    "Track",
+    "Uncertainty",
+    "Unseen",
+    "extract",
+]

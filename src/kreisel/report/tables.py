@@ -1,0 +1,375 @@
+"""Tables of the report: numbers as text, rounded to what their standard deviations carry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.parameters import GROUPS, parameter_names
+from kreisel.calibration.validation import Injection, SplitHalves
+from kreisel.geometry.rotation import Array
+from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
+from kreisel.synchronization import Clock
+from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
+
+NOTHING = "–"
+
+UNITS: dict[str, tuple[str, float]] = {
+    "gyro_cross_coupling": ("1", 1.0),
+    "gyro_offset": ("deg/h", DEG_PER_HOUR),
+    "gyro_polynomial": ("SI", 1.0),
+    "accel_cross_coupling": ("1", 1.0),
+    "accel_offset": ("mg", MG),
+    "accel_polynomial": ("SI", 1.0),
+    "lever_arms": ("mm", MM),
+    "alignment": ("mrad", MRAD),
+    "gravity": ("m/s²", 1.0),
+    "time_offset": ("ms", MS),
+    "time_skew": ("ppm", PPM),
+}
+"""Unit every group of parameters is shown in, and its size in SI."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells of a row, the first its title; `weak` where the motion does not bear the numbers out.
+
+    `bar` is a share from 0 to 1 drawn behind the last cell.
+    """
+
+    cells: tuple[str, ...]
+    weak: bool = False
+    bar: float | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: what it says, its columns, its rows; `text` columns at the left are not numbers."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    text: int = 1
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits."""
+    if not math.isfinite(value):
+        return NOTHING
+    if value != 0.0 and not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return _minus(f"{mantissa}·10^{int(exponent)}")
+    places = 0 if value == 0.0 else max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return _minus(f"{value:.{places}f}")
+
+
+def pair(value: float | None, deviation: float | None) -> str:
+    """Return a value and its standard deviation, both to two digits of the latter."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if deviation is None or not deviation > 0.0 or not math.isfinite(deviation):
+        return number(value, 6)
+    places = max(0, min(12, 1 - math.floor(math.log10(deviation))))
+    return f"{_minus(f'{value:.{places}f}')} ± {deviation:.{places}f}"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+@dataclass(frozen=True)
+class Support:
+    """Which parameters were estimated, and which of them the motion shows."""
+
+    fixed: tuple[str, ...]
+    held: tuple[str, ...]
+    unobservable: frozenset[str]
+    unshown: frozenset[str]
+    order: int
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Support:
+        """Return the support of an outcome's parameters."""
+        settings, seen = outcome.problem.settings, outcome.observability
+        return cls(
+            tuple(settings.fixed),
+            tuple(outcome.problem.held),
+            frozenset(seen.unobservable),
+            frozenset(seen.unshown),
+            settings.polynomial_order,
+        )
+
+    def word(self, groups: Sequence[str]) -> str:
+        """Return whether the motion shows a quantity that depends on whole groups."""
+        for group, word in ((g, w) for g in groups for w, those in self._set_aside() if g in those):
+            return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
+        names = [name for group in groups for name in parameter_names(group, self.order)]
+        shown = sum(name not in self.unobservable for name in names)
+        if shown == len(names):
+            return "yes"
+        return "no" if shown == 0 else f"in part ({shown} of {len(names)} parameters)"
+
+    def _set_aside(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        return ("fixed", self.fixed), ("held at nominal", self.held)
+
+    def of_name(self, name: str) -> str:
+        """Return whether the motion shows one parameter."""
+        if name in self.unshown:
+            return "no"
+        return "too weakly" if name in self.unobservable else "yes"
+
+
+_KEY_ROWS: tuple[tuple[str, str, str, tuple[str, ...], str], ...] = (
+    ("Gyro scale factor error", "gyro_scale_ppm", "ppm", ("gyro_cross_coupling",), "axes"),
+    ("Gyro offset", "offset_deg_h", "deg/h", ("gyro_offset",), "axes"),
+    ("Gyro non-orthogonality", "gyro_non_orthogonality_mrad", "mrad", ("gyro_cross_coupling",), "pairs"),
+    ("Accelerometer scale factor error", "accel_scale_ppm", "ppm", ("accel_cross_coupling",), "axes"),
+    ("Accelerometer offset", "offset_mg", "mg", ("accel_offset",), "axes"),
+    ("Accelerometer non-orthogonality", "non_orthogonality_mrad", "mrad", ("accel_cross_coupling",), "pairs"),
+    ("Mounting, gyro axes to b", "mounting_rotation_deg", "deg", ("gyro_cross_coupling",), "axes"),
+    (
+        "Accelerometer axes to gyro axes",
+        "gyro_to_accel_rotation_mrad",
+        "mrad",
+        ("gyro_cross_coupling", "accel_cross_coupling"),
+        "axes",
+    ),
+    ("Distance between accelerometers", "accel_distances_mm", "mm", ("lever_arms",), "pairs"),
+)
+
+
+def key_table(outcome: Outcome) -> Table:
+    """Return the result in the words and units of data sheets."""
+    document, support = outcome.calibration.document, Support.of(outcome)
+    derived, deviations = document["derived"], document["standard_deviation"]["derived"]
+    rows = []
+    for title, key, unit, groups, which in _KEY_ROWS:
+        if key not in derived:
+            continue
+        word = support.word(groups)
+        title = f"{title} (xy, xz, yz)" if which == "pairs" else title
+        rows.append(_key_row(title, unit, derived[key], deviations[key], word))
+    arms, sd = document["accelerometer"]["lever_arms"], document["standard_deviation"]["accelerometer"]["lever_arms"]
+    for j, axis in enumerate("xyz"):
+        word = support.word(("lever_arms",))
+        title = f"Position of accelerometer {axis} in b"
+        rows.append(_key_row(title, "mm", _scaled(arms[j], MM), _scaled(sd[j], MM), word))
+    rows.extend(_timing_rows(document, support))
+    gravity = document["alignment"]["gravity"], document["standard_deviation"]["alignment"]["gravity"]
+    rows.append(_key_row("Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed"))
+    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown by the motion"), tuple(rows), 2)
+
+
+def _key_row(title: str, unit: str, values: Sequence[Any], deviations: Sequence[Any], word: str) -> Row:
+    bare = word.startswith("no: ")
+    cells = [pair(v, None if bare else s) for v, s in zip(values, deviations, strict=True)]
+    return Row((title, unit, *cells, word), weak=word != "yes")
+
+
+def _scaled(values: Sequence[Any], unit: float) -> list[float | None]:
+    return [None if v is None else v / unit for v in values]
+
+
+def _timing_rows(document: dict[str, Any], support: Support) -> list[Row]:
+    timing, sd = document["timing"], document["standard_deviation"]["timing"]
+    word = support.word(("time_offset",))
+    offset = pair(timing["offset"] / MS, None if word.startswith("no: ") else (sd["offset"] or 0.0) / MS)
+    rows = [Row(("Time offset of the reference", "ms", offset, "", "", word), weak=word != "yes")]
+    if sd["skew"]:
+        word = support.word(("time_skew",))
+        skew = pair(timing["skew"] / PPM, sd["skew"] / PPM)
+        rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=word != "yes"))
+    return rows
+
+
+def unobservable_by_group(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return the parameters the motion does not show, as path and the indices or names under it."""
+    found: dict[str, list[str]] = {}
+    for name in outcome.observability.unobservable:
+        path, bracket, index = name.partition("[")
+        found.setdefault(path, []).append(bracket + index)
+    return [(path, " ".join(i for i in indices if i)) for path, indices in found.items()]
+
+
+def excitation_table(excitation: Excitation) -> Table:
+    """Return least, greatest and rms reading of every axis."""
+    rows = []
+    for title, unit, spread in (
+        ("Angular rate", "deg/s", excitation.rate_spread),
+        ("Acceleration", "m/s²", excitation.force_spread),
+    ):
+        for i, axis in enumerate("xyz"):
+            peak = max(abs(spread.least[i]), abs(spread.greatest[i]))
+            values = spread.rms[i], peak, spread.least[i], spread.greatest[i]
+            rows.append(Row((f"{title} {axis}", unit, *(number(float(v), 4) for v in values))))
+    return Table("Raw readings over the whole recording", ("Axis", "Unit", "rms", "peak", "least", "greatest"), tuple(rows), 2)
+
+
+def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
+    """Return the time relation step by step."""
+    final = excitation.clock[-1]
+    first = int(outcome.recording.imu.stamps_ns[0]), int(outcome.problem.reference.stamps_ns[0])
+    rows = [
+        Row(
+            (
+                step.name,
+                _minus(f"{Clock(step.start).offset(*first):.6f}"),
+                _minus(f"{(step.start - final.start) / MS:+.3f}"),
+                _minus(f"{step.skew / PPM:.1f}"),
+            )
+        )
+        for step in excitation.clock
+    ]
+    return Table("Time relation", ("Found by", "Offset (s)", "Less the final one (ms)", "Skew (ppm)"), tuple(rows))
+
+
+def nis_table(residuals: Residuals) -> Table:
+    """Return the mean NIS of each kind of update with what it should be."""
+    rows = []
+    for kind in residuals.kinds:
+        low, high = kind.mean_bounds
+        fits = low <= kind.mean <= high
+        word = "as believed" if fits else "larger than believed" if kind.mean > high else "smaller than believed"
+        rows.append(
+            Row(
+                (
+                    kind.name,
+                    str(kind.count),
+                    str(kind.set_aside),
+                    str(kind.degrees),
+                    number(kind.mean),
+                    f"{number(low)} to {number(high)}",
+                    word if math.isfinite(kind.mean) else NOTHING,
+                ),
+                weak=not fits,
+            )
+        )
+    columns = ("Kind", "Updates", "Set aside", "Degrees of freedom", "Mean NIS per degree", "95 % of means", "Innovations are")
+    return Table("Normalised innovation squared (NIS)", columns, tuple(rows))
+
+
+def noise_table(outcome: Outcome) -> Table:
+    """Return the noise figures finally believed."""
+    noise = outcome.calibration.document["estimator"]["noise"]
+    rows = []
+    for title, key, unit, size in (
+        ("Reference position, path", "position_sd", "mm", MM),
+        ("Reference attitude, path", "orientation_sd", "mrad", MRAD),
+        ("Reference position, rest", "standstill_position_sd", "mm", MM),
+        ("Reference attitude, rest", "standstill_orientation_sd", "mrad", MRAD),
+        ("Gyro noise density", "gyro_density", "mrad/s/√Hz", MRAD),
+        ("Accelerometer noise density", "accel_density", "mg/√Hz", MG),
+    ):
+        value = noise.get(key)
+        rows.append(Row((title, unit, NOTHING if value is None else number(value / size))))
+    return Table("Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
+
+
+def cause_table(difference: Difference) -> Table:
+    """Return the rms of the change by cause."""
+    rows = []
+    for title, unit, change in (("rate", "deg/s", difference.rates), ("specific force", "mg", difference.forces)):
+        rows.extend(_cause_rows(title, unit, change))
+    return Table(
+        "Change by cause, rms over the stretch", ("Cause", "Unit", "x", "y", "z"), tuple(rows), 2
+    )
+
+
+def _cause_rows(title: str, unit: str, change: Change) -> Iterable[Row]:
+    for cause, rms in change.causes.items():
+        yield Row((f"{title}: {cause}", unit, *(number(float(v)) for v in rms)))
+
+
+def parameter_table(data: ReportData) -> Table:
+    """Return every estimated parameter with its standard deviation before and after."""
+    outcome, u = data.outcome, data.uncertainty
+    support, parameters = Support.of(outcome), outcome.estimate.run.parameters
+    values: list[float | None] = []
+    for group in outcome.problem.groups:
+        stored = [None] * 3 if group == "alignment" else list(parameters.stored(group))
+        if group == "time_offset":
+            stored = [outcome.calibration.document["timing"]["offset"]]
+        part = outcome.problem.layout[group]
+        values.extend(stored[: part.stop - part.start])
+    rows = []
+    for name, group, value, before, after in zip(u.names, u.groups, values, u.prior, u.posterior, strict=True):
+        unit, size = UNITS[group]
+        gain = float(before / after) if after > 0.0 else math.inf
+        word = support.of_name(name)
+        rows.append(
+            Row(
+                (
+                    name,
+                    unit,
+                    pair(None if value is None else value / size, after / size),
+                    number(float(before / size)),
+                    number(float(after / size)),
+                    word,
+                    number(gain, 3),
+                ),
+                weak=word != "yes",
+                bar=float(np.clip(np.log10(max(gain, 1.0)) / 5.0, 0.0, 1.0)),
+            )
+        )
+    columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Shown", "Prior / posterior")
+    return Table("Every estimated parameter", columns, tuple(rows), 2)
+
+
+def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return the groups that were not estimated, each with why."""
+    settings = outcome.problem.settings
+    out = [(g, "held at its nominal value: the motion does not show it") for g in outcome.problem.held]
+    out += [(g, "fixed by the user") for g in GROUPS if g in settings.fixed]
+    return out
+
+
+def drift_table(unseen: Unseen) -> Table:
+    """Return the drift between updates, nominal against calibrated."""
+    rows = []
+    for i, (title, unit) in enumerate((("Position", "mm"), ("Attitude", "mrad"))):
+        a, b = unseen.nominal, unseen.calibrated
+        gain = a.rms[i] / b.rms[i] if b.rms[i] > 0.0 else math.inf
+        values = a.rms[i], b.rms[i], gain, a.greatest[i], b.greatest[i]
+        rows.append(Row((title, unit, *(number(v) for v in values)), weak=gain < 1.0))
+    columns = ("Drift", "Unit", "rms nominal", "rms calibrated", "Ratio of rms", "Greatest nominal", "Greatest calibrated")
+    return Table("Drift between updates on unseen data", columns, tuple(rows), 2)
+
+
+def score_summary(halves: SplitHalves) -> tuple[str, str, str]:
+    """Return rms of the scores, share within two, and the parameter that repeats worst."""
+    score: Array = halves.score
+    worst = int(np.argmax(np.abs(score)))
+    return (
+        number(float(np.sqrt(np.mean(score**2)))),
+        f"{100.0 * float(np.mean(np.abs(score) <= 2.0)):.0f} %",
+        f"{halves.names[worst]} ({_minus(f'{score[worst]:.1f}')})",
+    )
+
+
+def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
+    """Return injected errors against those found.
+
+    Parameters
+    ----------
+    groups
+        Group of every parameter.
+    """
+    rows = []
+    for name, put, got, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
+        unit, size = UNITS[groups[name]]
+        if abs(put) < 1e-12 or groups[name] == "alignment":
+            continue
+        score = (got - put) / max(sd, 1e-300)
+        rows.append(
+            Row(
+                (name, unit, *(number(float(v / size), 4) for v in (put, got, sd)), _minus(f"{score:.2f}")),
+                weak=abs(score) > 2.0,
+            )
+        )
+    columns = ("Parameter", "Unit", "Injected", "Found", "Standard deviation", "(Found − injected) / sd")
+    return Table("Known errors added to the raw readings", columns, tuple(rows), 2)

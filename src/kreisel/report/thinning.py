@@ -1,0 +1,70 @@
+"""Curves thin enough to be drawn, with every peak of the full ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.geometry.rotation import Array, Indices
+
+MOST_POINTS = 4000
+"""Points of a curve: twice what a wide screen has columns."""
+
+Single = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Points of a curve, (n,) each; nan interrupts it."""
+
+    x: Single
+    y: Single
+
+
+def thinned(x: Array, y: Array, points: int = MOST_POINTS) -> Curve:
+    """Return a curve of at most `points`: least and greatest value of every bucket of neighbours.
+
+    Parameters
+    ----------
+    x, y : (n,)
+        x ascending. Where it leaps over more than a second, and over what thinning leaves out, the
+        curve is interrupted.
+    """
+    chosen = _extremes(y, points)
+    return _interrupted(x[chosen], y[chosen], _longest_step(x, chosen))
+
+
+def thinned_axes(x: Array, values: Array) -> tuple[Curve, ...]:
+    """Return the thinned curves of all columns of values (n, m)."""
+    return tuple(thinned(x, values[:, i]) for i in range(values.shape[1]))
+
+
+def every(count: int, points: int = MOST_POINTS) -> slice:
+    """Return the slice that leaves at most `points` of `count` neighbours."""
+    return slice(None, None, max(1, -(-count // points)))
+
+
+def _extremes(y: Array, points: int) -> Indices:
+    n = y.size
+    if n <= points:
+        return np.arange(n)
+    width = -(-n // (points // 2))
+    buckets = -(-n // width)
+    padded = np.concatenate([y, np.full(buckets * width - n, y[-1])]).reshape(buckets, width)
+    first = width * np.arange(buckets)
+    both = np.concatenate([first + padded.argmin(axis=1), first + padded.argmax(axis=1)])
+    return np.unique(np.minimum(both, n - 1))
+
+
+def _longest_step(x: Array, chosen: Indices) -> float:
+    if x.size < 2:
+        return np.inf
+    usual = float(np.median(np.diff(x)))
+    return max(1.0, 3.0 * usual * x.size / max(chosen.size, 1))
+
+
+def _interrupted(x: Array, y: Array, longest: float) -> Curve:
+    leaps = np.flatnonzero(np.diff(x) > longest) + 1
+    return Curve(np.insert(x, leaps, np.nan).astype(np.float32), np.insert(y, leaps, np.nan).astype(np.float32))
