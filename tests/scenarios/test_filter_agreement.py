@@ -116,6 +116,7 @@ def ours(case, weights):
     problem = Problem(
         signal=signal,
         reference=ReferencePoses("oracle", np.arange(case.tau.size), case.positions, case.quaternions, Path("oracle")),
+        attitude=np.tile(s["q_rb"], (case.t.size, 1)),
         tau=case.tau,
         settings=settings,
         site=Site(GRAVITY, 0.0, EARTH_N),

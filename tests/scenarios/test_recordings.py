@@ -122,3 +122,21 @@ def test_printed_equation_leaves_a_trace(recordings):
     for form in ("without_products", "after_cross_coupling", "fox2005"):
         assert offset[form] > 10.0 * offset["completed"]
         assert nis[form] > 10.0 * nis["completed"]
+
+
+@pytest.mark.parametrize("missing", ["quaternions", "positions"])
+def test_part_of_a_pose(recordings, missing):
+    """Positions alone, and orientations alone, give what does not depend on the tool's frame."""
+    from dataclasses import replace
+
+    recording = kreisel.load(recordings / "sim_fog_mems_300s")
+    recording = replace(recording, reference=replace(recording.reference, **{missing: None}))
+    document = kreisel.calibrate(recording).document
+    true = truth(recordings, "sim_fog_mems_300s")
+    sd = document["standard_deviation"]
+    assert document["verdict"]["accepted"]
+    for sensor, name in (("gyroscope", "gyro_scale_ppm"), ("accelerometer", "accel_scale_ppm")):
+        scale = 1e6 * (np.linalg.norm(np.linalg.inv(true[sensor]["cross_coupling"]), axis=1) - 1.0)
+        assert np.all(np.abs(np.array(document["derived"][name]) - scale) < 4.0 * np.array(sd["derived"][name]))
+        offset = np.array(document[sensor]["offset"]) - true[sensor]["offset"]
+        assert np.all(np.abs(offset) < 4.0 * np.array(sd[sensor]["offset"]))

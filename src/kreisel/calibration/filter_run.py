@@ -27,6 +27,9 @@ MOST_IN_A_ROW = 6
 _FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
 """Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
 
+_BLIND_ATTITUDE, _BLIND_VELOCITY = 0.1, 1.0
+"""The same where the reference does not show them."""
+
 Progress = Callable[[float], None]
 
 
@@ -163,9 +166,10 @@ def _navigation_from_reference(problem: Problem, model: CellModel, belief: Belie
     start, skew = float(values["time_offset"][0, 0]), float(values["time_skew"][0, 0])
     tau = (t - start) / (1.0 + skew)
     q, p, v = pose_near(reference, problem.tau, tau)
+    turned, blind = reference.quaternions is not None, reference.positions is None
     for name, value, deviation in (
-        ("attitude", q, _FIRST_ATTITUDE if reference.quaternions is not None else 1.0),
-        ("velocity", v, _FIRST_VELOCITY),
+        ("attitude", q if turned else problem.attitude[item.first], _FIRST_ATTITUDE if turned else _BLIND_ATTITUDE),
+        ("velocity", v, _BLIND_VELOCITY if blind else _FIRST_VELOCITY),
         ("position", p, _FIRST_POSITION),
     ):
         belief = spkf.renew(layout, belief, name, value, np.full(3, deviation))

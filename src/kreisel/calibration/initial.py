@@ -7,17 +7,21 @@ linear in K_a, K_a k_a0, a common lever arm and gravity.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from kreisel._kernels import attitude
-from kreisel.geometry.rotation import Array, conjugate, exp, from_matrix, log, matrix, multiply, nearest_rotation
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix, log, matrix, multiply, nearest_rotation
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.synchronization import Clock, RateFit
 
 HALF_WINDOW = 0.25
 """Half the length of a second difference, s."""
+
+_BLIND_HALF_WINDOW = 3.0
+_REST_WEIGHT = 20.0
 
 
 @dataclass(frozen=True)
@@ -87,42 +91,71 @@ def _running_mean(values: Array, width: int) -> Array:
     return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])
 
 
+def attitude_from_positions(signal: InertialSignal, fit: RateFit, tau: Array, p: Array) -> Array:
+    """Return q_rb at every IMU sample, (n, 4), where the reference shows positions alone.
+
+    Integrated rates give the attitude up to one turn. That turn brings the accelerations felt, seen from
+    the first attitude, onto those the positions show; gravity is the same in both and drops out with the
+    means. The first minute decides, before offsets of the gyros matter.
+    """
+    b = fit.K_omega @ fit.k_w0
+    free = np.empty((signal.stamps.size, 4))
+    free[0] = (1.0, 0.0, 0.0, 0.0)
+    attitude.accumulate(signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b, free)
+    windows = _Windows.over(signal, fit.clock, tau[tau < tau[0] + 60.0])
+    shown = windows.second_difference(p[tau < tau[0] + 60.0])
+    felt = windows.integrate(apply(free, signal.force_powers[:, 1]))
+    R = nearest_rotation((shown - shown.mean(axis=0)).T @ (felt - felt.mean(axis=0)))
+    return multiply(from_matrix(R), free)
+
+
 def fit_forces(
     signal: InertialSignal,
     fit: RateFit,
     tau: Array,
     q: Array,
-    p: Array,
+    p: Array | None,
     gravity: float,
+    rests: Sequence[tuple[float, float]],
 ) -> ForceFit:
     """Return first values of accelerometers and gravity.
 
     Parameters
     ----------
-    tau, q, p : (m,), (m, 4), (m, 3)
-        Reference seconds, attitudes and positions.
+    tau : (m,)
+        Reference seconds.
+    q : (n, 4)
+        Attitude q_rb at every IMU sample.
+    p : (m, 3) or None
+        Reference positions. Without them only rests, and that nothing runs away in seconds, are known.
     gravity
         Its magnitude, m/s^2.
+    rests
+        First and last IMU second of every rest.
     """
-    q_sample = reference_attitude(signal, fit, tau, q)
-    C = matrix(q_sample)
+    C = matrix(q)
     omega = signal.rate_powers[:, 1] @ fit.K_omega.T + fit.K_omega @ fit.k_w0
     alpha = signal.rate_slopes[:, 1] @ fit.K_omega.T
-    windows = _Windows.over(signal, fit.clock, tau)
-    target = windows.second_difference(p)
     a = signal.force_powers[:, 1]
-    columns = [windows.integrate(C[:, :, j] * a[:, k, None]) for j in range(3) for k in range(3)]
-    columns += [windows.integrate(C[:, :, j]) for j in range(3)]
-    columns += [-windows.integrate(_field_column(C, omega, alpha, j)) for j in range(3)]
-    columns += [np.tile(np.eye(3)[j], (target.shape[0], 1)) for j in range(3)]
-    A = np.stack(columns, axis=2)  # (windows, axis, 18)
-
+    columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
+    columns += [C[:, :, j] for j in range(3)]
+    columns += [-_field_column(C, omega, alpha, j) for j in range(3)]
+    columns += [np.tile(np.eye(3)[j], (a.shape[0], 1)) for j in range(3)]
+    windows = _Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
+    A = np.stack([windows.integrate(column) for column in columns], axis=2)  # (windows, axis, 18)
+    target = np.zeros(A.shape[:2]) if p is None else windows.second_difference(p)
     R = nearest_rotation(fit.K_omega)
     felt = A[:, :, :9] @ R.ravel()
     g = target.mean(axis=0) - felt.mean(axis=0)
     g *= gravity / np.linalg.norm(g)
-    moved, expected = target - target.mean(axis=0), felt - felt.mean(axis=0)
-    slope = float(np.sum(moved * expected) / max(np.sum(expected**2), 1e-12))
+    slope = 1.0
+    if p is not None:
+        moved, expected = target - target.mean(axis=0), felt - felt.mean(axis=0)
+        slope = float(np.sum(moved * expected) / max(np.sum(expected**2), 1e-12))
+    else:
+        still = [_mean_over(signal.stamps, columns, *rest) for rest in rests]
+        A = np.concatenate([A, *(_REST_WEIGHT * row[None] for row in still)])
+        target = np.zeros(A.shape[:2])
     solution, deviation, residual = _solve(A, target, R, g, gravity)
     K = solution[:9].reshape(3, 3)
     return ForceFit(
@@ -137,6 +170,12 @@ def fit_forces(
         lever_arm_sd=deviation[12:15],
         tilt_sd=float(np.max(deviation[15:18])) / gravity,
     )
+
+
+def _mean_over(stamps: Array, columns: list[Array], start: float, stop: float) -> Array:
+    """Return the mean of every column within a stretch, (axis, columns)."""
+    part = slice(*np.searchsorted(stamps, (start, stop)))
+    return np.stack([column[part].mean(axis=0) for column in columns], axis=1)
 
 
 def _field_column(C: Array, omega: Array, alpha: Array, j: int) -> Array:
@@ -181,9 +220,9 @@ class _Windows:
     half: float
 
     @classmethod
-    def over(cls, signal: InertialSignal, clock: Clock, tau: Array) -> _Windows:
+    def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> _Windows:
         """Choose windows that lie inside both recordings."""
-        half = max(HALF_WINDOW, 3.0 * float(np.median(np.diff(tau))))
+        half = max(shortest, 3.0 * float(np.median(np.diff(tau))))
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)

@@ -62,6 +62,8 @@ class Problem:
 
     Attributes
     ----------
+    attitude : (n, 4)
+        q_rb at every IMU sample, roughly: where navigation begins if the reference shows no attitude.
     start, prior
         Values the first pass starts from, and those `prior_covariance` is about, group by group.
     prior_width
@@ -74,6 +76,7 @@ class Problem:
 
     signal: InertialSignal
     reference: ReferencePoses
+    attitude: Array
     tau: Array
     settings: CalibrationSettings
     site: Site

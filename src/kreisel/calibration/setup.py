@@ -8,22 +8,28 @@ from itertools import pairwise
 
 import numpy as np
 
-from kreisel.calibration.initial import ForceFit, alignment_from_gravity, fit_forces
+from kreisel.calibration.initial import (
+    ForceFit,
+    alignment_from_gravity,
+    attitude_from_positions,
+    fit_forces,
+    reference_attitude,
+)
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, Site, build_layout, schedule
 from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
 from kreisel.calibration.rests import OutsideRest, Rest, find_rests, rest_outside
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, Indices, nearest_rotation
+from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES, high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import InertialSignal, prepare
-from kreisel.recording import Finding, Recording, ReferencePoses
+from kreisel.recording import Finding, ImuSamples, Recording, ReferencePoses
 from kreisel.recording.checks import LONG_GAP, gaps
 from kreisel.synchronization import Clock, Correlation, RateFit, check_conventions, correlate, fit_rates
-from kreisel.synchronization.correlation import LARGEST_SKEW
+from kreisel.synchronization.correlation import LARGEST_SKEW, quietest_second
 from kreisel.units import DEG, STANDARD_GRAVITY
 
 INTERVALS = {"robot": 0.48, "mocap": 0.24}
@@ -72,6 +78,7 @@ class Preparation:
     correlation: Correlation
     rate_fit: RateFit
     force_fit: ForceFit
+    attitude: Array
     rests: tuple[Rest, ...]
     outside_rest: OutsideRest | None
     findings: tuple[Finding, ...]
@@ -174,19 +181,30 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
             "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference beside imu0",
             file=recording.path,
         )
-    if reference.quaternions is None or reference.positions is None:
-        raise RecordingError("the reference must hold positions and orientations", file=reference.source)
     findings: list[Finding] = []
     imu_noise = imu_noise_of(recording)
     signal = prepare_signal(recording, imu_noise, settings.polynomial_order)
     correlation = correlate(recording.imu, reference)
     check_conventions(signal, reference, correlation.clock)
     tau = reference.seconds
-    fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
+    if reference.quaternions is not None:
+        fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
+    else:
+        fit = _rates_without_attitude(recording.imu, reference, correlation.clock)
+        findings.append(Finding("reference", "positions only: b takes the axes of the gyros, as far as they are square"))
+    if reference.positions is None:
+        findings.append(Finding("reference", "orientations only: accelerometers are seen at rests, and between them"))
     site = site_of(recording)
-    force = fit_forces(signal, fit, tau, reference.quaternions, reference.positions, site.gravity)
     noise = believed_noise(recording.settings, reference)
     rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
+    if reference.quaternions is not None:
+        attitude = reference_attitude(signal, fit, tau, reference.quaternions)
+    elif reference.positions is not None:
+        attitude = attitude_from_positions(signal, fit, tau, reference.positions)
+    else:
+        raise RecordingError("holds neither positions nor orientations", file=reference.source)
+    stretches = [(rest.start, rest.stop) for rest in rests]
+    force = fit_forces(signal, fit, tau, attitude, reference.positions, site.gravity, stretches)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
     outside = rest_outside(recording.imu, reference, fit.clock)
     if outside is not None:
@@ -202,7 +220,23 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
             )
         )
     return Preparation(
-        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, rests, outside, tuple(findings)
+        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, attitude, rests, outside,
+        tuple(findings),
+    )  # fmt: skip
+
+
+def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
+    """Return what is known of the gyros without attitudes: their mean at the quietest moment."""
+    still = quietest_second(imu)
+    return RateFit(
+        K_omega=np.eye(3),
+        k_w0=-imu.rates[still].mean(axis=0),
+        clock=clock,
+        skewed=abs(clock.skew) > 4.0 * clock.skew_sd or clock.skew_sd * float(reference.seconds[-1]) > 5e-3,
+        explained=float("nan"),
+        residual_sd=float("nan"),
+        K_omega_sd=np.full((3, 3), _CROSS_COUPLING_SD / _DOUBT),
+        k_w0_sd=np.full(3, 1e-3),
     )
 
 
@@ -230,6 +264,8 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     K_omega, K_omega_covariance = _nearly_orthogonal(
         fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, 1e-3, _CROSS_COUPLING_SD)
     )
+    if preparation.reference.quaternions is None:
+        K_omega_covariance = _without_turn(K_omega_covariance)
     K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, 1e-3, _CROSS_COUPLING_SD))
     sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
     start = CellParameters(
@@ -275,6 +311,15 @@ def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
     mean = K.ravel() - gain @ (H @ K.ravel())
     P = P - gain @ S @ gain.T
     return mean.reshape(3, 3), 0.5 * (P + P.T)
+
+
+def _without_turn(P: Array) -> Array:
+    """Return the covariance (9, 9) of a cross-coupling matrix near one once it is known not to turn b."""
+    H = np.array([skew(e).ravel() for e in np.eye(3)]) / 2.0
+    S = H @ P @ H.T + 1e-6**2 * np.eye(3)
+    gain = np.linalg.solve(S, H @ P).T
+    P = P - gain @ S @ gain.T
+    return np.asarray(0.5 * (P + P.T) + 1e-18 * np.eye(9))
 
 
 _WIDTH = {
@@ -362,6 +407,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     return Problem(
         signal=preparation.signal,
         reference=reference,
+        attitude=preparation.attitude,
         tau=tau,
         settings=settings,
         site=site,

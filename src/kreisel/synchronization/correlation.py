@@ -81,7 +81,7 @@ def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_No
     tau, t = reference.seconds, imu.seconds
     window = max(0.06, 2.0 * reference.interval)
     if reference.quaternions is not None:
-        bias = np.median(imu.rates[_quietest(imu)], axis=0)
+        bias = np.median(imu.rates[quietest_second(imu)], axis=0)
         felt = np.linalg.norm(imu.rates - bias, axis=1)
         stride = max(1, round(window / reference.interval))
         turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
@@ -102,7 +102,7 @@ def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_No
     return _even(t, felt, step, window), _even(middle, moved, step, 0.0)
 
 
-def _quietest(imu: ImuSamples) -> slice:
+def quietest_second(imu: ImuSamples) -> slice:
     """Return the second of the recording with the least variance of the rates: most likely a rest."""
     n = max(8, round(1.0 / imu.interval))
     blocks = imu.rates[: imu.rates.shape[0] // n * n].reshape(-1, n, 3)

@@ -1,0 +1,623 @@
+"""The report's figures as plotly takes them: plain dictionaries, arrays in base64, colours by name.
+
+A colour is written ``@name`` or ``@name/opacity``; the page replaces it by that of the light or the dark
+palette. Building dictionaries instead of plotly's own objects keeps a report under a second; a test hands
+them to plotly's validation.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.calibration.validation import SplitHalves
+from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
+from kreisel.report.thinning import Curve
+
+Figure_ = dict[str, Any]
+
+PALETTES: dict[str, dict[str, str]] = {
+    "light": {
+        "x": "0,101,163",
+        "y": "205,84,0",
+        "z": "0,140,100",
+        "alert": "170,51,119",
+        "ink": "34,42,53",
+        "muted": "96,106,118",
+        "grid": "226,230,235",
+        "line": "160,168,178",
+        "ground": "255,255,255",
+    },
+    "dark": {
+        "x": "98,181,235",
+        "y": "245,151,79",
+        "z": "64,199,153",
+        "alert": "236,138,190",
+        "ink": "222,227,233",
+        "muted": "157,168,180",
+        "grid": "47,54,63",
+        "line": "92,102,114",
+        "ground": "24,28,33",
+    },
+}
+"""Red, green and blue of every named colour; x, y, z after Okabe and Ito, whom the colour-blind can tell apart."""
+
+AXES = "xyz"
+GROUP_LABELS = {
+    "gyro_cross_coupling": "K<sub>ω</sub>",
+    "gyro_offset": "k<sub>ω0</sub>",
+    "gyro_polynomial": "k<sub>ωi</sub>",
+    "accel_cross_coupling": "K<sub>a</sub>",
+    "accel_offset": "k<sub>a0</sub>",
+    "accel_polynomial": "k<sub>ai</sub>",
+    "lever_arms": "r",
+    "alignment": "align",
+    "gravity": "g",
+    "time_offset": "t",
+    "time_skew": "skew",
+}
+
+_TIME = "IMU time (s)"
+_HEIGHT = 300
+_PANEL = 130
+_SETTLED = 0.08
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure: where it goes, what it is, and what a good one looks like.
+
+    `link` names figures whose time axes move together; `wide` ones take the whole width.
+    """
+
+    name: str
+    title: str
+    caption: str
+    plot: Figure_
+    link: str = ""
+    wide: bool = False
+
+    @property
+    def height(self) -> int:
+        """Height in pixels."""
+        return int(self.plot["layout"]["height"])
+
+
+def packed(values: NDArray[Any]) -> Figure_:
+    """Return an array the way plotly.js reads it without parsing numbers: single precision in base64."""
+    single = np.ascontiguousarray(values, dtype="<f4")
+    out: Figure_ = {"dtype": "f4", "bdata": base64.b64encode(single.tobytes()).decode("ascii")}
+    if single.ndim > 1:
+        out["shape"] = ", ".join(str(n) for n in single.shape)
+    return out
+
+
+def excitation_figures(e: Excitation) -> list[Figure]:
+    """Return the figures of section 1."""
+    aside = (
+        f" {e.set_aside.size} updates were set aside; crosses at the top mark them."
+        if e.set_aside.size
+        else " No update was set aside."
+    )
+    return [
+        Figure(
+            "rates",
+            "Angular rates",
+            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests." + aside,
+            _over_time(e.rates, "Angular rate (deg/s)", e),
+            link="excitation",
+            wide=True,
+        ),
+        Figure(
+            "accelerations",
+            "Accelerations",
+            "Raw accelerometer readings. Good: gravity visits every axis in both directions from rest to rest, "
+            "and there is motion in between." + aside,
+            _over_time(e.forces, "Acceleration (m/s²)", e),
+            link="excitation",
+            wide=True,
+        ),
+        Figure(
+            "synchronisation",
+            "Time relation",
+            "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
+            "stretch. Good: the two lie on each other, peaks at the same moments.",
+            _plot(
+                [_line(e.felt, "gyros", "x"), _line(e.seen, "reference", "y", dash="dot")],
+                _layout(_TIME, "Norm of angular rate (deg/s)"),
+            ),
+            wide=True,
+        ),
+    ]
+
+
+def residual_figures(r: Residuals) -> list[Figure]:
+    """Return the figures of section 2."""
+    figures = [
+        Figure(
+            f"innovations-{name}",
+            f"Innovations of {name}",
+            f"Reference less predicted {name} at every update. Good: a structureless band about zero, narrower at "
+            "rest than on the path; slow waves mean errors the model does not know.",
+            _innovations(r, values, f"Innovation of {name} ({unit})"),
+            link="residuals",
+        )
+        for name, values, unit in (("position", r.position, "mm"), ("attitude", r.attitude, "mrad"))
+    ]
+    return [
+        *figures,
+        Figure(
+            "nis",
+            "Normalised innovation squared",
+            "NIS of every update per degree of freedom. Good: nineteen of twenty points within the 95 % band, no trend; "
+            "points mostly above it mean noise figures too small, mostly below too large.",
+            _nis(r),
+            link="residuals",
+        ),
+        Figure(
+            "histogram",
+            "Whitened innovations",
+            "How often innovations of each size occur, each divided by its expected deviation. Good: the steps follow "
+            "the unit normal's curve; what exceeds five deviations is counted in the outermost bins.",
+            _histogram(r),
+        ),
+        Figure(
+            "autocorrelation",
+            "Autocorrelation of whitened innovations",
+            "Mean over the three axes, updates on the path. Good: from lag 1 on within the 95 % band of white noise; "
+            "a slow decay means errors that last over several updates, which the standard deviations then allow for.",
+            _autocorrelation(r),
+            wide=True,
+        ),
+    ]
+
+
+def difference_figures(d: Difference) -> list[Figure]:
+    """Return the figures of section 3."""
+    where = f"{d.start:.1f} s to {d.stop:.1f} s"
+    return [
+        Figure(
+            "rates-corrected",
+            "Angular rate, raw and corrected",
+            f"From {where}, raw readings turned by the nominal mount. Good: the two hardly differ by eye.",
+            _raw_and_corrected(d.rates, "Angular rate (deg/s)"),
+            link="difference",
+        ),
+        Figure(
+            "rates-difference",
+            "Angular rate, corrected less raw",
+            "What the calibration changes. Good: it follows the rates themselves (scale and misalignment) above a "
+            "constant (offset), and nothing jumps.",
+            _axes_plot(d.rates.difference, "Change of angular rate (deg/s)"),
+            link="difference",
+        ),
+        Figure(
+            "forces-corrected",
+            "Specific force, raw and corrected",
+            f"From {where}, raw readings turned by the nominal mount. Good: the two hardly differ by eye, unless the "
+            "accelerometers sit far from the origin of b.",
+            _raw_and_corrected(d.forces, "Specific force (m/s²)"),
+            link="difference",
+        ),
+        Figure(
+            "forces-difference",
+            "Specific force, corrected less raw",
+            "What the calibration changes. Good: a constant (offset) with a share that follows the motion; noise here "
+            "comes from the lever arms, which need the rates' derivative.",
+            _axes_plot(d.forces.difference, "Change of specific force (mg)"),
+            link="difference",
+        ),
+    ]
+
+
+def track_figures(u: Uncertainty) -> list[Figure]:
+    """Return the estimates over time of section 4."""
+    figures = []
+    for group, name, title, unit in (
+        ("accel_offset", "accel-offsets", "Accelerometer offsets", "mg"),
+        ("gyro_offset", "gyro-offsets", "Gyro offsets", "deg/h"),
+        ("accel_cross_coupling", "accel-scales", "Accelerometer scale factor errors", "ppm"),
+        ("gyro_cross_coupling", "gyro-scales", "Gyro scale factor errors", "ppm"),
+    ):
+        if group in u.tracks:
+            panels = [[track] for track in u.tracks[group]]
+            figures.append(Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks"))
+    if "lever_arms" in u.tracks:
+        arms = u.tracks["lever_arms"]
+        plot = _stack([list(arms[3 * j : 3 * j + 3]) for j in range(3)], "mm", ["r<sub>x</sub>", "r<sub>y</sub>", "r<sub>z</sub>"])
+        figures.append(
+            Figure(
+                "lever-arms",
+                "Lever arms, less the reported value",
+                "Positions of the three accelerometers in b, components x, y and z. Good: bands narrow towards zero "
+                "and the lines stay within them.",
+                plot,
+                link="tracks",
+            )
+        )
+    if "time_offset" in u.tracks:
+        figures.append(
+            Figure(
+                "time-offset",
+                "Time offset, less the reported value",
+                "Good: the band narrows to a small part of the IMU's sampling interval; a ramp means clocks of "
+                "different rates.",
+                _stack([list(u.tracks["time_offset"])], "ms", ["t"]),
+                link="tracks",
+            )
+        )
+    return figures
+
+
+def _track_caption(group: str) -> str:
+    text = (
+        "Line: estimate after each update; band: two standard deviations either way; dotted: the value reported. "
+        "Good: the band narrows quickly and the line stays within what it was before."
+    )
+    if group == "accel_offset":
+        return text + " This is figure 4 of Fox and Janocha (2005), with its uncertainty."
+    return text
+
+
+def matrix_figure(u: Uncertainty) -> Figure:
+    """Return the correlation matrix of section 4."""
+    return Figure(
+        "correlations",
+        "Correlations of the estimates",
+        "Correlation coefficients of all estimated parameters. Good: pale off the diagonal; a dark spot is a pair "
+        "this motion can hardly tell apart.",
+        _matrix(u),
+        wide=True,
+    )
+
+
+def drift_figures(unseen: Unseen) -> list[Figure]:
+    """Return the drift on unseen data of section 5."""
+    return [
+        Figure(
+            f"drift-{name}",
+            f"Drift of {name} on unseen data",
+            f"Error free navigation gathers from one update to the next, after {unseen.trained_until:.0f} s, which the "
+            "parameters used here have not seen. Good: calibrated lies well below nominal, down at the reference's noise.",
+            _drift(getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"),
+            link="drift",
+        )
+        for name, unit in (("position", "mm"), ("attitude", "mrad"))
+    ]
+
+
+def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
+    """Return the split-half scores of section 5."""
+    return Figure(
+        "halves",
+        "Repeatability of the two halves",
+        "Estimate of the second half less that of the first, over the standard deviation of this difference. Good: "
+        "nineteen of twenty within ±2, about as many above as below.",
+        _scores(halves, groups),
+        wide=True,
+    )
+
+
+def _plot(data: list[Figure_], layout: Figure_) -> Figure_:
+    return {"data": data, "layout": layout}
+
+
+def _axis(title: str, **more: Any) -> Figure_:
+    return {
+        "title": {"text": title, "standoff": 6},
+        "gridcolor": "@grid",
+        "zerolinecolor": "@line/0.7",
+        "linecolor": "@line",
+        "tickcolor": "@line",
+        "ticks": "outside",
+        "ticklen": 4,
+        "exponentformat": "power",
+        "automargin": True,
+        **more,
+    }
+
+
+def _layout(x: str, y: str, *, height: int = _HEIGHT, **more: Any) -> Figure_:
+    return {
+        "height": height,
+        "margin": {"l": 58, "r": 14, "t": 10, "b": 44},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@ink"},
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "hoverlabel": {"bgcolor": "@ground", "bordercolor": "@line", "font": {"color": "@ink"}},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "@muted/0.6", "activecolor": "@ink"},
+        "dragmode": "zoom",
+        "xaxis": _axis(x),
+        "yaxis": _axis(y),
+        **more,
+    }
+
+
+def _line(curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any) -> Figure_:
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": packed(curve.x),
+        "y": packed(curve.y),
+        "line": {"color": f"@{colour}", "width": width, "dash": dash},
+        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
+        **more,
+    }
+
+
+def _markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker: Any) -> Figure_:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": packed(x),
+        "y": packed(y),
+        "marker": {"color": f"@{colour}", "size": 4, **marker},
+        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
+    }
+
+
+def _area(x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any) -> Figure_:
+    """Return the filled area between two curves over the same x."""
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": packed(np.concatenate([np.asarray(x), np.asarray(x)[::-1]])),
+        "y": packed(np.concatenate([np.asarray(high), np.asarray(low)[::-1]])),
+        "fill": "toself",
+        "fillcolor": f"@{colour}",
+        "line": {"width": 0, "color": f"@{colour}"},
+        "hoverinfo": "skip",
+        **more,
+    }
+
+
+def _axes_plot(curves: Curves, title: str) -> Figure_:
+    lines = [_line(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
+    return _plot(lines, _layout(_TIME, title))
+
+
+def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
+    """Return readings over time above the shaded rests, updates set aside marked at the top."""
+    data = []
+    if e.rests.size:
+        a, b = e.rests[:, 0], e.rests[:, 1]
+        gap = np.full_like(a, np.nan)
+        x = np.column_stack([a, a, b, b, gap]).ravel()
+        y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
+        shade = _line(Curve(x, y), "rest", "muted", width=0, fill="toself", fillcolor="@muted/0.16", yaxis="y2")
+        data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
+    data += [_line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
+    if e.set_aside.size:
+        marks = _markers(e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6)
+        data.append({**marks, "yaxis": "y2", "hovertemplate": "set aside at %{x:.2f} s"})
+    layout = _layout(_TIME, title, height=280)
+    layout["yaxis"]["overlaying"] = "y2"
+    layout["yaxis"]["side"] = "left"
+    layout["yaxis2"] = {"range": [0, 1], "visible": False, "fixedrange": True, "side": "right"}
+    return _plot(data, layout)
+
+
+def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Figure_:
+    data = []
+    for name, which, marker in (
+        ("path", r.used & ~r.at_rest, {"opacity": 0.75}),
+        ("rest", r.used & r.at_rest, {"symbol": "diamond-open", "size": 6}),
+    ):
+        if which.any():
+            data += [_markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker) for i in range(3)]
+    if (~r.used).any():
+        seconds, aside = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
+        data.append({**_markers(seconds, aside, "set aside", "alert", symbol="x", size=6)})
+    layout = _layout(_TIME, title)
+    usual = np.abs(values[r.used])
+    usual = usual[np.isfinite(usual)]
+    if usual.size:
+        # one wild innovation must not flatten all others; a double click shows it
+        limit = 1.15 * min(float(usual.max()), 3.0 * float(np.percentile(usual, 98)))
+        layout["yaxis"]["range"] = [-limit, limit]
+    return _plot(data, layout)
+
+
+def _nis(r: Residuals) -> Figure_:
+    data: list[Figure_] = []
+    if r.seconds.size:
+        ends = [float(r.seconds[0]), float(r.seconds[-1])]
+        for kind, colour in zip(r.kinds, ("x", "y"), strict=False):
+            low, high = kind.bounds
+            name = f"95 % band, {kind.name}"
+            data.append(_area(ends, [low] * 2, [high] * 2, name, f"{colour}/0.12"))
+    for name, which, colour, symbol in (
+        ("path", ~r.at_rest & r.used, "x", "circle"),
+        ("rest", r.at_rest & r.used, "y", "diamond-open"),
+        ("set aside", ~r.used, "alert", "x"),
+    ):
+        if which.any():
+            data.append(_markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))
+    layout = _layout(_TIME, "NIS per degree of freedom")
+    shown = r.nis[np.isfinite(r.nis) & (r.nis > 0.0)]
+    layout["yaxis"] |= {"type": "log", "dtick": 1}
+    if shown.size:
+        low, high = np.log10(np.percentile(shown, [1.0, 100.0]))
+        layout["yaxis"]["range"] = [float(min(low, -1.0)) - 0.2, float(max(high, 0.6)) + 0.2]
+    return _plot(data, layout)
+
+
+def _histogram(r: Residuals) -> Figure_:
+    data = [_area(r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22")]
+    styles = {
+        "position, path": ("x", "solid"),
+        "attitude, path": ("y", "solid"),
+        "position, rest": ("x", "dot"),
+        "attitude, rest": ("y", "dot"),
+        "velocity, rest": ("z", "dot"),
+    }
+    middle = 0.5 * (r.edges[:-1] + r.edges[1:])
+    for name, density in r.densities.items():
+        colour, dash = styles[name]
+        line = _line(Curve(middle.astype(np.float32), density.astype(np.float32)), name, colour, dash=dash)
+        line["line"]["shape"] = "hvh"
+        data.append({**line, "hovertemplate": "%{y:.3f} at %{x:.2f}"})
+    return _plot(data, _layout("Whitened innovation (standard deviations)", "Density (1)"))
+
+
+def _autocorrelation(r: Residuals) -> Figure_:
+    lags = r.lags.astype(float)
+    data = []
+    if r.lags.size > 1:
+        data.append(_area([1.0, lags[-1]], [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
+    for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
+        line = _line(Curve(lags.astype(np.float32), values.astype(np.float32)), name, colour)
+        data.append({**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"})
+    layout = _layout("Lag (updates)", "Autocorrelation (1)", height=260)
+    if not r.correlations:
+        layout["annotations"] = [_remark("too few updates on the path")]
+    return _plot(data, layout)
+
+
+def _remark(text: str) -> Figure_:
+    return {"text": text, "showarrow": False, "xref": "paper", "yref": "paper", "x": 0.5, "y": 0.5, "font": {"color": "@muted"}}
+
+
+def _raw_and_corrected(change: Change, title: str) -> Figure_:
+    data = []
+    for i, axis in enumerate(AXES):
+        data.append(_line(change.raw[i], f"{axis} raw", axis, dash="dot", width=1.6))
+        data.append(_line(change.corrected[i], f"{axis} corrected", axis))
+    return _plot(data, _layout(_TIME, title))
+
+
+def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) -> Figure_:
+    """Return tracks in panels above each other over a common time axis."""
+    n = len(panels)
+    data: list[Figure_] = []
+    layout = _layout(_TIME, "", height=_HEIGHT if n == 1 else _PANEL * n + 60)
+    gap = 0.07 if n > 1 else 0.0
+    for row, (tracks, title) in enumerate(zip(panels, titles, strict=True)):
+        key = "" if row == 0 else str(row + 1)
+        top = 1.0 - row * (1.0 + gap) / n
+        low, high = _settled_range(tracks)
+        layout[f"yaxis{key}"] = _axis(
+            f"{title} ({unit})", domain=[max(0.0, top - (1.0 + gap) / n + gap), top], range=[low, high], nticks=6
+        )
+        for i, track in enumerate(tracks):
+            colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
+            first = row == 0 or len(tracks) == 1
+            data += _track(track, colour, f"y{key}", legend=first and n * len(tracks) > 1)
+    layout["xaxis"]["anchor"] = "y" if n == 1 else f"y{n}"
+    return _plot(data, layout)
+
+
+def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure_]:
+    name = track.name[-1]
+    value, deviation = track.value.astype(float), track.deviation.astype(float)
+    ends = track.seconds[[0, -1]]
+    reported = np.full(2, 0.0 if len(track.name) > 1 or track.name == "t" else track.reported)
+    more = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
+    band = _area(track.seconds.tolist(), (value - 2.0 * deviation).tolist(), (value + 2.0 * deviation).tolist(), name, f"{colour}/0.18", **more)
+    flat = _line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
+    line = _line(Curve(track.seconds, track.value), name, colour, **{**more, "showlegend": legend})
+    return [band, {**flat, "hoverinfo": "skip", "hovertemplate": None}, line]
+
+
+def _settled_range(tracks: Sequence[Track]) -> tuple[float, float]:
+    """Return a range that holds the bands once the first of the recording is over."""
+    low, high = np.inf, -np.inf
+    for track in tracks:
+        later = slice(int(_SETTLED * track.seconds.size), None)
+        value, spread = track.value[later].astype(float), 2.0 * track.deviation[later].astype(float)
+        reported = 0.0 if len(track.name) > 1 or track.name == "t" else track.reported
+        low = min(low, float(np.min(value - spread)), reported - 2.0 * track.reported_sd)
+        high = max(high, float(np.max(value + spread)), reported + 2.0 * track.reported_sd)
+    room = 0.06 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def _spans(groups: Sequence[str]) -> list[tuple[str, int, int]]:
+    """Return the runs of equal groups: name, first, one past the last."""
+    edges = [0, *(i for i in range(1, len(groups)) if groups[i] != groups[i - 1]), len(groups)]
+    return [(groups[a], a, b) for a, b in pairwise(edges)] if groups else []
+
+
+def _matrix(u: Uncertainty) -> Figure_:
+    n = len(u.names)
+    spans = _spans(u.groups)
+    ticks = {
+        "tickmode": "array",
+        "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
+        "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "showgrid": False,
+        "zeroline": False,
+        "ticks": "",
+        "range": [-0.5, n - 0.5],
+    }
+    heat = {
+        "type": "heatmap",
+        "z": packed(u.correlation),
+        "text": [[f"{a}<br>{b}" for a in u.names] for b in u.names],
+        "zmin": -1,
+        "zmax": 1,
+        "colorscale": [[0, "@y"], [0.5, "@ground"], [1, "@x"]],
+        "colorbar": {"title": {"text": "ρ (1)"}, "thickness": 12, "outlinewidth": 0, "tickvals": [-1, -0.5, 0, 0.5, 1]},
+        "hovertemplate": "%{text}<br>%{z:.3f}<extra></extra>",
+        "xgap": 0.5,
+        "ygap": 0.5,
+    }
+    layout = _layout("Parameter", "Parameter", height=560)
+    layout["xaxis"] |= ticks | {"constrain": "domain"}
+    layout["yaxis"] |= ticks | {"range": [n - 0.5, -0.5], "scaleanchor": "x", "constrain": "domain"}
+    layout["shapes"] = [
+        {"type": "line", "line": {"color": "@line", "width": 1}, **ends}
+        for _, a, _ in spans[1:]
+        for ends in (
+            {"x0": a - 0.5, "x1": a - 0.5, "y0": -0.5, "y1": n - 0.5},
+            {"y0": a - 0.5, "y1": a - 0.5, "x0": -0.5, "x1": n - 0.5},
+        )
+    ]
+    return _plot([heat], layout)
+
+
+def _drift(nominal: Curve, calibrated: Curve, title: str) -> Figure_:
+    data = [
+        _markers(nominal.x, nominal.y, "nominal", "y", symbol="diamond-open", size=5),
+        _markers(calibrated.x, calibrated.y, "calibrated", "x", size=5),
+    ]
+    layout = _layout(_TIME, title)
+    layout["yaxis"] |= {"type": "log", "dtick": 1}
+    return _plot(data, layout)
+
+
+def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
+    score = np.asarray(halves.score)
+    own = [groups[name] for name in halves.names]
+    spans = _spans(own)
+    place = np.arange(score.size, dtype=float)
+    marks = _markers(place, score, "second half less first", "x", size=7)
+    marks |= {"text": list(halves.names), "hovertemplate": "%{text}<br>%{y:.2f}<extra></extra>"}
+    band = _area([-0.5, score.size - 0.5], [-2.0, -2.0], [2.0, 2.0], "±2 standard deviations", "muted/0.18")
+    layout = _layout("Parameter", "Difference / sd (1)", height=280)
+    layout["xaxis"] |= {
+        "tickmode": "array",
+        "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
+        "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "showgrid": False,
+        "zeroline": False,
+        "range": [-0.5, score.size - 0.5],
+    }
+    layout["shapes"] = [
+        {"type": "line", "x0": a - 0.5, "x1": a - 0.5, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@grid", "width": 1}}
+        for _, a, _ in spans[1:]
+    ]
+    layout["yaxis"]["zeroline"] = True
+    limit = 1.1 * max(3.0, float(np.max(np.abs(score), initial=0.0)))
+    layout["yaxis"]["range"] = [-limit, limit]
+    return _plot([band, marks], layout)

@@ -1,0 +1,28 @@
+"""An hour of data: the factor stays a factor, and nothing grows that should not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.simulation import simulate
+
+
+@pytest.mark.parametrize("sigma_points", ["central-difference", "unscented"])
+def test_an_hour_stays_positive_definite(sigma_points):
+    truth, recording = simulate(np.random.default_rng(7), 3600.0, Path("hour"), imu_rate=50.0)
+    outcome = run_calibration(recording, CalibrationSettings(sigma_points=sigma_points, passes=1))
+    history = outcome.estimate.run.history
+    assert history.nis.size > 7000
+    assert np.isfinite(history.deviations).all()
+    assert (history.deviations > 0.0).all()
+    covariance = outcome.estimate.run.belief.covariance
+    scale = np.sqrt(np.diag(covariance))
+    smallest = float(np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0])
+    print(f"{sigma_points}: smallest eigenvalue of the correlation matrix {smallest:.3g}")
+    assert smallest > 0.0
+    error = outcome.calibration.sensors.k_a[0] - truth.sensors.k_a[0]
+    deviation = np.array(outcome.calibration.document["standard_deviation"]["accelerometer"]["offset"])
+    assert np.all(np.abs(error) < 5.0 * deviation)
