@@ -136,7 +136,7 @@ class Difference:
 class Track:
     """An estimate and its standard deviation over the updates, and what is reported in the end."""
 
-    name: str
+    axis: str
     seconds: Single
     value: Single
     deviation: Single
@@ -148,8 +148,8 @@ class Track:
 class Uncertainty:
     """Tracks by quantity, three axes each or one alone; prior and posterior; correlations (n, n).
 
-    `names` and `groups` say to which parameter a row of the others belongs. Lever arms and time offset
-    are less the reported value.
+    `names` and `groups` say to which parameter a row of the others belongs. Tracks of lever arms and time
+    offset are less the reported value.
     """
 
     tracks: dict[str, tuple[Track, ...]]
@@ -427,21 +427,22 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
     def columns(group: str) -> slice:
         return slice(groups.index(group), groups.index(group) + groups.count(group))
 
-    def track(name: str, value: Array, sd: Array, reported: float, reported_sd: float) -> Track:
-        return Track(name, *(x.astype(np.float32) for x in (seconds, value, sd)), reported, reported_sd)
+    def track(axis: str, value: Array, sd: Array, reported: float, reported_sd: float) -> Track:
+        single = [x.astype(np.float32) for x in (seconds, value, sd)]
+        return Track(axis, single[0], single[1], single[2], reported, reported_sd)
 
     for group, unit, relative, labels in (
         ("accel_offset", MG, False, "xyz"),
         ("gyro_offset", DEG_PER_HOUR, False, "xyz"),
-        ("lever_arms", MM, True, ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")),
-        ("time_offset", MS, True, ("t",)),
+        ("lever_arms", MM, True, "xyzxyzxyz"),
+        ("time_offset", MS, True, "x"),
     ):
         if group not in groups:
             continue
         value, sd = values[:, columns(group)] / unit, deviations[:, columns(group)] / unit
         reported, own = parameters.stored(group) / unit, covariance[columns(group), columns(group)] / unit**2
         if relative:
-            value = value - reported
+            value, reported = value - reported, np.zeros_like(reported)
         tracks[group] = tuple(
             track(label, value[:, i], sd[:, i], float(reported[i]), float(np.sqrt(own[i, i])))
             for i, label in enumerate(labels)

@@ -394,7 +394,7 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
         gap = np.full_like(a, np.nan)
         x = np.column_stack([a, a, b, b, gap]).ravel()
         y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
-        shade = _line(Curve(x, y), "rest", "muted", width=0, fill="toself", fillcolor="@muted/0.16", yaxis="y2")
+        shade = _line(Curve(x.astype(np.float32), y.astype(np.float32)), "rest", "muted", width=0, fill="toself", fillcolor="@muted/0.16", yaxis="y2")
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
     data += [_line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
     if e.set_aside.size:
@@ -518,10 +518,10 @@ def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) 
 
 
 def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure_]:
-    name = track.name[-1]
+    name = track.axis
     value, deviation = track.value.astype(float), track.deviation.astype(float)
     ends = track.seconds[[0, -1]]
-    reported = np.full(2, 0.0 if len(track.name) > 1 or track.name == "t" else track.reported)
+    reported = np.full(2, track.reported)
     more = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
     band = _area(track.seconds.tolist(), (value - 2.0 * deviation).tolist(), (value + 2.0 * deviation).tolist(), name, f"{colour}/0.18", **more)
     flat = _line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
@@ -535,9 +535,8 @@ def _settled_range(tracks: Sequence[Track]) -> tuple[float, float]:
     for track in tracks:
         later = slice(int(_SETTLED * track.seconds.size), None)
         value, spread = track.value[later].astype(float), 2.0 * track.deviation[later].astype(float)
-        reported = 0.0 if len(track.name) > 1 or track.name == "t" else track.reported
-        low = min(low, float(np.min(value - spread)), reported - 2.0 * track.reported_sd)
-        high = max(high, float(np.max(value + spread)), reported + 2.0 * track.reported_sd)
+        low = min(low, float(np.min(value - spread)), track.reported - 2.0 * track.reported_sd)
+        high = max(high, float(np.max(value + spread)), track.reported + 2.0 * track.reported_sd)
     room = 0.06 * (high - low) or 1.0
     return low - room, high + room
 

@@ -1,0 +1,161 @@
+"""The page itself: one HTML file that needs nothing but a browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.report import figures, tables
+from kreisel.report.data import ReportData, extract
+from kreisel.report.figures import PALETTES, Figure
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The verdict in a headline and a sentence."""
+
+    accepted: bool
+    headline: str
+    sentence: str
+
+
+def write_report(
+    outcome: Outcome,
+    path: Path,
+    *,
+    cross: CrossValidation | None = None,
+    halves: SplitHalves | None = None,
+    injection: Injection | None = None,
+) -> None:
+    """Write the report of a calibration as one HTML file that works offline.
+
+    Parameters
+    ----------
+    cross, halves, injection
+        Validations; the report says which are missing.
+    """
+    Path(path).write_text(render(extract(outcome, cross, halves, injection)), encoding="utf-8")
+
+
+def render(data: ReportData) -> str:
+    """Return the page."""
+    environment = Environment(
+        loader=PackageLoader("kreisel.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    drawn = _figures(data)
+    return environment.get_template("report.html").render(
+        document=data.outcome.calibration.document,
+        findings=data.outcome.findings,
+        summary=summarise(data.outcome),
+        unobservable=tables.unobservable_by_group(data.outcome),
+        not_estimated=tables.not_estimated(data.outcome),
+        figures=drawn,
+        snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
+        plotlyjs=Markup(get_plotlyjs()),  # noqa: S704 - plotly's own script, not data
+        drawings=_script({f.name: f.plot for part in drawn.values() for f in part}),
+        palettes=_script(PALETTES),
+        **_tables(data),
+    )
+
+
+def summarise(outcome: Outcome) -> Summary:
+    """Return the verdict in plain words."""
+    accepted, lost = outcome.verdict.accepted, len(outcome.observability.unobservable)
+    if not accepted:
+        return Summary(False, "Rejected", "Do not use this calibration. The reasons:")
+    if lost:
+        which = "one parameter" if lost == 1 else f"{lost} parameters"
+        sentence = (
+            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be "
+            "of use. Do not rely on those:"
+        )
+        return Summary(True, "Accepted, with gaps", sentence)
+    sentence = "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
+    return Summary(True, "Accepted", sentence)
+
+
+def _figures(data: ReportData) -> dict[str, list[Figure]]:
+    groups = dict(zip(data.uncertainty.names, data.uncertainty.groups, strict=True))
+    estimated = bool(data.uncertainty.names)
+    return {
+        "excitation": figures.excitation_figures(data.excitation),
+        "residuals": figures.residual_figures(data.residuals),
+        "difference": figures.difference_figures(data.difference),
+        "tracks": figures.track_figures(data.uncertainty),
+        "correlations": [figures.matrix_figure(data.uncertainty)] if estimated else [],
+        "drift": [] if data.unseen is None else figures.drift_figures(data.unseen),
+        "halves": [] if data.halves is None else [figures.halves_figure(data.halves, groups)],
+    }
+
+
+def _tables(data: ReportData) -> dict[str, Any]:
+    groups = dict(zip(data.uncertainty.names, data.uncertainty.groups, strict=True))
+    outcome = data.outcome
+    return {
+        "key": tables.key_table(outcome),
+        "excitation_table": tables.excitation_table(data.excitation),
+        "clock_table": tables.clock_table(outcome, data.excitation),
+        "excitation": data.excitation,
+        "nis_table": tables.nis_table(data.residuals),
+        "noise_table": tables.noise_table(outcome),
+        "cause_table": tables.cause_table(data.difference),
+        "parameter_table": tables.parameter_table(data),
+        "drift_table": None if data.unseen is None else tables.drift_table(data.unseen),
+        "unseen": data.unseen,
+        "scores": None if data.halves is None else tables.score_summary(data.halves),
+        "injection_table": None if data.injection is None else tables.injection_table(data.injection, groups),
+    }
+
+
+def _script(content: object) -> Markup:
+    """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704
+
+
+def snippet(sensors: SensorParameters, form: SizeEffect) -> str:
+    """Return lines of NumPy that apply the calibration: rates, accelerations (n, 3), t (n,) to omega, f."""
+    w, a = ("".join(f" + {_values(k[i])} * {raw}**{i + 1}" for i in range(1, k.shape[0]) if k[i].any())
+            for k, raw in ((sensors.k_w, "rates"), (sensors.k_a, "accelerations")))  # fmt: skip
+    lines = [
+        "import numpy as np",
+        f"K_w, k_w = {_values(sensors.K_omega)}, {_values(sensors.k_w[0])}",
+        f"K_a, k_a = {_values(sensors.K_a)}, {_values(sensors.k_a[0])}",
+        f"r = {_values(sensors.lever_arms)}  # row j: position of accelerometer j in b, m",
+        f"omega = (rates + k_w{w}) @ K_w.T  # (n, 3), rad/s",
+        "alpha = np.gradient(omega, t, axis=0)",
+    ]
+    if form is not SizeEffect.COMPLETED:
+        return "\n".join([*lines, f"# size effect '{form.value}': use kreisel's Calibration.correct"])
+    return "\n".join(
+        [
+            *lines,
+            "W, A = omega[:, None], alpha[:, None]",
+            "e = np.einsum('jk,njk->nj', np.linalg.inv(K_a), np.cross(A, r) + np.cross(W, np.cross(W, r)))",
+            f"f = (accelerations + k_a{a} - e) @ K_a.T  # (n, 3), m/s^2, at the origin of b",
+        ]
+    )
+
+
+def _values(array: Array | Sequence[float]) -> str:
+    return f"np.array({json.dumps(_rounded(np.asarray(array)), separators=(', ', ': '))})"
+
+
+def _rounded(array: Array) -> list[Any]:
+    return [_rounded(row) if row.ndim else float(f"{row:.9g}") for row in array]
