@@ -160,6 +160,8 @@ def preintegrate(
     omega_end,
     alpha_end,
     u_end,
+    u_path,
+    q_path,
 ):
     """Write attitude, velocity and position increments from sample `first` to `last`.
 
@@ -179,6 +181,8 @@ def preintegrate(
         Rate and angular acceleration at `last`.
     u_end : (3, 3, m)
         Specific force at the samples last - 1, last, last + 1, seen from the attitude at `first`.
+    u_path, q_path : (high - low + 1, 3), (high - low + 1, 4)
+        Specific force and attitude along the way, of the first column.
     """
     m = dq.shape[1]
     count = high - low + 1
@@ -215,6 +219,10 @@ def preintegrate(
     for k in range(low, high + 1):
         specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
         rotate(dq, u, u)
+        for i in range(3):
+            u_path[k - low, i] = u[i, 0]
+        for i in range(4):
+            q_path[k - low, i] = dq[i, 0]
         wv = weight_v[k - low]
         wp = weight_p[k - low]
         for i in range(3):
@@ -239,102 +247,82 @@ def preintegrate(
 
 
 @kernel
-def noise_covariance(
-    first,
-    last,
-    stamps,
-    rate_powers,
-    rate_slopes,
-    rate_integrals,
-    force_powers,
-    rate_variance,
-    force_variance,
-    K_omega,
-    k_w,
-    K_a,
-    k_a,
-    axes,
-    lever_arms,
-    products,
-    inside,
-    Q,
-):
+def noise_covariance(first, last, low, stamps, u_path, q_path, rate_variance, force_variance, K_omega, K_a, Q):
     """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9).
 
-    rate_variance, force_variance (n - 1, 3): variance of the noise's integral over each interval. Seen
-    from the body's attitude at `first`; attitude errors as left perturbations in that frame. The
-    parameter sets hold one column.
+    Seen from the body's attitude at `first`; attitude errors as left perturbations in that frame.
+
+    Parameters
+    ----------
+    u_path, q_path
+        As `preintegrate` writes them, from sample `low` on.
+    rate_variance, force_variance : (n - 1, 3)
+        Variance of the noise's integral over each interval.
+    K_omega, K_a : (3, 3)
     """
-    omega = np.empty((3, 1))
-    omega_next = np.empty((3, 1))
-    alpha = np.empty((3, 1))
-    alpha_next = np.empty((3, 1))
-    step = np.empty((3, 1))
-    theta = np.empty((3, 1))
-    u = np.empty((3, 1))
-    q = np.zeros((4, 1))
-    q[0, 0] = 1.0
-    column = np.empty((3, 1))
-    F = np.eye(9)
+    C = np.empty((3, 3))
     G = np.empty((3, 3))
     Q[:] = 0.0
-    affine(K_omega, rate_powers[first], k_w, omega)
-    affine(K_omega, rate_slopes[first], k_w, alpha)
     for k in range(first, last):
         dt = stamps[k + 1] - stamps[k]
-        specific_force(force_powers[k], omega, alpha, K_a, k_a, axes, lever_arms, products, inside, u)
-        rotate(q, u, u)
-        # d(C f) = -[C f x] d(theta): left perturbation
-        F[3, 1] = u[2, 0] * dt
-        F[3, 2] = -u[1, 0] * dt
-        F[4, 0] = -u[2, 0] * dt
-        F[4, 2] = u[0, 0] * dt
-        F[5, 0] = u[1, 0] * dt
-        F[5, 1] = -u[0, 0] * dt
-        for i in range(3):
-            F[6 + i, 3 + i] = dt
-            for j in range(3):
-                F[6 + i, j] = 0.5 * dt * F[3 + i, j]
-        advance_covariance(F, Q)
-        for j in range(3):
-            for i in range(3):
-                column[i, 0] = K_omega[i, j, 0]
-            rotate(q, column, column)
-            for i in range(3):
-                G[i, j] = column[i, 0]
+        advance_covariance(u_path[k - low, 0], u_path[k - low, 1], u_path[k - low, 2], dt, Q)
+        direction_cosines(q_path[k - low], C)
+        product(C, K_omega, G)
         add_noise(G, rate_variance[k], 1.0, 0.0, 0, 0, Q)
-        for j in range(3):
-            for i in range(3):
-                column[i, 0] = K_a[i, j, 0]
-            rotate(q, column, column)
-            for i in range(3):
-                G[i, j] = column[i, 0]
+        product(C, K_a, G)
         add_noise(G, force_variance[k], 1.0, 0.5 * dt, 3, 6, Q)
-        affine(K_omega, rate_powers[k + 1], k_w, omega_next)
-        affine(K_omega, rate_slopes[k + 1], k_w, alpha_next)
-        affine(K_omega, rate_integrals[k], k_w, step)
-        rotation_step(step, omega, omega_next, alpha, alpha_next, dt, theta)
-        turn(q, theta, 1.0)
-        omega, omega_next = omega_next, omega
-        alpha, alpha_next = alpha_next, alpha
 
 
 @kernel
-def advance_covariance(F, Q):
-    """Replace Q by F Q F^T, using that F is lower block triangular with unit diagonal blocks."""
-    T = np.empty((9, 9))
+def direction_cosines(q, C):
+    """Write the matrix (3, 3) of a unit quaternion (4,)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    C[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    C[0, 1] = 2.0 * (x * y - w * z)
+    C[0, 2] = 2.0 * (x * z + w * y)
+    C[1, 0] = 2.0 * (x * y + w * z)
+    C[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    C[1, 2] = 2.0 * (y * z - w * x)
+    C[2, 0] = 2.0 * (x * z - w * y)
+    C[2, 1] = 2.0 * (y * z + w * x)
+    C[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@kernel
+def product(A, B, out):
+    """Write the product of two matrices (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@kernel
+def advance_covariance(ux, uy, uz, dt, Q):
+    """Replace Q (9, 9) by F Q F^T for errors that move as v += -u x theta dt, p += v dt - u x theta dt^2/2.
+
+    theta, v and p are attitude error (left), velocity and position error; u the specific force.
+    """
+    h = 0.5 * dt
+    for j in range(9):
+        x = -dt * (uy * Q[2, j] - uz * Q[1, j])
+        y = -dt * (uz * Q[0, j] - ux * Q[2, j])
+        z = -dt * (ux * Q[1, j] - uy * Q[0, j])
+        Q[6, j] += dt * Q[3, j] + h * x
+        Q[7, j] += dt * Q[4, j] + h * y
+        Q[8, j] += dt * Q[5, j] + h * z
+        Q[3, j] += x
+        Q[4, j] += y
+        Q[5, j] += z
     for i in range(9):
-        for j in range(9):
-            total = Q[i, j]
-            for k in range(3 * (i // 3)):
-                total += F[i, k] * Q[k, j]
-            T[i, j] = total
-    for i in range(9):
-        for j in range(9):
-            total = T[i, j]
-            for k in range(3 * (j // 3)):
-                total += T[i, k] * F[j, k]
-            Q[i, j] = total
+        x = -dt * (uy * Q[i, 2] - uz * Q[i, 1])
+        y = -dt * (uz * Q[i, 0] - ux * Q[i, 2])
+        z = -dt * (ux * Q[i, 1] - uy * Q[i, 0])
+        Q[i, 6] += dt * Q[i, 3] + h * x
+        Q[i, 7] += dt * Q[i, 4] + h * y
+        Q[i, 8] += dt * Q[i, 5] + h * z
+        Q[i, 3] += x
+        Q[i, 4] += y
+        Q[i, 5] += z
 
 
 @kernel

@@ -6,7 +6,6 @@ import numpy as np
 
 from kreisel._kernels.compilation import kernel
 
-
 POINTS = 6
 """Samples each interpolating polynomial goes through."""
 

@@ -61,13 +61,7 @@ class CellModel:
         step = strapdown.preintegrate(
             p.signal, self._update.first, self._update.last, self._columns, p.settings.size_effect
         )
-        self._increment = Increment(
-            step.duration,
-            *(
-                np.take(a, which, axis=-1)
-                for a in (step.dq, step.dv, step.dp, step.omega_end, step.alpha_end, step.u_end)
-            ),
-        )
+        self._increment = step.spread(which)
         out = points.copy()
         q, v, r = (
             np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position")
@@ -98,7 +92,7 @@ class CellModel:
     def process_noise(self, centre: Array) -> Array:  # noqa: ARG002 - the increment already stands for it
         """Return the factor of sensor noise in velocity, position and attitude, and of offsets that walk."""
         p, u = self.problem, self._update
-        Q = strapdown.noise_covariance(p.signal, u.first, u.last, self._columns, p.settings.size_effect)
+        Q = strapdown.noise_covariance(p.signal, u.first, u.last, self._increment, self._columns)
         C_first = matrix(self._q_first[:, 0])
         back = matrix(conjugate(self._increment.dq[:, 0]))
         T = np.zeros((9, 9))
@@ -178,17 +172,16 @@ class CellModel:
         noise, reference = self.problem.noise, self.problem.reference
         at_rest = self._update.rest is not None
         deviation: list[float] = []
-        motion: list[Array] = []
         if reference.positions is not None:
             deviation += 3 * [noise.jitter_position if at_rest else noise.position]
-            motion.append(centre[self.layout.stored("velocity")])
         if reference.quaternions is not None:
             deviation += 3 * [noise.jitter_orientation if at_rest else noise.orientation]
-            motion.append(self.rate(centre))
         if at_rest:
             return np.diag([*deviation, *(3 * [noise.velocity])])
         if noise.stamp == 0.0:
             return np.diag(deviation)
+        motion = [centre[self.layout.stored("velocity")]] if reference.positions is not None else []
+        motion += [self.rate(centre)] if reference.quaternions is not None else []
         return np.column_stack([np.diag(deviation), noise.stamp * np.concatenate(motion)])
 
     def rate(self, centre: Array) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from kreisel.calibration.cell_model import CellModel
@@ -149,7 +150,7 @@ def run_filter(
                 "check units and noise figures, or fix groups the motion does not show"
             )
         used = nis <= gate * bounds[whitened.size]
-        belief = spkf.update(layout, prediction) if used else prediction.belief
+        belief = spkf.update(layout, prediction, whitened) if used else prediction.belief
         rejected_in_a_row = 0 if used else rejected_in_a_row + 1
         recorder.add(item, belief, prediction, whitened, factor, used=used)
         if progress is not None and i % 16 == 0:
@@ -226,8 +227,7 @@ class _Recorder:
     ) -> None:
         present = np.concatenate([self._rows_present, np.repeat(item.rest is not None, 3)])
         R = factor @ factor.T
-        S = prediction.innovation_factor
-        left = R @ np.linalg.solve(S.T, whitened)
+        left = R @ solve_triangular(prediction.innovation_factor, whitened, lower=True, trans="T", check_finite=False)
         moving = np.r_[self._problem.layout["velocity"], self._problem.layout["attitude"]]
         gain = prediction.gain_factor[moving]
         wide = np.full((4, 9), np.nan)

@@ -191,7 +191,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
     else:
         fit = _rates_without_attitude(recording.imu, reference, correlation.clock)
-        findings.append(Finding("reference", "positions only: b takes the axes of the gyros, as far as they are square"))
+        findings.append(Finding("reference", "positions only: b takes the gyros' axes, as far as they are square"))
     if reference.positions is None:
         findings.append(Finding("reference", "orientations only: accelerometers are seen at rests, and between them"))
     site = site_of(recording)

@@ -62,8 +62,8 @@ class Prediction:
 
     Attributes
     ----------
-    belief
-        The predicted belief.
+    mean, columns
+        The predicted mean, and columns (degrees, k) whose outer products make up its covariance.
     innovation, innovation_factor : (m,), (m, m)
         Measurement less its prediction, and the lower triangular factor of its covariance.
     gain_factor : (degrees, m)
@@ -72,11 +72,17 @@ class Prediction:
         Factor of the covariance once the measurement is used.
     """
 
-    belief: Belief
+    mean: Array
+    columns: Array
     innovation: Array
     innovation_factor: Array
     gain_factor: Array
     posterior_factor: Array
+
+    @property
+    def belief(self) -> Belief:
+        """The predicted belief, for when the measurement is not used."""
+        return Belief(self.mean, triangularise(self.columns))
 
     @property
     def normalised_innovation(self) -> Array:
@@ -144,12 +150,12 @@ def predict(
     measured = np.zeros((m + n, measurement_factor.shape[1]))
     measured[:m] = measurement_factor
     lower = triangularise(np.hstack([measured, linear, further]))
-    predicted_factor = triangularise(np.hstack([linear[m:], further[m:]]))
     mean_change = np.zeros((n, 1))
     mean_change[held:, 0] = shift[m:]
     mean = layout.plus(centre, mean_change)[:, 0].copy() if np.any(shift[m:]) else centre
     return Prediction(
-        belief=Belief(mean, predicted_factor),
+        mean=mean,
+        columns=np.hstack([linear[m:], further[m:]]),
         innovation=transition.innovation(centre) - shift[:m],
         innovation_factor=lower[:m, :m],
         gain_factor=lower[m:, :m],
@@ -157,10 +163,10 @@ def predict(
     )
 
 
-def update(layout: StateLayout, prediction: Prediction) -> Belief:
-    """Return the belief once the measurement is used."""
-    change = prediction.gain_factor @ prediction.normalised_innovation
-    mean = layout.plus(prediction.belief.mean, change[:, None])[:, 0].copy()
+def update(layout: StateLayout, prediction: Prediction, whitened: Array) -> Belief:
+    """Return the belief once the measurement is used; `whitened` is the prediction's normalised innovation."""
+    change = prediction.gain_factor @ whitened
+    mean = layout.plus(prediction.mean, change[:, None])[:, 0].copy()
     return Belief(mean, prediction.posterior_factor)
 
 

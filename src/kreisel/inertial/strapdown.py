@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from kreisel._kernels import attitude, composition, preintegration, quadrature, rotation
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
 
@@ -85,11 +85,6 @@ class SensorColumns:
         parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
         return cls.stack(form, *(part[..., None] for part in parts))
 
-    def first(self) -> SensorColumns:
-        """Return the first column alone."""
-        parts = (self.K_omega, self.k_w, self.K_a, self.k_a, self.lever_arms, self.axes)
-        return SensorColumns(*(np.array(part[..., :1], order="C") for part in parts))
-
 
 @dataclass(frozen=True)
 class Increment:
@@ -97,7 +92,8 @@ class Increment:
 
     ``dq`` (4, m), ``dv`` and ``dp`` (3, m) are seen from the inertial attitude at the first sample;
     ``omega_end``, ``alpha_end`` (3, m) are rate and angular acceleration at the last, ``u_end``
-    (3, 3, m) the specific force around it.
+    (3, 3, m) the specific force around it. ``u_path`` (k, 3) and ``q_path`` (k, 4) hold force and attitude
+    along the way from sample ``low`` on, of the first column.
     """
 
     duration: float
@@ -107,6 +103,15 @@ class Increment:
     omega_end: Array
     alpha_end: Array
     u_end: Array
+    u_path: Array
+    q_path: Array
+    low: int
+
+    def spread(self, which: Indices) -> Increment:
+        """Return the increment with the columns `which` selects, one as often as it is named."""
+        columns = (self.dq, self.dv, self.dp, self.omega_end, self.alpha_end, self.u_end)
+        taken = (np.take(column, which, axis=-1) for column in columns)
+        return Increment(self.duration, *taken, self.u_path, self.q_path, self.low)
 
 
 def prepare(
@@ -192,6 +197,9 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         omega_end=np.empty((3, m)),
         alpha_end=np.empty((3, m)),
         u_end=np.empty((3, 3, m)),
+        u_path=np.empty((high - low + 1, 3)),
+        q_path=np.empty((high - low + 1, 4)),
+        low=low,
     )
     preintegration.preintegrate(
         first, last, low, high,
@@ -199,24 +207,22 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
         columns.K_omega, columns.k_w, columns.K_a, columns.k_a, columns.axes, columns.lever_arms,
         form.products, form.inside,
-        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end,
+        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path,
     )  # fmt: skip
     return out
 
 
-def noise_covariance(signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect) -> Array:
+def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increment, columns: SensorColumns) -> Array:
     """Return the covariance (9, 9) of attitude, velocity and position left by sensor noise.
 
-    Uses the first column. Seen from the body's inertial attitude at `first`; attitude errors as left
-    perturbations there.
+    Uses the first column of an increment between the same samples. Seen from the body's inertial attitude
+    at `first`; attitude errors as left perturbations there.
     """
-    c = columns.first()
     Q = np.empty((9, 9))
+    K_omega, K_a = (np.ascontiguousarray(K[..., 0]) for K in (columns.K_omega, columns.K_a))
     preintegration.noise_covariance(
-        first, last, signal.stamps,
-        signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
-        signal.rate_variance, signal.force_variance,
-        c.K_omega, c.k_w, c.K_a, c.k_a, c.axes, c.lever_arms, form.products, form.inside, Q,
+        first, last, step.low, signal.stamps, step.u_path, step.q_path,
+        signal.rate_variance, signal.force_variance, K_omega, K_a, Q,
     )  # fmt: skip
     return Q
 
@@ -269,13 +275,14 @@ def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
     ideal = SensorParameters.ideal()
     level = np.array([1.0, 0.0, 0.0, 0.0])
     one = level[:, None].copy()
-    columns = SensorColumns.single(ideal, SizeEffect.COMPLETED)
+    form = SizeEffect.COMPLETED
+    columns = SensorColumns.single(ideal, form)
     vector = np.zeros((3, 1))
     signal: list[InertialSignal] = []
     steps: list[Callable[[], object]] = [
         lambda: signal.append(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))),
         lambda: navigate(signal[0], ideal, level, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)),
-        lambda: noise_covariance(signal[0], 2, 4, columns, SizeEffect.COMPLETED),
+        lambda: noise_covariance(signal[0], 2, 4, preintegrate(signal[0], 2, 4, columns, form), columns),
         lambda: rotation.plus(one, np.zeros((3, 1)), one.copy()),
         lambda: rotation.minus(one, one, np.zeros((3, 1))),
         lambda: attitude.accumulate(np.zeros((2, 3)), np.tile(level, (3, 1))),

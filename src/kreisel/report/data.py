@@ -305,7 +305,7 @@ def _residuals(h: History) -> Residuals:
         "attitude, rest": h.whitened[rest, orientation],
         "velocity, rest": h.whitened[rest, velocity],
     }
-    lags = int(min(_MOST_LAGS, path.sum() // 4))
+    lags = int(min(_MOST_LAGS, path.sum() // 4)) if path.sum() >= 12 else 0
     series = {"position": h.whitened[path, position], "attitude": h.whitened[path, orientation]}
     correlations = {name: _correlation(x, lags) for name, x in series.items()}
     steps = np.linspace(-5.0, 5.0, 201)
@@ -321,7 +321,7 @@ def _residuals(h: History) -> Residuals:
         densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
         steps=steps,
         normal=np.asarray(norm.pdf(steps)),
-        lags=np.arange(lags + 1),
+        lags=np.arange(1, lags + 1),
         correlations={name: c for name, c in correlations.items() if c is not None},
         bound=float(1.96 / np.sqrt(3.0 * max(int(path.sum()), 1))),
     )
@@ -352,9 +352,9 @@ def _density(whitened: Array) -> Array | None:
 
 
 def _correlation(series: Array, lags: int) -> Array | None:
-    if lags < 3 or not np.isfinite(series).all():
+    if lags < 1 or not np.isfinite(series).all():
         return None
-    return np.mean([autocorrelation(series[:, i], lags) for i in range(3)], axis=0)
+    return np.mean([autocorrelation(series[:, i], lags)[1:] for i in range(3)], axis=0)
 
 
 def _difference(outcome: Outcome, stretch: slice) -> Difference:
@@ -420,7 +420,8 @@ def _uncertainty(outcome: Outcome) -> Uncertainty:
 def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> dict[str, tuple[Track, ...]]:
     n = len(groups)
     table = outcome.calibration.estimates[every(outcome.calibration.estimates.shape[0], MOST_MARKERS)]
-    seconds, values, deviations = table[:, 0], table[:, 1 : 1 + n], table[:, 1 + n :]
+    seconds, deviations = table[:, 0], table[:, 1 + n :]
+    values = table[:, 1 : 1 + n] + _way_to_prior(outcome, deviations)
     covariance, parameters = outcome.calibration.covariance, outcome.estimate.run.parameters
     tracks: dict[str, tuple[Track, ...]] = {}
 
@@ -458,6 +459,24 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
                 for i in range(3)
             )
     return tracks
+
+
+def _way_to_prior(outcome: Outcome, deviations: Array) -> Array:
+    """Return what puts the prior back at its own centre in estimates over time, (u, n).
+
+    A later pass carries its prior around the estimates of the one before. The reported values have that
+    mended with the whole covariance; here, where only standard deviations are kept, parameter by parameter.
+    """
+    problem, start = outcome.problem, outcome.estimate.run.start
+    way = np.zeros_like(deviations)
+    for group in problem.groups:
+        if group == "alignment":
+            continue
+        part = problem.layout[group]
+        believed = deviations[:, part] / outcome.estimate.correlation_factor
+        share = np.minimum((believed / problem.prior_deviation[group]) ** 2, 1.0)
+        way[:, part] = share * (problem.prior.stored(group) - start.stored(group))
+    return way
 
 
 def _scales(K: Array, deviation: Array, correlation: Array) -> tuple[Array, Array]:

@@ -57,23 +57,24 @@ GROUP_LABELS = {
     "accel_offset": "k<sub>a0</sub>",
     "accel_polynomial": "k<sub>ai</sub>",
     "lever_arms": "r",
-    "alignment": "align",
+    "alignment": "φ",
     "gravity": "g",
-    "time_offset": "t",
-    "time_skew": "skew",
+    "time_offset": "t<sub>0</sub>",
+    "time_skew": "s",
 }
 
 _TIME = "IMU time (s)"
 _HEIGHT = 300
 _PANEL = 130
-_SETTLED = 0.08
+_SETTLED = 10.0
 
 
 @dataclass(frozen=True)
 class Figure:
     """A figure: where it goes, what it is, and what a good one looks like.
 
-    `link` names figures whose time axes move together; `wide` ones take the whole width.
+    `link` names figures whose time axes move together; `shape` is empty for half the width, "wide" for
+    all of it, "square" for as much as a square takes.
     """
 
     name: str
@@ -81,7 +82,7 @@ class Figure:
     caption: str
     plot: Figure_
     link: str = ""
-    wide: bool = False
+    shape: str = ""
 
     @property
     def height(self) -> int:
@@ -112,7 +113,7 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests." + aside,
             _over_time(e.rates, "Angular rate (deg/s)", e),
             link="excitation",
-            wide=True,
+            shape="wide",
         ),
         Figure(
             "accelerations",
@@ -121,7 +122,7 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             "and there is motion in between." + aside,
             _over_time(e.forces, "Acceleration (m/s²)", e),
             link="excitation",
-            wide=True,
+            shape="wide",
         ),
         Figure(
             "synchronisation",
@@ -132,7 +133,7 @@ def excitation_figures(e: Excitation) -> list[Figure]:
                 [_line(e.felt, "gyros", "x"), _line(e.seen, "reference", "y", dash="dot")],
                 _layout(_TIME, "Norm of angular rate (deg/s)"),
             ),
-            wide=True,
+            shape="wide",
         ),
     ]
 
@@ -170,10 +171,10 @@ def residual_figures(r: Residuals) -> list[Figure]:
         Figure(
             "autocorrelation",
             "Autocorrelation of whitened innovations",
-            "Mean over the three axes, updates on the path. Good: from lag 1 on within the 95 % band of white noise; "
+            "Mean over the three axes, updates on the path. Good: within the 95 % band of white noise; "
             "a slow decay means errors that last over several updates, which the standard deviations then allow for.",
             _autocorrelation(r),
-            wide=True,
+            shape="wide",
         ),
     ]
 
@@ -270,10 +271,11 @@ def matrix_figure(u: Uncertainty) -> Figure:
     return Figure(
         "correlations",
         "Correlations of the estimates",
-        "Correlation coefficients of all estimated parameters. Good: pale off the diagonal; a dark spot is a pair "
-        "this motion can hardly tell apart.",
+        "Correlation coefficients of all estimated parameters. Good: faint off the diagonal; a strong colour "
+        "there is a pair this motion can hardly tell apart. φ is the alignment, t₀ and s the clocks' offset "
+        "and skew.",
         _matrix(u),
-        wide=True,
+        shape="square",
     )
 
 
@@ -300,7 +302,7 @@ def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
         "Estimate of the second half less that of the first, over the standard deviation of this difference. Good: "
         "nineteen of twenty within ±2, about as many above as below.",
         _scores(halves, groups),
-        wide=True,
+        shape="wide",
     )
 
 
@@ -318,6 +320,8 @@ def _axis(title: str, **more: Any) -> Figure_:
         "ticks": "outside",
         "ticklen": 4,
         "exponentformat": "power",
+        "minexponent": 5,
+        "tickmode": "auto",
         "automargin": True,
         **more,
     }
@@ -334,6 +338,7 @@ def _layout(x: str, y: str, *, height: int = _HEIGHT, **more: Any) -> Figure_:
         "hoverlabel": {"bgcolor": "@ground", "bordercolor": "@line", "font": {"color": "@ink"}},
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "@muted/0.6", "activecolor": "@ink"},
         "dragmode": "zoom",
+        "separators": ".\u202f",
         "xaxis": _axis(x),
         "yaxis": _axis(y),
         **more,
@@ -445,10 +450,8 @@ def _nis(r: Residuals) -> Figure_:
             data.append(_markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))
     layout = _layout(_TIME, "NIS per degree of freedom")
     shown = r.nis[np.isfinite(r.nis) & (r.nis > 0.0)]
-    layout["yaxis"] |= {"type": "log", "dtick": 1}
-    if shown.size:
-        low, high = np.log10(np.percentile(shown, [1.0, 100.0]))
-        layout["yaxis"]["range"] = [float(min(low, -1.0)) - 0.2, float(max(high, 0.6)) + 0.2]
+    low, high = np.log10(np.percentile(shown, [1.0, 100.0])) if shown.size else (0.0, 0.0)
+    layout["yaxis"] |= _logarithmic(min(float(low), -1.0), max(float(high), 0.6))
     return _plot(data, layout)
 
 
@@ -471,12 +474,12 @@ def _histogram(r: Residuals) -> Figure_:
 
 
 def _autocorrelation(r: Residuals) -> Figure_:
-    lags = r.lags.astype(float)
     data = []
-    if r.lags.size > 1:
-        data.append(_area([1.0, lags[-1]], [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
+    if r.lags.size:
+        ends = [float(r.lags[0]), float(r.lags[-1])]
+        data.append(_area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
     for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
-        line = _line(Curve(lags.astype(np.float32), values.astype(np.float32)), name, colour)
+        line = _line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
         data.append({**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"})
     layout = _layout("Lag (updates)", "Autocorrelation (1)", height=260)
     if not r.correlations:
@@ -511,8 +514,7 @@ def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) 
         )
         for i, track in enumerate(tracks):
             colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
-            first = row == 0 or len(tracks) == 1
-            data += _track(track, colour, f"y{key}", legend=first and n * len(tracks) > 1)
+            data += _track(track, colour, f"y{key}", legend=row == 0 and len(tracks) > 1)
     layout["xaxis"]["anchor"] = "y" if n == 1 else f"y{n}"
     return _plot(data, layout)
 
@@ -530,10 +532,11 @@ def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure
 
 
 def _settled_range(tracks: Sequence[Track]) -> tuple[float, float]:
-    """Return a range that holds the bands once the first of the recording is over."""
+    """Return a range that holds the bands from where they are within a few times the last one's width."""
     low, high = np.inf, -np.inf
     for track in tracks:
-        later = slice(int(_SETTLED * track.seconds.size), None)
+        narrow = np.flatnonzero(track.deviation <= _SETTLED * track.deviation[-1])
+        later = slice(int(narrow[0]) if narrow.size else 0, None)
         value, spread = track.value[later].astype(float), 2.0 * track.deviation[later].astype(float)
         low = min(low, float(np.min(value - spread)), track.reported - 2.0 * track.reported_sd)
         high = max(high, float(np.max(value + spread)), track.reported + 2.0 * track.reported_sd)
@@ -554,6 +557,8 @@ def _matrix(u: Uncertainty) -> Figure_:
         "tickmode": "array",
         "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
         "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "tickangle": 0,
+        "tickfont": {"size": 11},
         "showgrid": False,
         "zeroline": False,
         "ticks": "",
@@ -566,12 +571,21 @@ def _matrix(u: Uncertainty) -> Figure_:
         "zmin": -1,
         "zmax": 1,
         "colorscale": [[0, "@y"], [0.5, "@ground"], [1, "@x"]],
-        "colorbar": {"title": {"text": "ρ (1)"}, "thickness": 12, "outlinewidth": 0, "tickvals": [-1, -0.5, 0, 0.5, 1]},
+        "colorbar": {
+            "title": {"text": "Correlation (1)", "side": "top"},
+            "orientation": "h",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "thickness": 10,
+            "len": 0.6,
+            "outlinewidth": 0,
+            "tickvals": [-1, -0.5, 0, 0.5, 1],
+        },
         "hovertemplate": "%{text}<br>%{z:.3f}<extra></extra>",
         "xgap": 0.5,
         "ygap": 0.5,
     }
-    layout = _layout("Parameter", "Parameter", height=560)
+    layout = _layout("Parameter", "Parameter", height=640)
     layout["xaxis"] |= ticks | {"constrain": "domain"}
     layout["yaxis"] |= ticks | {"range": [n - 0.5, -0.5], "scaleanchor": "x", "constrain": "domain"}
     layout["shapes"] = [
@@ -591,8 +605,27 @@ def _drift(nominal: Curve, calibrated: Curve, title: str) -> Figure_:
         _markers(calibrated.x, calibrated.y, "calibrated", "x", size=5),
     ]
     layout = _layout(_TIME, title)
-    layout["yaxis"] |= {"type": "log", "dtick": 1}
+    sizes = np.concatenate([nominal.y, calibrated.y])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if sizes.size:
+        low, high = np.log10(np.percentile(sizes, [0.5, 100.0]))
+        layout["yaxis"] |= _logarithmic(float(low), float(high))
     return _plot(data, layout)
+
+
+def _logarithmic(low: float, high: float) -> Figure_:
+    """Return what makes an axis logarithmic from 10^low to 10^high, with ticks that read as numbers."""
+    low, high = low - 0.15, high + 0.15
+    decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
+    digits = (1, 2, 5) if high - low < 1.6 else (1,)
+    values = [digit * 10.0**k for k in decades for digit in digits]
+    return {
+        "type": "log",
+        "range": [low, high],
+        "tickmode": "array",
+        "tickvals": values,
+        "ticktext": [f"{value:g}" for value in values],
+    }
 
 
 def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
@@ -608,6 +641,7 @@ def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
         "tickmode": "array",
         "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
         "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "tickangle": 0,
         "showgrid": False,
         "zeroline": False,
         "range": [-0.5, score.size - 0.5],

@@ -19,6 +19,8 @@ from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
 
 NOTHING = "–"
 
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 UNITS: dict[str, tuple[str, float]] = {
     "gyro_cross_coupling": ("1", 1.0),
     "gyro_offset": ("deg/h", DEG_PER_HOUR),
@@ -63,7 +65,7 @@ def number(value: float, digits: int = 3) -> str:
         return NOTHING
     if value != 0.0 and not 1e-4 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-        return _minus(f"{mantissa}·10^{int(exponent)}")
+        return f"{_minus(mantissa)}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     places = 0 if value == 0.0 else max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return _minus(f"{value:.{places}f}")
 
@@ -73,13 +75,13 @@ def pair(value: float | None, deviation: float | None) -> str:
     if value is None or not math.isfinite(value):
         return NOTHING
     if deviation is None or not deviation > 0.0 or not math.isfinite(deviation):
-        return number(value, 6)
+        return number(value, 4)
     places = max(0, min(12, 1 - math.floor(math.log10(deviation))))
     return f"{_minus(f'{value:.{places}f}')} ± {deviation:.{places}f}"
 
 
 def _minus(text: str) -> str:
-    return text.replace("-", "−")
+    return "−" + text[1:] if text.startswith("-") and text.strip("-0.") else text.removeprefix("-")
 
 
 @dataclass(frozen=True)
@@ -104,11 +106,11 @@ class Support:
             settings.polynomial_order,
         )
 
-    def word(self, groups: Sequence[str]) -> str:
-        """Return whether the motion shows a quantity that depends on whole groups."""
+    def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
+        """Return whether the motion shows a quantity that depends on groups, or on a part of one."""
         for group, word in ((g, w) for g in groups for w, those in self._set_aside() if g in those):
             return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
-        names = [name for group in groups for name in parameter_names(group, self.order)]
+        names = [name for group in groups for name in parameter_names(group, self.order)[part]]
         shown = sum(name not in self.unobservable for name in names)
         if shown == len(names):
             return "yes"
@@ -156,7 +158,7 @@ def key_table(outcome: Outcome) -> Table:
         rows.append(_key_row(title, unit, derived[key], deviations[key], word))
     arms, sd = document["accelerometer"]["lever_arms"], document["standard_deviation"]["accelerometer"]["lever_arms"]
     for j, axis in enumerate("xyz"):
-        word = support.word(("lever_arms",))
+        word = support.word(("lever_arms",), slice(3 * j, 3 * j + 3))
         title = f"Position of accelerometer {axis} in b"
         rows.append(_key_row(title, "mm", _scaled(arms[j], MM), _scaled(sd[j], MM), word))
     rows.extend(_timing_rows(document, support))
@@ -234,7 +236,7 @@ def nis_table(residuals: Residuals) -> Table:
     for kind in residuals.kinds:
         low, high = kind.mean_bounds
         fits = low <= kind.mean <= high
-        word = "as believed" if fits else "larger than believed" if kind.mean > high else "smaller than believed"
+        word = "as believed" if fits else "larger" if kind.mean > high else "smaller"
         rows.append(
             Row(
                 (
@@ -246,11 +248,11 @@ def nis_table(residuals: Residuals) -> Table:
                     f"{number(low)} to {number(high)}",
                     word if math.isfinite(kind.mean) else NOTHING,
                 ),
-                weak=not fits,
+                weak=kind.mean > high,
             )
         )
-    columns = ("Kind", "Updates", "Set aside", "Degrees of freedom", "Mean NIS per degree", "95 % of means", "Innovations are")
-    return Table("Normalised innovation squared (NIS)", columns, tuple(rows))
+    columns = ("Kind", "Updates", "Set aside", "Degrees", "Mean", "95 % band", "Innovations")
+    return Table("NIS per degree of freedom", columns, tuple(rows))
 
 
 def noise_table(outcome: Outcome) -> Table:
@@ -371,5 +373,5 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
                 weak=abs(score) > 2.0,
             )
         )
-    columns = ("Parameter", "Unit", "Injected", "Found", "Standard deviation", "(Found − injected) / sd")
+    columns = ("Parameter", "Unit", "Expected change", "Found change", "Standard deviation", "Difference / sd")
     return Table("Known errors added to the raw readings", columns, tuple(rows), 2)

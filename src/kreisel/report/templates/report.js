@@ -18,6 +18,10 @@ function painted(node, palette) {
 function draw(plot, palette, width) {
   const figure = painted(DRAWINGS[plot.dataset.figure], palette);
   if (width) figure.layout.width = width;
+  if (plot.parentElement.classList.contains("square")) {
+    figure.layout.height = Math.min(figure.layout.height, (width || plot.clientWidth) + 60);
+    plot.style.height = `${figure.layout.height}px`;
+  }
   const config = { responsive: !width, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
   return Plotly.react(plot, figure.data, figure.layout, config);
 }

@@ -1,0 +1,62 @@
+"""Where in a stream a fault lies, in the words of what it came from: lines of a table, messages of a bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kreisel.errors import RecordingError
+
+
+def is_table(source: Path) -> bool:
+    """Return whether a stream came from a CSV table; streams of bags are named by file and topic."""
+    return source.suffix.lower() == ".csv"
+
+
+def fault(source: Path, message: str, row: int | None = None) -> RecordingError:
+    """Return the error for a fault at a row, counted from 0, or for one of the whole stream."""
+    if row is None:
+        return RecordingError(message, file=source)
+    if is_table(source):
+        return RecordingError(message, file=source, line=line_of(source, row))
+    return RecordingError(f"message {row + 1}: {message}", file=source)
+
+
+def wrong_unit(source: Path, message: str, unit: str, si: str) -> RecordingError:
+    """Return the error for numbers that look like another unit than the one they are read in."""
+    if is_table(source):
+        remedy = f"write [{unit}] into the header, or convert to {si}"
+        return RecordingError(f"{message}: they look like [{unit}]; {remedy}", file=source, line=1)
+    return RecordingError(
+        f"{message}: they look like [{unit}]; ROS messages are in {si}: convert them", file=source
+    )
+
+
+def rows(source: Path) -> str:
+    """Return what the rows of a stream are called: rows of a table, messages of a bag."""
+    return "rows" if is_table(source) else "messages"
+
+
+def at(source: Path, row: int) -> str:
+    """Return the place of a row, counted from 0, for a finding."""
+    return f"line {line_of(source, row)}" if is_table(source) else f"message {row + 1}"
+
+
+def line_of(source: Path, row: int) -> int:
+    """Return the line a row of a table stands in; empty lines and comments are no rows."""
+    try:
+        with source.open(encoding="utf-8-sig") as file:
+            next(file, None)
+            seen = -1
+            for number, line in enumerate(file, start=2):
+                text = line.partition("#")[0].strip()
+                seen += bool(text)
+                if seen == row:
+                    return number
+    except (OSError, UnicodeDecodeError):
+        pass
+    return row + 2
+
+
+def and_more(count: int, what: str) -> str:
+    """Return ', and in 3 more rows' for a count of further faults; nothing where there is none."""
+    return f", and in {count} more {what if count > 1 else what.removesuffix('s')}" if count > 0 else ""
