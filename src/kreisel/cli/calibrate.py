@@ -38,7 +38,6 @@ def calibrate(
     from kreisel.calibration.validation import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
-    from kreisel.inertial.sensor_model import SizeEffect
     from kreisel.recording import load
 
     settings = CalibrationSettings(
@@ -48,7 +47,7 @@ def calibrate(
         polynomial_order=polynomial_order,
         fixed=tuple(fix),
         skew=skew,
-        size_effect=SizeEffect(size_effect),
+        size_effect=size_effect,  # type: ignore[arg-type]  # settings know the names
         passes=passes,
     )
     if output is not None:

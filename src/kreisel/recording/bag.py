@@ -32,7 +32,7 @@ from kreisel.recording.mcap import (
     reason,
 )
 from kreisel.recording.recording import Finding, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.recording.settings import RecordingSettings, read_settings, what_is_wrong
 
 _IMU = "sensor_msgs/msg/Imu"
 _JOINTS = "sensor_msgs/msg/JointState"
@@ -141,16 +141,12 @@ def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
 
 def _read(path: Path) -> Contents:
     if not path.exists():
-        raise RecordingError(
-            "no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path
-        )
+        raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
     if path.is_file() and path.suffix.lower() == ".mcap":
         return read_mcap(path, _ROWS)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if files and not (path / "metadata.yaml").is_file():
-        return _read_each(
-            path, files, "no metadata.yaml, as where a recorder was stopped; read its .mcap files"
-        )
+        return _read_each(path, files, "no metadata.yaml, as where a recorder was stopped; read its .mcap files")
     try:
         with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
             return _read_with_rosbags(path)
@@ -170,9 +166,7 @@ def _translated(path: Path, advice: str, where: str = "") -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise RecordingError(
-            f"{where or 'it'} cannot be read: {reason(error)}; {advice}", file=path
-        ) from error
+        raise RecordingError(f"{where or 'it'} cannot be read: {reason(error)}; {advice}", file=path) from error
 
 
 def _read_with_rosbags(path: Path) -> Contents:
@@ -225,11 +219,8 @@ def _settings(contents: Contents, findings: list[Finding]) -> RecordingSettings:
     try:
         return RecordingSettings.model_validate(tables)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
         raise RecordingError(
-            f"the stored setting {place} = {first['input']!r} is not accepted: {first['msg']}; "
-            f"write the right ones into {beside.name} beside it",
+            f"the stored setting {what_is_wrong(error)}; write the right ones into {beside.name} beside it",
             file=path,
         ) from error
 
@@ -302,9 +293,7 @@ def _only(topics: list[Topic], role: _Role, path: Path) -> Topic:
     remedy = f"choose with {role.option} TOPIC"
     if len({topic.name for topic in topics}) == 1:
         remedy = "they share a name, so record them again under names of their own"
-    raise RecordingError(
-        f"{len(topics)} topics hold {role.what}, expected one: {_listed(topics)}; {remedy}", file=path
-    )
+    raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {_listed(topics)}; {remedy}", file=path)
 
 
 def _listed(topics: Iterable[Topic]) -> str:
@@ -415,9 +404,7 @@ def _joint_angles(contents: Contents, findings: list[Finding]) -> JointAngles | 
     chosen = [t for t in topics if t.name == JOINT_TOPIC] or topics
     if len(chosen) > 1:
         names = ", ".join(topic.name for topic in chosen)
-        findings.append(
-            Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}")
-        )
+        findings.append(Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
         return None
     if not chosen:
         return None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML, YAMLError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
@@ -42,7 +44,7 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
     """
     root = path if (path / "imu0").is_dir() else path / "mav0"
     findings: list[Finding] = []
-    settings = read_settings(path / "recording.toml") if (path / "recording.toml").is_file() else RecordingSettings()
+    settings = read_settings(path / "recording.toml") if _stands(path / "recording.toml") else RecordingSettings()
     samples = _read_imu(_imu_folder(root, imu), findings)
     datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
     poses = _read_poses(root, reference, findings)
@@ -50,10 +52,15 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
     return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet)
 
 
+def _stands(path: Path) -> bool:
+    """Return whether something has this name, be it only a link that leads nowhere."""
+    return path.is_symlink() or path.exists()
+
+
 def _imu_folder(root: Path, name: str) -> Path:
     known = [folder.name for folder in root.glob("imu*") if folder.is_dir()]
     if known and name not in known:
-        raise RecordingError(unknown_name("IMU", name, known), file=root)
+        raise RecordingError(f"{unknown_name('IMU', name, known)}; choose with --imu", file=root)
     return root / name
 
 
@@ -62,23 +69,63 @@ def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
     findings.extend(table.findings)
     if len(table.columns) < 7:
         raise RecordingError(
-            f"{len(table.columns)} columns, expected 7 or more: {_IMU_HEADER}", file=table.source, line=1
+            f"{len(table.columns)} columns, expected 7 or more: {_IMU_HEADER}; correct the header, or record again",
+            file=table.source,
+            line=1,
         )
-    rates = table.take(list(table.columns[1:4]), "rate")
-    accelerations = table.take(list(table.columns[4:7]), "acceleration")
-    _note_conversion(table, table.columns[1:7], ("rad s^-1", "rad/s", "m s^-2", "m/s^2"), findings)
+    gyro, accel = _imu_columns(table)
+    rates = table.take(gyro, "rate")
+    accelerations = table.take(accel, "acceleration")
+    _note_conversion(table, (*gyro, *accel), ("rad s^-1", "rad/s", "rads^-1", "m s^-2", "m/s^2"), findings)
     return ImuSamples(table.stamps_ns, rates, accelerations, table.source)
 
 
-def _note_conversion(table: Table, columns: tuple[Column, ...], usual: tuple[str, ...], findings: list[Finding]) -> None:
-    units = {column.unit for column in columns if column.unit not in (*usual, None)}
+def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
+    """Return the columns of rates and of accelerations: two to seven, unless their names say otherwise.
+
+    Raises
+    ------
+    RecordingError
+        If a name says that the column holds something else than its place does.
+    """
+    triads = list(table.columns[1:4]), list(table.columns[4:7])
+    for triad, meant, wanted in zip(triads, ("rate", "acceleration"), (("w_x", "w_y", "w_z"), ("a_x", "a_y", "a_z")),
+                                    strict=True):  # fmt: skip
+        for column, axis, usual in zip(triad, "xyz", wanted, strict=True):
+            quantity, named = _meaning(column.name)
+            if quantity not in (meant, "") or named not in (axis, ""):
+                raise RecordingError(
+                    f"column {column.index + 1} is '{column.name}' where {usual} ({meant}) is expected, as in "
+                    f"{_IMU_HEADER}; put the columns into this order, or correct the header",
+                    file=table.source,
+                    line=1,
+                )
+    return triads
+
+
+def _meaning(name: str) -> tuple[str, str]:
+    """Return the quantity and the axis a column's name speaks of, each empty where it does not."""
+    plain = name.lower().replace(" ", "_")
+    axis = plain[-1:] if re.fullmatch(r"(.*[_.\[])?[a-z]{1,5}[xyz]|.*[_.][xyz]", plain) else ""
+    if re.match(r"(w|omega|gyr|g)_?[xyz]?(_|$)|gyro|omega|ang", plain):
+        return "rate", axis
+    if re.match(r"(a|acc|f)_?[xyz]?(_|$)|acc|lin|force", plain):
+        return "acceleration", axis
+    return ("another quantity", "") if re.match(r"temp|mag|m_?[xyz]$|press|baro|time|q_|p_", plain) else ("", "")
+
+
+def _note_conversion(
+    table: Table, columns: tuple[Column, ...], usual: tuple[str, ...], findings: list[Finding]
+) -> None:
+    units = sorted({str(column.unit) for column in columns if column.unit not in (*usual, None)})
     if units:
-        findings.append(Finding(table.source.name, f"converted from {', '.join(f'[{u}]' for u in sorted(map(str, units)))} to SI"))
+        name = f"{table.source.parent.name}/{table.source.name}"
+        findings.append(Finding(name, f"converted from {', '.join(f'[{unit}]' for unit in units)} to SI"))
 
 
 def _reference_folders(root: Path) -> dict[str, Path]:
     taken = ("imu", "cam", "joint")
-    folders = [f for f in sorted(root.iterdir()) if (f / "data.csv").is_file() and not f.name.startswith(taken)]
+    folders = [f for f in sorted(root.iterdir()) if _stands(f / "data.csv") and not f.name.startswith(taken)]
     return {folder.name: folder for folder in folders}
 
 
@@ -100,59 +147,82 @@ def _read_poses(root: Path, name: str | None, findings: list[Finding]) -> Refere
 def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
     positions, quaternions = _pose_columns(table)
     if not positions and not quaternions:
-        raise RecordingError(f"neither three position nor four quaternion columns; expected {_POSE_HEADER}", file=table.source, line=1)
+        raise _not_poses(table, "; --reference picks another folder")
+    if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
+        raise _not_poses(table, "; angles are not read: convert them to quaternions")
     _note_conversion(table, tuple(positions), ("m",), findings)
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
     return ReferencePoses(name, table.stamps_ns, p, q, table.source)
 
 
+def _not_poses(table: Table, remedy: str) -> RecordingError:
+    names = ", ".join(column.name for column in table.columns[1:9]) or "stamps alone"
+    return RecordingError(
+        f"columns are {names}; expected {_POSE_HEADER}, or only its p or its q columns{remedy}",
+        file=table.source,
+        line=1,
+    )
+
+
+_POSITION = re.compile(r"p.*[xyz]|(t|trans.*)?_?[xyz]")
+_ANGLE = re.compile(r"roll|pitch|yaw|heading|euler|rot|[abc]$|r_?[xyz]$|angle")
+
+
 def _pose_columns(table: Table) -> tuple[list[Column], list[Column]]:
     """Return the columns of p (x, y, z) and of q (w, x, y, z), whatever order the header gives them in."""
-    columns = table.columns[1:]
-    p = [c for c in columns if c.name.lower().startswith("p") and c.name.lower()[-1:] in "xyz"][:3]
-    q = [c for c in columns if c.name.lower().startswith("q") and c.name.lower()[-1:] in "wxyz"][:4]
+    columns = [(column, column.name.lower()) for column in table.columns[1:]]
+    p = [column for column, name in columns if _POSITION.fullmatch(name)][:3]
+    q = [column for column, name in columns if name.startswith("q") and name[-1:] in "wxyz"][:4]
     p.sort(key=lambda c: "xyz".index(c.name.lower()[-1]))
     q.sort(key=lambda c: "wxyz".index(c.name.lower()[-1]))
     if len({c.name.lower()[-1] for c in p}) not in (0, 3) or len({c.name.lower()[-1] for c in q}) not in (0, 4):
-        names = ", ".join(c.name for c in columns[:8])
-        raise RecordingError(f"columns are {names}; expected {_POSE_HEADER}, or only its p or its q columns", file=table.source, line=1)
+        raise _not_poses(table, "; correct the header")
     return p, q
 
 
 def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
-    if not path.is_file():
+    if not _stands(path):
         return None
     table = read_table(path, "joint angles")
     findings.extend(table.findings)
     if len(table.columns) < 2:
-        raise RecordingError("no joint columns; expected #timestamp [ns],q_1 [rad],…", file=path, line=1)
+        raise RecordingError(
+            "no joint columns; expected #timestamp [ns],q_1 [rad],…; without joint angles, remove the folder",
+            file=path,
+            line=1,
+        )
     return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
 
 
 def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
     """Return the noise figures of EuRoC's sensor.yaml, or None where there are none."""
-    if not path.is_file():
+    if not _stands(path):
         return None
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    try:
-        content: dict[str, Any] = YAML(typ="safe").load("\n".join(line for line in lines if not line.startswith("%"))) or {}
-        sheet = Datasheet(
-            float(content["gyroscope_noise_density"]),
-            float(content["accelerometer_noise_density"]),
-            float(content.get("gyroscope_random_walk", 0.0)),
-            float(content.get("accelerometer_random_walk", 0.0)),
-        )
-    except (YAMLError, KeyError, TypeError, ValueError):
-        return None
-    figures = np.array([sheet.gyro_noise_density, sheet.accel_noise_density, sheet.gyro_random_walk, sheet.accel_random_walk])
-    if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():
+    sheet = _parse_datasheet(path)
+    if sheet is None:
+        findings.append(Finding("noise", f"{path.name} holds no noise densities that can be read; it was left out"))
         return None
     findings.append(
         Finding(
             "noise",
-            f"densities and random walks taken from {path.name}: gyro {figures[0]:.4g} rad/s/sqrt(Hz), "
-            f"accelerometer {figures[1]:.4g} m/s^2/sqrt(Hz)",
+            f"densities and random walks taken from {path.name}: gyro {sheet.gyro_noise_density:.4g} rad/s/sqrt(Hz), "
+            f"accelerometer {sheet.accel_noise_density:.4g} m/s^2/sqrt(Hz)",
         )
     )
     return sheet
+
+
+def _parse_datasheet(path: Path) -> Datasheet | None:
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        text = "\n".join(line for line in lines if not line.startswith("%"))  # OpenCV's first line is not YAML
+        content: dict[str, Any] = YAML(typ="safe").load(text) or {}
+        densities = [float(content[f"{name}_noise_density"]) for name in ("gyroscope", "accelerometer")]
+        walks = [float(content.get(f"{name}_random_walk", 0.0)) for name in ("gyroscope", "accelerometer")]
+    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+    figures = np.array([*densities, *walks])
+    if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():
+        return None
+    return Datasheet(*densities, *walks)

@@ -26,9 +26,7 @@ def wrong_unit(source: Path, message: str, unit: str, si: str) -> RecordingError
     if is_table(source):
         remedy = f"write [{unit}] into the header, or convert to {si}"
         return RecordingError(f"{message}: they look like [{unit}]; {remedy}", file=source, line=1)
-    return RecordingError(
-        f"{message}: they look like [{unit}]; ROS messages are in {si}: convert them", file=source
-    )
+    return RecordingError(f"{message}: they look like [{unit}]; ROS messages are in {si}: convert them", file=source)
 
 
 def rows(source: Path) -> str:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.inertial.noise import GRADES
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+def _between(low: float, high: float) -> Any:
+    """Return the bounds of a figure: far outside of what there is, to catch one in another unit."""
+    return Field(ge=low, le=high, allow_inf_nan=False)
+
+
+Metres = Annotated[float, _between(1e-9, 0.2)]
+Radians = Annotated[float, _between(1e-9, 0.3)]
 
 
 class _Table(BaseModel):
@@ -22,11 +28,18 @@ class _Table(BaseModel):
 class ImuTable(_Table):
     """Noise densities and prior knowledge of the IMU, SI."""
 
-    gyro_noise_density: Positive | None = None
-    accel_noise_density: Positive | None = None
-    gyro_offset_sd: Positive | None = None
-    accel_offset_sd: Positive | None = None
+    gyro_noise_density: Annotated[float, _between(1e-9, 0.1)] | None = None
+    accel_noise_density: Annotated[float, _between(1e-8, 1.0)] | None = None
+    gyro_offset_sd: Annotated[float, _between(1e-10, 2.0)] | None = None
+    accel_offset_sd: Annotated[float, _between(1e-8, 10.0)] | None = None
     grade: str | None = None
+
+    @field_validator("grade")
+    @classmethod
+    def _known(cls, name: str | None) -> str | None:
+        if name is not None and name not in GRADES:
+            raise ValueError(unknown_name("grade", name, GRADES))
+        return name
 
 
 class SiteTable(_Table):
@@ -41,10 +54,10 @@ class ReferenceTable(_Table):
     """What kind of reference it is and how good its poses are (standard deviations)."""
 
     kind: Literal["robot", "mocap"] | None = None
-    position_sd: Positive | None = None
-    orientation_sd: Positive | None = None
-    standstill_position_sd: Positive | None = None
-    standstill_orientation_sd: Positive | None = None
+    position_sd: Metres | None = None
+    orientation_sd: Radians | None = None
+    standstill_position_sd: Metres | None = None
+    standstill_orientation_sd: Radians | None = None
 
 
 class RobotTable(_Table):
@@ -52,8 +65,8 @@ class RobotTable(_Table):
 
     urdf: str | None = None
     tcp: str | None = None
-    length_sd: NotNegative | None = None
-    angle_sd: NotNegative | None = None
+    length_sd: Annotated[float, _between(0.0, 0.2)] | None = None
+    angle_sd: Annotated[float, _between(0.0, 0.3)] | None = None
 
 
 class RecordingSettings(_Table):
@@ -82,9 +95,17 @@ def read_settings(path: Path) -> RecordingSettings:
         If it is not TOML, has an unknown key (the known ones are listed) or an impossible value.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(f"not valid TOML: {error}", file=path) from error
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be read: {error.strerror}; mend it, or remove it and take the defaults", file=path
+        ) from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"not UTF-8 text (byte {error.start}); save it in UTF-8", file=path) from error
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingError(
+            f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
+        ) from error
     for name, table in content.items():
         if name not in _TABLES:
             raise RecordingError(unknown_name("table", name, _TABLES), file=path)
@@ -94,11 +115,14 @@ def read_settings(path: Path) -> RecordingSettings:
             if key not in _TABLES[name].model_fields:
                 raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[name].model_fields), file=path)
     try:
-        settings = RecordingSettings.model_validate(content)
+        # strict: "0.001" and true are no numbers
+        return RecordingSettings.model_validate(content, strict=True)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise RecordingError(f"{place} = {first['input']!r}: {first['msg']}", file=path) from error
-    if settings.imu.grade is not None and settings.imu.grade not in GRADES:
-        raise RecordingError(unknown_name("grade", settings.imu.grade, GRADES), file=path)
-    return settings
+        raise RecordingError(f"{what_is_wrong(error)}; units are SI", file=path) from error
+
+
+def what_is_wrong(error: ValidationError) -> str:
+    """Return which setting is not accepted, and why, on one line."""
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    return f"{place} = {first['input']!r} is not accepted: {first['msg'].removeprefix('Value error, ')}"

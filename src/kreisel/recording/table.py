@@ -57,11 +57,12 @@ class Table:
         Raises
         ------
         RecordingError
-            If a unit is none of the quantity's, or a cell holds what no unit makes possible.
+            If a unit is none of the quantity's.
         """
         factors = [self._factor(column, quantity) for column in columns]
         picked = self.values[:, [column.index - 1 for column in columns]]
-        return np.ascontiguousarray(picked * np.array(factors))
+        with np.errstate(over="ignore"):  # an infinity is found and told by the checks
+            return np.ascontiguousarray(picked * np.array(factors))
 
     def _factor(self, column: Column, quantity: str) -> float:
         known = _UNITS[quantity]
@@ -124,7 +125,9 @@ def _read_text(path: Path, what: str) -> str:
             "binary, or left so by a loss of power: take what is before, or copy it again"
         )  # fmt: skip
         line = data.count(b"\n", 0, where) + 1
-        raise RecordingError(f"holds a zero byte (byte {where}), which no CSV does; it is {guess}", file=path, line=line)
+        raise RecordingError(
+            f"holds a zero byte (byte {where}), which no CSV does; it is {guess}", file=path, line=line
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -219,9 +222,7 @@ def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
     return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
 
 
-def _bad_row(
-    body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError
-) -> RecordingError:
+def _bad_row(body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError) -> RecordingError:
     """Find the first row that cannot be read and say what is wrong with it."""
     for number, line in enumerate(body.split("\n"), start=2):
         row = line.split("#")[0]

@@ -273,7 +273,11 @@ def _spread(values: Array) -> Spread:
 
 def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
     """Return the norms of the rate by corrected gyros and by the reference, over the same stretch."""
-    signal, parameters, reference = outcome.problem.signal, outcome.estimate.run.parameters, outcome.problem.reference
+    signal, parameters, reference = (
+        outcome.problem.signal,
+        outcome.estimate.run.parameters,
+        outcome.problem.reference,
+    )
     t = signal.stamps[stretch]
     s = parameters.sensors
     omega = polynomial(signal.rate_powers[stretch, 1], s.k_w) @ s.K_omega.T
@@ -316,7 +320,11 @@ def _residuals(h: History) -> Residuals:
         position=(h.innovation[shown, position] / MM).astype(np.float32),
         attitude=(h.innovation[shown, orientation] / MRAD).astype(np.float32),
         nis=(h.nis / h.degrees)[shown].astype(np.float32),
-        kinds=tuple(_kind(name, h, which) for name, which in (("path", ~h.at_rest), ("rest", h.at_rest)) if which.any()),
+        kinds=tuple(
+            _kind(name, h, which)
+            for name, which in (("path", ~h.at_rest), ("rest", h.at_rest))
+            if which.any()
+        ),
         edges=_HISTOGRAM_EDGES,
         densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
         steps=steps,
@@ -358,7 +366,11 @@ def _correlation(series: Array, lags: int) -> Array | None:
 
 
 def _difference(outcome: Outcome, stretch: slice) -> Difference:
-    signal, sensors, nominal = outcome.problem.signal, outcome.calibration.sensors, outcome.problem.nominal.sensors
+    signal, sensors, nominal = (
+        outcome.problem.signal,
+        outcome.calibration.sensors,
+        outcome.problem.nominal.sensors,
+    )
     segment = signal.segments[signal.segment_of(stretch.start) or 0]
     wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))
     rates, forces = signal.rate_powers[wide, 1], signal.force_powers[wide, 1]
@@ -390,7 +402,9 @@ def _parts(raw: Array, K: Array, k: Array, mount: Array, corrected: Array) -> di
     return parts
 
 
-def _change(t: Array, raw: Array, corrected: Array, unit: float, fine: float, parts: dict[str, Array]) -> Change:
+def _change(
+    t: Array, raw: Array, corrected: Array, unit: float, fine: float, parts: dict[str, Array]
+) -> Change:
     change = corrected - raw
     rms = {name: np.sqrt(np.mean(part**2, axis=0)) / fine for name, part in {**parts, "all": change}.items()}
     return Change(
@@ -474,7 +488,7 @@ def _way_to_prior(outcome: Outcome, deviations: Array) -> Array:
             continue
         part = problem.layout[group]
         believed = deviations[:, part] / outcome.estimate.correlation_factor
-        share = np.minimum((believed / problem.prior_deviation[group]) ** 2, 1.0)
+        share = np.minimum((believed / np.sqrt(np.diag(problem.prior_covariance[group]))) ** 2, 1.0)
         way[:, part] = share * (problem.prior.stored(group) - start.stored(group))
     return way
 
@@ -498,14 +512,19 @@ def _unseen(cross: CrossValidation) -> Unseen | None:
     if cross.nominal.seconds.size == 0 or cross.calibrated.seconds.size == 0:
         return None
     return Unseen(
-        cross.trained_until, int(cross.calibrated.seconds.size), _drift(cross.nominal), _drift(cross.calibrated)
+        cross.trained_until,
+        int(cross.calibrated.seconds.size),
+        _drift(cross.nominal),
+        _drift(cross.calibrated),
     )
 
 
 def _drift(drift: Drift) -> DriftCurves:
     shown = every(drift.seconds.size, MOST_MARKERS)
     sizes = drift.position / MM, drift.attitude / MRAD
-    curves = [Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes]
+    curves = [
+        Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes
+    ]
     rms, greatest = (
         tuple(float(f(size[np.isfinite(size)])) if np.isfinite(size).any() else np.nan for size in sizes)
         for f in (lambda x: np.sqrt(np.mean(x**2)), np.max)

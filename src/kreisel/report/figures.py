@@ -110,7 +110,8 @@ def excitation_figures(e: Excitation) -> list[Figure]:
         Figure(
             "rates",
             "Angular rates",
-            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests." + aside,
+            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests."
+            + aside,
             _over_time(e.rates, "Angular rate (deg/s)", e),
             link="excitation",
             shape="wide",
@@ -228,10 +229,16 @@ def track_figures(u: Uncertainty) -> list[Figure]:
     ):
         if group in u.tracks:
             panels = [[track] for track in u.tracks[group]]
-            figures.append(Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks"))
+            figures.append(
+                Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks")
+            )
     if "lever_arms" in u.tracks:
         arms = u.tracks["lever_arms"]
-        plot = _stack([list(arms[3 * j : 3 * j + 3]) for j in range(3)], "mm", ["r<sub>x</sub>", "r<sub>y</sub>", "r<sub>z</sub>"])
+        plot = _stack(
+            [list(arms[3 * j : 3 * j + 3]) for j in range(3)],
+            "mm",
+            ["r<sub>x</sub>", "r<sub>y</sub>", "r<sub>z</sub>"],
+        )
         figures.append(
             Figure(
                 "lever-arms",
@@ -287,7 +294,9 @@ def drift_figures(unseen: Unseen) -> list[Figure]:
             f"Drift of {name} on unseen data",
             f"Error free navigation gathers from one update to the next, after {unseen.trained_until:.0f} s, which the "
             "parameters used here have not seen. Good: calibrated lies well below nominal, down at the reference's noise.",
-            _drift(getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"),
+            _drift(
+                getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"
+            ),
             link="drift",
         )
         for name, unit in (("position", "mm"), ("attitude", "mrad"))
@@ -334,7 +343,14 @@ def _layout(x: str, y: str, *, height: int = _HEIGHT, **more: Any) -> Figure_:
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@ink"},
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "xanchor": "left",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "bgcolor": "rgba(0,0,0,0)",
+        },
         "hoverlabel": {"bgcolor": "@ground", "bordercolor": "@line", "font": {"color": "@ink"}},
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "@muted/0.6", "activecolor": "@ink"},
         "dragmode": "zoom",
@@ -345,7 +361,9 @@ def _layout(x: str, y: str, *, height: int = _HEIGHT, **more: Any) -> Figure_:
     }
 
 
-def _line(curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any) -> Figure_:
+def _line(
+    curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any
+) -> Figure_:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -370,7 +388,9 @@ def _markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker:
     }
 
 
-def _area(x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any) -> Figure_:
+def _area(
+    x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any
+) -> Figure_:
     """Return the filled area between two curves over the same x."""
     return {
         "type": "scatter",
@@ -399,11 +419,21 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
         gap = np.full_like(a, np.nan)
         x = np.column_stack([a, a, b, b, gap]).ravel()
         y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
-        shade = _line(Curve(x.astype(np.float32), y.astype(np.float32)), "rest", "muted", width=0, fill="toself", fillcolor="@muted/0.16", yaxis="y2")
+        shade = _line(
+            Curve(x.astype(np.float32), y.astype(np.float32)),
+            "rest",
+            "muted",
+            width=0,
+            fill="toself",
+            fillcolor="@muted/0.16",
+            yaxis="y2",
+        )
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
     data += [_line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
     if e.set_aside.size:
-        marks = _markers(e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6)
+        marks = _markers(
+            e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6
+        )
         data.append({**marks, "yaxis": "y2", "hovertemplate": "set aside at %{x:.2f} s"})
     layout = _layout(_TIME, title, height=280)
     layout["yaxis"]["overlaying"] = "y2"
@@ -419,7 +449,10 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Figur
         ("rest", r.used & r.at_rest, {"symbol": "diamond-open", "size": 6}),
     ):
         if which.any():
-            data += [_markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker) for i in range(3)]
+            data += [
+                _markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker)
+                for i in range(3)
+            ]
     if (~r.used).any():
         seconds, aside = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
         data.append({**_markers(seconds, aside, "set aside", "alert", symbol="x", size=6)})
@@ -456,7 +489,11 @@ def _nis(r: Residuals) -> Figure_:
 
 
 def _histogram(r: Residuals) -> Figure_:
-    data = [_area(r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22")]
+    data = [
+        _area(
+            r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22"
+        )
+    ]
     styles = {
         "position, path": ("x", "solid"),
         "attitude, path": ("y", "solid"),
@@ -480,15 +517,26 @@ def _autocorrelation(r: Residuals) -> Figure_:
         data.append(_area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
     for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
         line = _line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
-        data.append({**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"})
+        data.append(
+            {**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"}
+        )
     layout = _layout("Lag (updates)", "Autocorrelation (1)", height=260)
+    layout["xaxis"]["range"] = [0.5, max(float(r.lags.size), 1.0) + 0.5]
     if not r.correlations:
         layout["annotations"] = [_remark("too few updates on the path")]
     return _plot(data, layout)
 
 
 def _remark(text: str) -> Figure_:
-    return {"text": text, "showarrow": False, "xref": "paper", "yref": "paper", "x": 0.5, "y": 0.5, "font": {"color": "@muted"}}
+    return {
+        "text": text,
+        "showarrow": False,
+        "xref": "paper",
+        "yref": "paper",
+        "x": 0.5,
+        "y": 0.5,
+        "font": {"color": "@muted"},
+    }
 
 
 def _raw_and_corrected(change: Change, title: str) -> Figure_:
@@ -510,7 +558,10 @@ def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) 
         top = 1.0 - row * (1.0 + gap) / n
         low, high = _settled_range(tracks)
         layout[f"yaxis{key}"] = _axis(
-            f"{title} ({unit})", domain=[max(0.0, top - (1.0 + gap) / n + gap), top], range=[low, high], nticks=6
+            f"{title} ({unit})",
+            domain=[max(0.0, top - (1.0 + gap) / n + gap), top],
+            range=[low, high],
+            nticks=6,
         )
         for i, track in enumerate(tracks):
             colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
@@ -525,7 +576,14 @@ def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure
     ends = track.seconds[[0, -1]]
     reported = np.full(2, track.reported)
     more = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
-    band = _area(track.seconds.tolist(), (value - 2.0 * deviation).tolist(), (value + 2.0 * deviation).tolist(), name, f"{colour}/0.18", **more)
+    band = _area(
+        track.seconds.tolist(),
+        (value - 2.0 * deviation).tolist(),
+        (value + 2.0 * deviation).tolist(),
+        name,
+        f"{colour}/0.18",
+        **more,
+    )
     flat = _line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
     line = _line(Curve(track.seconds, track.value), name, colour, **{**more, "showlegend": legend})
     return [band, {**flat, "hoverinfo": "skip", "hovertemplate": None}, line]
@@ -647,7 +705,15 @@ def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
         "range": [-0.5, score.size - 0.5],
     }
     layout["shapes"] = [
-        {"type": "line", "x0": a - 0.5, "x1": a - 0.5, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@grid", "width": 1}}
+        {
+            "type": "line",
+            "x0": a - 0.5,
+            "x1": a - 0.5,
+            "yref": "paper",
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": "@grid", "width": 1},
+        }
         for _, a, _ in spans[1:]
     ]
     layout["yaxis"]["zeroline"] = True

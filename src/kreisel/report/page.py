@@ -86,7 +86,9 @@ def summarise(outcome: Outcome) -> Summary:
             "of use. Do not rely on those:"
         )
         return Summary(True, "Accepted, with gaps", sentence)
-    sentence = "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
+    sentence = (
+        "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
+    )
     return Summary(True, "Accepted", sentence)
 
 

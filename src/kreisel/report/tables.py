@@ -156,15 +156,22 @@ def key_table(outcome: Outcome) -> Table:
         word = support.word(groups)
         title = f"{title} (xy, xz, yz)" if which == "pairs" else title
         rows.append(_key_row(title, unit, derived[key], deviations[key], word))
-    arms, sd = document["accelerometer"]["lever_arms"], document["standard_deviation"]["accelerometer"]["lever_arms"]
+    arms, sd = (
+        document["accelerometer"]["lever_arms"],
+        document["standard_deviation"]["accelerometer"]["lever_arms"],
+    )
     for j, axis in enumerate("xyz"):
         word = support.word(("lever_arms",), slice(3 * j, 3 * j + 3))
         title = f"Position of accelerometer {axis} in b"
         rows.append(_key_row(title, "mm", _scaled(arms[j], MM), _scaled(sd[j], MM), word))
     rows.extend(_timing_rows(document, support))
     gravity = document["alignment"]["gravity"], document["standard_deviation"]["alignment"]["gravity"]
-    rows.append(_key_row("Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed"))
-    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown by the motion"), tuple(rows), 2)
+    rows.append(
+        _key_row(
+            "Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed"
+        )
+    )
+    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown"), tuple(rows), 2)
 
 
 def _key_row(title: str, unit: str, values: Sequence[Any], deviations: Sequence[Any], word: str) -> Row:
@@ -209,7 +216,12 @@ def excitation_table(excitation: Excitation) -> Table:
             peak = max(abs(spread.least[i]), abs(spread.greatest[i]))
             values = spread.rms[i], peak, spread.least[i], spread.greatest[i]
             rows.append(Row((f"{title} {axis}", unit, *(number(float(v), 4) for v in values))))
-    return Table("Raw readings over the whole recording", ("Axis", "Unit", "rms", "peak", "least", "greatest"), tuple(rows), 2)
+    return Table(
+        "Raw readings over the whole recording",
+        ("Axis", "Unit", "rms", "peak", "least", "greatest"),
+        tuple(rows),
+        2,
+    )
 
 
 def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
@@ -227,7 +239,9 @@ def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
         )
         for step in excitation.clock
     ]
-    return Table("Time relation", ("Found by", "Offset (s)", "Less the final one (ms)", "Skew (ppm)"), tuple(rows))
+    return Table(
+        "Time relation", ("Found by", "Offset (s)", "Less the final one (ms)", "Skew (ppm)"), tuple(rows)
+    )
 
 
 def nis_table(residuals: Residuals) -> Table:
@@ -269,17 +283,20 @@ def noise_table(outcome: Outcome) -> Table:
     ):
         value = noise.get(key)
         rows.append(Row((title, unit, NOTHING if value is None else number(value / size))))
-    return Table("Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
+    return Table(
+        "Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2
+    )
 
 
 def cause_table(difference: Difference) -> Table:
     """Return the rms of the change by cause."""
     rows = []
-    for title, unit, change in (("rate", "deg/s", difference.rates), ("specific force", "mg", difference.forces)):
+    for title, unit, change in (
+        ("rate", "deg/s", difference.rates),
+        ("specific force", "mg", difference.forces),
+    ):
         rows.extend(_cause_rows(title, unit, change))
-    return Table(
-        "Change by cause, rms over the stretch", ("Cause", "Unit", "x", "y", "z"), tuple(rows), 2
-    )
+    return Table("Change by cause, rms over the stretch", ("Cause", "Unit", "x", "y", "z"), tuple(rows), 2)
 
 
 def _cause_rows(title: str, unit: str, change: Change) -> Iterable[Row]:
@@ -299,7 +316,9 @@ def parameter_table(data: ReportData) -> Table:
         part = outcome.problem.layout[group]
         values.extend(stored[: part.stop - part.start])
     rows = []
-    for name, group, value, before, after in zip(u.names, u.groups, values, u.prior, u.posterior, strict=True):
+    for name, group, value, before, after in zip(
+        u.names, u.groups, values, u.prior, u.posterior, strict=True
+    ):
         unit, size = UNITS[group]
         gain = float(before / after) if after > 0.0 else math.inf
         word = support.of_name(name)
@@ -338,7 +357,15 @@ def drift_table(unseen: Unseen) -> Table:
         gain = a.rms[i] / b.rms[i] if b.rms[i] > 0.0 else math.inf
         values = a.rms[i], b.rms[i], gain, a.greatest[i], b.greatest[i]
         rows.append(Row((title, unit, *(number(v) for v in values)), weak=gain < 1.0))
-    columns = ("Drift", "Unit", "rms nominal", "rms calibrated", "Ratio of rms", "Greatest nominal", "Greatest calibrated")
+    columns = (
+        "Drift",
+        "Unit",
+        "rms nominal",
+        "rms calibrated",
+        "Ratio of rms",
+        "Greatest nominal",
+        "Greatest calibrated",
+    )
     return Table("Drift between updates on unseen data", columns, tuple(rows), 2)
 
 
@@ -362,7 +389,9 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
         Group of every parameter.
     """
     rows = []
-    for name, put, got, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
+    for name, put, got, sd in zip(
+        injection.names, injection.injected, injection.found, injection.deviation, strict=True
+    ):
         unit, size = UNITS[groups[name]]
         if abs(put) < 1e-12 or groups[name] == "alignment":
             continue
@@ -373,5 +402,12 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
                 weak=abs(score) > 2.0,
             )
         )
-    columns = ("Parameter", "Unit", "Expected change", "Found change", "Standard deviation", "Difference / sd")
+    columns = (
+        "Parameter",
+        "Unit",
+        "Expected change",
+        "Found change",
+        "Standard deviation",
+        "Difference / sd",
+    )
     return Table("Known errors added to the raw readings", columns, tuple(rows), 2)

@@ -19,7 +19,7 @@ from kreisel.recording.mcap import CHUNK_SIZE, write_mcap
 EPOCH = 1_700_000_000_123_456_789
 SETTINGS = RecordingSettings.model_validate(
     {
-        "imu": {"gyro_noise_density": 1.0 / 3.0e5, "grade": "navigation"},
+        "imu": {"gyro_noise_density": 1.0 / 3.0e5, "grade": "fog"},
         "site": {"latitude_deg": 49.25, "height_m": 230.0},
         "reference": {"kind": "robot", "position_sd": 2e-4},
         "robot": {"tcp": "flange"},

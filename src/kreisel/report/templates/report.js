@@ -3,6 +3,7 @@
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 const plots = [...document.querySelectorAll(".plot")];
 const PRINT_WIDTH = 680;
+const PRINT_SHARE = 0.8;  // of the height on screen: two stacks of panels fill a page
 
 function painted(node, palette) {
   if (typeof node === "string") {
@@ -17,11 +18,13 @@ function painted(node, palette) {
 
 function draw(plot, palette, width) {
   const figure = painted(DRAWINGS[plot.dataset.figure], palette);
-  if (width) figure.layout.width = width;
   if (plot.parentElement.classList.contains("square")) {
     figure.layout.height = Math.min(figure.layout.height, (width || plot.clientWidth) + 60);
-    plot.style.height = `${figure.layout.height}px`;
+  } else if (width) {
+    figure.layout.height *= PRINT_SHARE;
   }
+  if (width) figure.layout.width = width;
+  plot.style.height = `${figure.layout.height}px`;
   const config = { responsive: !width, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
   return Plotly.react(plot, figure.data, figure.layout, config);
 }
