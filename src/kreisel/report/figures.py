@@ -20,33 +20,7 @@ from kreisel.calibration.validation import SplitHalves
 from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
 from kreisel.report.thinning import Curve
 
-Figure_ = dict[str, Any]
-
-PALETTES: dict[str, dict[str, str]] = {
-    "light": {
-        "x": "0,101,163",
-        "y": "205,84,0",
-        "z": "0,140,100",
-        "alert": "170,51,119",
-        "ink": "34,42,53",
-        "muted": "96,106,118",
-        "grid": "226,230,235",
-        "line": "160,168,178",
-        "ground": "255,255,255",
-    },
-    "dark": {
-        "x": "98,181,235",
-        "y": "245,151,79",
-        "z": "64,199,153",
-        "alert": "236,138,190",
-        "ink": "222,227,233",
-        "muted": "157,168,180",
-        "grid": "47,54,63",
-        "line": "92,102,114",
-        "ground": "24,28,33",
-    },
-}
-"""Red, green and blue of every named colour; x, y, z after Okabe and Ito, whom the colour-blind can tell apart."""
+Plot = dict[str, Any]
 
 AXES = "xyz"
 GROUP_LABELS = {
@@ -64,7 +38,7 @@ GROUP_LABELS = {
 }
 
 _TIME = "IMU time (s)"
-_HEIGHT = 300
+plots.HEIGHT = 300
 _PANEL = 130
 _SETTLED = 10.0
 
@@ -80,7 +54,7 @@ class Figure:
     name: str
     title: str
     caption: str
-    plot: Figure_
+    plot: Plot
     link: str = ""
     shape: str = ""
 
@@ -88,15 +62,6 @@ class Figure:
     def height(self) -> int:
         """Height in pixels."""
         return int(self.plot["layout"]["height"])
-
-
-def packed(values: NDArray[Any]) -> Figure_:
-    """Return an array the way plotly.js reads it without parsing numbers: single precision in base64."""
-    single = np.ascontiguousarray(values, dtype="<f4")
-    out: Figure_ = {"dtype": "f4", "bdata": base64.b64encode(single.tobytes()).decode("ascii")}
-    if single.ndim > 1:
-        out["shape"] = ", ".join(str(n) for n in single.shape)
-    return out
 
 
 def excitation_figures(e: Excitation) -> list[Figure]:
@@ -130,9 +95,9 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             "Time relation",
             "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
             "stretch. Good: the two lie on each other, peaks at the same moments.",
-            _plot(
-                [_line(e.felt, "gyros", "x"), _line(e.seen, "reference", "y", dash="dot")],
-                _layout(_TIME, "Norm of angular rate (deg/s)"),
+            plots.plot(
+                [plots.line(e.felt, "gyros", "x"), plots.line(e.seen, "reference", "y", dash="dot")],
+                plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
             ),
             shape="wide",
         ),
@@ -315,103 +280,12 @@ def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
     )
 
 
-def _plot(data: list[Figure_], layout: Figure_) -> Figure_:
-    return {"data": data, "layout": layout}
+def _axes_plot(curves: Curves, title: str) -> Plot:
+    lines = [plots.line(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
+    return plots.plot(lines, plots.layout_of(_TIME, title))
 
 
-def _axis(title: str, **more: Any) -> Figure_:
-    return {
-        "title": {"text": title, "standoff": 6},
-        "gridcolor": "@grid",
-        "zerolinecolor": "@line/0.7",
-        "linecolor": "@line",
-        "tickcolor": "@line",
-        "ticks": "outside",
-        "ticklen": 4,
-        "exponentformat": "power",
-        "minexponent": 5,
-        "tickmode": "auto",
-        "automargin": True,
-        **more,
-    }
-
-
-def _layout(x: str, y: str, *, height: int = _HEIGHT, **more: Any) -> Figure_:
-    return {
-        "height": height,
-        "margin": {"l": 58, "r": 14, "t": 10, "b": 44},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@ink"},
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "bgcolor": "rgba(0,0,0,0)",
-        },
-        "hoverlabel": {"bgcolor": "@ground", "bordercolor": "@line", "font": {"color": "@ink"}},
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "@muted/0.6", "activecolor": "@ink"},
-        "dragmode": "zoom",
-        "separators": ".\u202f",
-        "xaxis": _axis(x),
-        "yaxis": _axis(y),
-        **more,
-    }
-
-
-def _line(
-    curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any
-) -> Figure_:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": packed(curve.x),
-        "y": packed(curve.y),
-        "line": {"color": f"@{colour}", "width": width, "dash": dash},
-        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
-        **more,
-    }
-
-
-def _markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker: Any) -> Figure_:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": packed(x),
-        "y": packed(y),
-        "marker": {"color": f"@{colour}", "size": 4, **marker},
-        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
-    }
-
-
-def _area(
-    x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any
-) -> Figure_:
-    """Return the filled area between two curves over the same x."""
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": packed(np.concatenate([np.asarray(x), np.asarray(x)[::-1]])),
-        "y": packed(np.concatenate([np.asarray(high), np.asarray(low)[::-1]])),
-        "fill": "toself",
-        "fillcolor": f"@{colour}",
-        "line": {"width": 0, "color": f"@{colour}"},
-        "hoverinfo": "skip",
-        **more,
-    }
-
-
-def _axes_plot(curves: Curves, title: str) -> Figure_:
-    lines = [_line(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
-    return _plot(lines, _layout(_TIME, title))
-
-
-def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
+def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
     """Return readings over time above the shaded rests, updates set aside marked at the top."""
     data = []
     if e.rests.size:
@@ -419,7 +293,7 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
         gap = np.full_like(a, np.nan)
         x = np.column_stack([a, a, b, b, gap]).ravel()
         y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
-        shade = _line(
+        shade = plots.line(
             Curve(x.astype(np.float32), y.astype(np.float32)),
             "rest",
             "muted",
@@ -429,20 +303,20 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Figure_:
             yaxis="y2",
         )
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
-    data += [_line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
+    data += [plots.line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
     if e.set_aside.size:
-        marks = _markers(
+        marks = plots.markers(
             e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6
         )
         data.append({**marks, "yaxis": "y2", "hovertemplate": "set aside at %{x:.2f} s"})
-    layout = _layout(_TIME, title, height=280)
+    layout = plots.layout_of(_TIME, title, height=280)
     layout["yaxis"]["overlaying"] = "y2"
     layout["yaxis"]["side"] = "left"
     layout["yaxis2"] = {"range": [0, 1], "visible": False, "fixedrange": True, "side": "right"}
-    return _plot(data, layout)
+    return plots.plot(data, layout)
 
 
-def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Figure_:
+def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
     data = []
     for name, which, marker in (
         ("path", r.used & ~r.at_rest, {"opacity": 0.75}),
@@ -450,47 +324,47 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Figur
     ):
         if which.any():
             data += [
-                _markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker)
+                plots.markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker)
                 for i in range(3)
             ]
     if (~r.used).any():
         seconds, aside = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
-        data.append({**_markers(seconds, aside, "set aside", "alert", symbol="x", size=6)})
-    layout = _layout(_TIME, title)
+        data.append({**plots.markers(seconds, aside, "set aside", "alert", symbol="x", size=6)})
+    layout = plots.layout_of(_TIME, title)
     usual = np.abs(values[r.used])
     usual = usual[np.isfinite(usual)]
     if usual.size:
         # one wild innovation must not flatten all others; a double click shows it
         limit = 1.15 * min(float(usual.max()), 3.0 * float(np.percentile(usual, 98)))
         layout["yaxis"]["range"] = [-limit, limit]
-    return _plot(data, layout)
+    return plots.plot(data, layout)
 
 
-def _nis(r: Residuals) -> Figure_:
-    data: list[Figure_] = []
+def _nis(r: Residuals) -> Plot:
+    data: list[Plot] = []
     if r.seconds.size:
         ends = [float(r.seconds[0]), float(r.seconds[-1])]
         for kind, colour in zip(r.kinds, ("x", "y"), strict=False):
             low, high = kind.bounds
             name = f"95 % band, {kind.name}"
-            data.append(_area(ends, [low] * 2, [high] * 2, name, f"{colour}/0.12"))
+            data.append(plots.area(ends, [low] * 2, [high] * 2, name, f"{colour}/0.12"))
     for name, which, colour, symbol in (
         ("path", ~r.at_rest & r.used, "x", "circle"),
         ("rest", r.at_rest & r.used, "y", "diamond-open"),
         ("set aside", ~r.used, "alert", "x"),
     ):
         if which.any():
-            data.append(_markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))
-    layout = _layout(_TIME, "NIS per degree of freedom")
+            data.append(plots.markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))
+    layout = plots.layout_of(_TIME, "NIS per degree of freedom")
     shown = r.nis[np.isfinite(r.nis) & (r.nis > 0.0)]
     low, high = np.log10(np.percentile(shown, [1.0, 100.0])) if shown.size else (0.0, 0.0)
-    layout["yaxis"] |= _logarithmic(min(float(low), -1.0), max(float(high), 0.6))
-    return _plot(data, layout)
+    layout["yaxis"] |= plots.logarithmic(min(float(low), -1.0), max(float(high), 0.6))
+    return plots.plot(data, layout)
 
 
-def _histogram(r: Residuals) -> Figure_:
+def _histogram(r: Residuals) -> Plot:
     data = [
-        _area(
+        plots.area(
             r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22"
         )
     ]
@@ -504,60 +378,48 @@ def _histogram(r: Residuals) -> Figure_:
     middle = 0.5 * (r.edges[:-1] + r.edges[1:])
     for name, density in r.densities.items():
         colour, dash = styles[name]
-        line = _line(Curve(middle.astype(np.float32), density.astype(np.float32)), name, colour, dash=dash)
+        line = plots.line(Curve(middle.astype(np.float32), density.astype(np.float32)), name, colour, dash=dash)
         line["line"]["shape"] = "hvh"
         data.append({**line, "hovertemplate": "%{y:.3f} at %{x:.2f}"})
-    return _plot(data, _layout("Whitened innovation (standard deviations)", "Density (1)"))
+    return plots.plot(data, plots.layout_of("Whitened innovation (standard deviations)", "Density (1)"))
 
 
-def _autocorrelation(r: Residuals) -> Figure_:
+def _autocorrelation(r: Residuals) -> Plot:
     data = []
     if r.lags.size:
         ends = [float(r.lags[0]), float(r.lags[-1])]
-        data.append(_area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
+        data.append(plots.area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
     for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
-        line = _line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
+        line = plots.line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
         data.append(
             {**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"}
         )
-    layout = _layout("Lag (updates)", "Autocorrelation (1)", height=260)
+    layout = plots.layout_of("Lag (updates)", "Autocorrelation (1)", height=260)
     layout["xaxis"]["range"] = [0.5, max(float(r.lags.size), 1.0) + 0.5]
     if not r.correlations:
-        layout["annotations"] = [_remark("too few updates on the path")]
-    return _plot(data, layout)
+        layout["annotations"] = [plots.remark("too few updates on the path")]
+    return plots.plot(data, layout)
 
 
-def _remark(text: str) -> Figure_:
-    return {
-        "text": text,
-        "showarrow": False,
-        "xref": "paper",
-        "yref": "paper",
-        "x": 0.5,
-        "y": 0.5,
-        "font": {"color": "@muted"},
-    }
-
-
-def _raw_and_corrected(change: Change, title: str) -> Figure_:
+def _raw_and_corrected(change: Change, title: str) -> Plot:
     data = []
     for i, axis in enumerate(AXES):
-        data.append(_line(change.raw[i], f"{axis} raw", axis, dash="dot", width=1.6))
-        data.append(_line(change.corrected[i], f"{axis} corrected", axis))
-    return _plot(data, _layout(_TIME, title))
+        data.append(plots.line(change.raw[i], f"{axis} raw", axis, dash="dot", width=1.6))
+        data.append(plots.line(change.corrected[i], f"{axis} corrected", axis))
+    return plots.plot(data, plots.layout_of(_TIME, title))
 
 
-def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) -> Figure_:
+def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) -> Plot:
     """Return tracks in panels above each other over a common time axis."""
     n = len(panels)
-    data: list[Figure_] = []
-    layout = _layout(_TIME, "", height=_HEIGHT if n == 1 else _PANEL * n + 60)
+    data: list[Plot] = []
+    layout = plots.layout_of(_TIME, "", height=plots.HEIGHT if n == 1 else _PANEL * n + 60)
     gap = 0.07 if n > 1 else 0.0
     for row, (tracks, title) in enumerate(zip(panels, titles, strict=True)):
         key = "" if row == 0 else str(row + 1)
         top = 1.0 - row * (1.0 + gap) / n
         low, high = _settled_range(tracks)
-        layout[f"yaxis{key}"] = _axis(
+        layout[f"yaxis{key}"] = plots.axis(
             f"{title} ({unit})",
             domain=[max(0.0, top - (1.0 + gap) / n + gap), top],
             range=[low, high],
@@ -567,16 +429,16 @@ def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) 
             colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
             data += _track(track, colour, f"y{key}", legend=row == 0 and len(tracks) > 1)
     layout["xaxis"]["anchor"] = "y" if n == 1 else f"y{n}"
-    return _plot(data, layout)
+    return plots.plot(data, layout)
 
 
-def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure_]:
+def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Plot]:
     name = track.axis
     value, deviation = track.value.astype(float), track.deviation.astype(float)
     ends = track.seconds[[0, -1]]
     reported = np.full(2, track.reported)
     more = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
-    band = _area(
+    band = plots.area(
         track.seconds.tolist(),
         (value - 2.0 * deviation).tolist(),
         (value + 2.0 * deviation).tolist(),
@@ -584,8 +446,8 @@ def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Figure
         f"{colour}/0.18",
         **more,
     )
-    flat = _line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
-    line = _line(Curve(track.seconds, track.value), name, colour, **{**more, "showlegend": legend})
+    flat = plots.line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
+    line = plots.line(Curve(track.seconds, track.value), name, colour, **{**more, "showlegend": legend})
     return [band, {**flat, "hoverinfo": "skip", "hovertemplate": None}, line]
 
 
@@ -608,7 +470,7 @@ def _spans(groups: Sequence[str]) -> list[tuple[str, int, int]]:
     return [(groups[a], a, b) for a, b in pairwise(edges)] if groups else []
 
 
-def _matrix(u: Uncertainty) -> Figure_:
+def _matrix(u: Uncertainty) -> Plot:
     n = len(u.names)
     spans = _spans(u.groups)
     ticks = {
@@ -624,7 +486,7 @@ def _matrix(u: Uncertainty) -> Figure_:
     }
     heat = {
         "type": "heatmap",
-        "z": packed(u.correlation),
+        "z": plots.packed(u.correlation),
         "text": [[f"{a}<br>{b}" for a in u.names] for b in u.names],
         "zmin": -1,
         "zmax": 1,
@@ -643,7 +505,7 @@ def _matrix(u: Uncertainty) -> Figure_:
         "xgap": 0.5,
         "ygap": 0.5,
     }
-    layout = _layout("Parameter", "Parameter", height=640)
+    layout = plots.layout_of("Parameter", "Parameter", height=640)
     layout["xaxis"] |= ticks | {"constrain": "domain"}
     layout["yaxis"] |= ticks | {"range": [n - 0.5, -0.5], "scaleanchor": "x", "constrain": "domain"}
     layout["shapes"] = [
@@ -654,47 +516,32 @@ def _matrix(u: Uncertainty) -> Figure_:
             {"y0": a - 0.5, "y1": a - 0.5, "x0": -0.5, "x1": n - 0.5},
         )
     ]
-    return _plot([heat], layout)
+    return plots.plot([heat], layout)
 
 
-def _drift(nominal: Curve, calibrated: Curve, title: str) -> Figure_:
+def _drift(nominal: Curve, calibrated: Curve, title: str) -> Plot:
     data = [
-        _markers(nominal.x, nominal.y, "nominal", "y", symbol="diamond-open", size=5),
-        _markers(calibrated.x, calibrated.y, "calibrated", "x", size=5),
+        plots.markers(nominal.x, nominal.y, "nominal", "y", symbol="diamond-open", size=5),
+        plots.markers(calibrated.x, calibrated.y, "calibrated", "x", size=5),
     ]
-    layout = _layout(_TIME, title)
+    layout = plots.layout_of(_TIME, title)
     sizes = np.concatenate([nominal.y, calibrated.y])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
     if sizes.size:
         low, high = np.log10(np.percentile(sizes, [0.5, 100.0]))
-        layout["yaxis"] |= _logarithmic(float(low), float(high))
-    return _plot(data, layout)
+        layout["yaxis"] |= plots.logarithmic(float(low), float(high))
+    return plots.plot(data, layout)
 
 
-def _logarithmic(low: float, high: float) -> Figure_:
-    """Return what makes an axis logarithmic from 10^low to 10^high, with ticks that read as numbers."""
-    low, high = low - 0.15, high + 0.15
-    decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
-    digits = (1, 2, 5) if high - low < 1.6 else (1,)
-    values = [digit * 10.0**k for k in decades for digit in digits]
-    return {
-        "type": "log",
-        "range": [low, high],
-        "tickmode": "array",
-        "tickvals": values,
-        "ticktext": [f"{value:g}" for value in values],
-    }
-
-
-def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
+def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Plot:
     score = np.asarray(halves.score)
     own = [groups[name] for name in halves.names]
     spans = _spans(own)
     place = np.arange(score.size, dtype=float)
-    marks = _markers(place, score, "second half less first", "x", size=7)
+    marks = plots.markers(place, score, "second half less first", "x", size=7)
     marks |= {"text": list(halves.names), "hovertemplate": "%{text}<br>%{y:.2f}<extra></extra>"}
-    band = _area([-0.5, score.size - 0.5], [-2.0, -2.0], [2.0, 2.0], "±2 standard deviations", "muted/0.18")
-    layout = _layout("Parameter", "Difference / sd (1)", height=280)
+    band = plots.area([-0.5, score.size - 0.5], [-2.0, -2.0], [2.0, 2.0], "±2 standard deviations", "muted/0.18")
+    layout = plots.layout_of("Parameter", "Difference / sd (1)", height=280)
     layout["xaxis"] |= {
         "tickmode": "array",
         "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
@@ -719,4 +566,4 @@ def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Figure_:
     layout["yaxis"]["zeroline"] = True
     limit = 1.1 * max(3.0, float(np.max(np.abs(score), initial=0.0)))
     layout["yaxis"]["range"] = [-limit, limit]
-    return _plot([band, marks], layout)
+    return plots.plot([band, marks], layout)
