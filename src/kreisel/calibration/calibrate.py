@@ -179,12 +179,19 @@ def _values(recording: Recording, found: Estimate) -> dict[str, Any]:
     tables["accelerometer"]["lever_arms"] = _list(s.lever_arms)
     tables["timing"] = {"offset": float(Clock(p.start, p.skew).offset(*first)), "skew": float(p.skew)}
     tables["alignment"] = {"gravity": _list(gravity_r(p))}
+    if "north" in found.problem.layout:
+        tables["alignment"]["north"] = _list(north_r(p))
     return tables
 
 
 def gravity_r(parameters: CellParameters) -> Array:
     """Return gravity in r, (3,), m/s^2."""
     return matrix(parameters.q_rn)[:, 2] * parameters.gravity
+
+
+def north_r(parameters: CellParameters) -> Array:
+    """Return north in r, (3,), a level vector of about unit length (exactly so only as far as it is seen)."""
+    return matrix(parameters.q_rn)[:, :2] @ parameters.north
 
 
 def _deviations(found: Estimate) -> dict[str, Any]:
@@ -214,6 +221,11 @@ def _deviations(found: Estimate) -> dict[str, Any]:
     tree["accelerometer"]["lever_arms"] = _list(of("lever_arms", 9).reshape(3, 3))
     tree["timing"] = {"offset": _number(of("time_offset", 1)[0]), "skew": _number(of("time_skew", 1)[0])}
     tree["alignment"] = {"gravity": _list(_gravity_deviation(found))}
+    if "north" in problem.layout:
+        n = problem.layout["north"]
+        P = found.run.belief.covariance[n, n]
+        C = matrix(found.run.parameters.q_rn)[:, :2]
+        tree["alignment"]["north"] = _list(np.sqrt(np.einsum("ij,jk,ik->i", C, P, C)))
     return tree
 
 

@@ -85,7 +85,9 @@ class CellModel:
         gravity[2] = values["gravity"]
         rotation.rotate(q_rn, gravity, gravity)
         if self.problem.site.earth_rate_n is not None:
-            earth_rate[:] = self.problem.site.earth_rate_n[:, None]
+            level, _, down = self.problem.site.earth_rate_n
+            earth_rate[:2] = level * values["north"]
+            earth_rate[2] = down
             rotation.rotate(q_rn, earth_rate, earth_rate)
         return gravity, earth_rate
 

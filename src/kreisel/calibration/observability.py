@@ -94,7 +94,7 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             prior.append(float(before))
             posterior.append(float(after))
             lost = after > UNSHOWN * before
-            if group in ("alignment", "gravity") or (lost and group in problem.given_priors):
+            if group in ("alignment", "north", "gravity") or (lost and group in problem.given_priors):
                 lost = False  # believed from the start, and needed by nobody
             if lost:
                 unshown.append(name)

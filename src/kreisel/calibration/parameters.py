@@ -19,7 +19,8 @@ GROUPS = {
     "accel_offset": "k_a0, m/s^2",
     "accel_polynomial": "k_ai, i = 2 and above",
     "lever_arms": "r_j: positions of the accelerometers in b, m",
-    "alignment": "turn of the reference frame against the local level",
+    "alignment": "tilt of the reference frame against the local level",
+    "north": "where north lies in the level plane, if the latitude is known",
     "gravity": "magnitude of gravity, where neither it nor the latitude is given",
     "time_offset": "offset of the reference's clock",
     "time_skew": "ratio of the clocks, less one",
@@ -47,7 +48,11 @@ class CellParameters:
     sensors
         The sensor model's parameters.
     q_rn : (4,)
-        Turn of the reference frame r against the local level n (north, east, down).
+        Turn of the reference frame r against the local level n. Down is along gravity; which level axis is
+        called north is a choice: the true one lies along `north`.
+    north : (2,)
+        Components of true north along n's first two axes. Estimated as a vector, not an angle: the readings
+        are linear in it, and nothing need be known of it beforehand. Zero where there is no Earth rate.
     gravity
         Magnitude, m/s^2.
     start, skew
@@ -56,6 +61,7 @@ class CellParameters:
 
     sensors: SensorParameters
     q_rn: Array
+    north: Array
     gravity: float
     start: float
     skew: float
@@ -72,6 +78,7 @@ class CellParameters:
             "accel_polynomial": s.k_a[1:].ravel(),
             "lever_arms": s.lever_arms.ravel(),
             "alignment": self.q_rn,
+            "north": self.north,
             "gravity": np.array([self.gravity]),
             "time_offset": np.array([self.start]),
             "time_skew": np.array([self.skew]),
@@ -91,21 +98,23 @@ class CellParameters:
         return cls(
             sensors,
             values["alignment"],
+            values["north"],
             float(values["gravity"][0]),
             float(values["time_offset"][0]),
             float(values["time_skew"][0]),
         )
 
 
-def group_part(group: str, order: int, *, heading: bool) -> Part:
-    """Return a group's part of the state; without heading the alignment has two degrees of freedom."""
+def group_part(group: str, order: int) -> Part:
+    """Return a group's part of the state."""
     degrees = {
         "gyro_cross_coupling": 9,
         "gyro_polynomial": 3 * (order - 1),
         "accel_cross_coupling": 9,
         "accel_polynomial": 3 * (order - 1),
         "lever_arms": 9,
-        "alignment": 3 if heading else 2,
+        "alignment": 2,
+        "north": 2,
         "gravity": 1,
         "time_offset": 1,
         "time_skew": 1,
@@ -126,7 +135,8 @@ def parameter_names(group: str, order: int) -> tuple[str, ...]:
     if group.endswith("polynomial"):
         return tuple(f"{sensor}.polynomial.{power}[{i}]" for power in range(2, order + 1) for i in range(3))
     return {
-        "alignment": ("alignment.tilt[0]", "alignment.tilt[1]", "alignment.heading"),
+        "alignment": ("alignment.tilt[0]", "alignment.tilt[1]"),
+        "north": ("alignment.north[0]", "alignment.north[1]"),
         "gravity": ("alignment.gravity_magnitude",),
         "time_offset": ("timing.offset",),
         "time_skew": ("timing.skew",),

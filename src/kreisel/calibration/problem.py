@@ -24,7 +24,7 @@ REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
 
 @dataclass(frozen=True)
 class Site:
-    """Where the cell stands: Earth rate in north, east, down (rad/s) or None where it is not known."""
+    """Where the cell stands: gravity (m/s^2), and Earth rate in north, east, down (rad/s) or None if not known."""
 
     gravity: float
     gravity_sd: float
@@ -139,17 +139,19 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
 
 
 def build_layout(
-    settings: CalibrationSettings, *, heading: bool, gravity: bool, skew: bool, rest_error: bool
+    settings: CalibrationSettings, *, north: bool, gravity: bool, skew: bool, rest_error: bool
 ) -> StateLayout:
     """Return the layout: sensor parameters, cell parameters, rest error, navigation."""
     absent = set(settings.fixed)
     if settings.polynomial_order == 1:
         absent |= {"gyro_polynomial", "accel_polynomial"}
+    if not north:
+        absent.add("north")
     if not gravity:
         absent.add("gravity")
     if not skew:
         absent.add("time_skew")
-    parts = [group_part(g, settings.polynomial_order, heading=heading) for g in GROUPS if g not in absent]
+    parts = [group_part(g, settings.polynomial_order) for g in GROUPS if g not in absent]
     if rest_error:
         parts += REST_ERROR
     return StateLayout([*parts, *NAVIGATION])

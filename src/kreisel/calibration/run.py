@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from kreisel.calibration.filter_run import GATE, FilterRun, History, run_filter
+from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, run_filter
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold
@@ -29,6 +29,7 @@ CONTRADICTION = 2.0
 COLOURED = 0.3
 """Correlation of neighbouring innovations from which they no longer pass for white."""
 
+NARROWING = 10.0
 MOST_PASSES = 4
 CURVATURE = 0.2
 
@@ -41,13 +42,15 @@ Progress = Callable[[str, float], None]
 class Estimate:
     """Final problem (with the noise finally believed), the run over it, and what to say about both.
 
-    The belief's factor is already multiplied by `correlation_factor`.
+    The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
+    by which given noise figures had to be raised; 1 where none were given, or none had to.
     """
 
     problem: Problem
     run: FilterRun
     passes: int
     correlation_factor: float
+    contradiction: float
     findings: tuple[Finding, ...]
 
 
@@ -91,6 +94,7 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
     reference_given, imu_given
         Whether the noise figures are the user's word; they are then changed only if contradicted.
     """
+    given = problem
     problem, run, done, changed = _passes(problem, 0, reference_given, imu_given, progress)
     factor = correlation_factor(run.history)
     unshown = unshown_groups(problem, factor * run.belief.standard_deviation)
@@ -113,9 +117,20 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
                 f"innovations are correlated in time; standard deviations were multiplied by {factor:.2f} for it",
             )
         )
+    contradiction = _contradiction(given, problem, reference=reference_given, imu=imu_given)
     run = towards_prior(problem, run)
     belief = Belief(run.belief.mean, factor * run.belief.factor)
-    return Estimate(problem, replace(run, belief=belief), done, factor, tuple(findings))
+    return Estimate(problem, replace(run, belief=belief), done, factor, contradiction, tuple(findings))
+
+
+def _contradiction(given: Problem, final: Problem, *, reference: bool, imu: bool) -> float:
+    """Return the largest factor between noise figures finally believed and those the user gave."""
+    ratios = [1.0]
+    if reference:
+        ratios += [final.noise.position / given.noise.position, final.noise.orientation / given.noise.orientation]
+    if imu:
+        ratios += [a / b for a, b in zip(imu_density(final), imu_density(given), strict=True)]
+    return max(ratios)
 
 
 def _passes(
@@ -134,7 +149,29 @@ def _passes(
         if not factors.agree():
             problem, changed = _with_factors(problem, factors), True
         done += 1
-        run = run_filter(problem, run.parameters, progress=_named(progress, f"pass {done}"))
+        belief = narrowed_belief(problem, run)
+        run = run_filter(problem, run.parameters, belief=belief, progress=_named(progress, f"pass {done}"))
+
+
+def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
+    """Return the belief a further pass begins with: the prior, and the pass before believed `NARROWING` times less.
+
+    Sigma points then stay where the model is nearly linear, also along what the motion hardly tells apart; the
+    same data are counted twice by one part in `NARROWING` squared.
+    """
+    belief = first_belief(problem, run.parameters)
+    n = len(problem.parameter_names)
+    if n == 0:
+        return belief
+    prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
+    found = NARROWING**2 * run.belief.covariance[:n, :n]
+    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
+    scale = np.sqrt(np.diag(prior))
+    A, B = (M / np.outer(scale, scale) for M in (prior, found))
+    P = A @ np.linalg.solve(A + B, B)
+    factor = belief.factor.copy()
+    factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
+    return Belief(belief.mean, factor)
 
 
 def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
@@ -149,10 +186,10 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
     if done >= MOST_PASSES:
         return False
     let_in = run.history.used & (run.history.nis > chi2.ppf(GATE, run.history.degrees))
-    if done == 1 and let_in.any():
+    if done == 1 and (let_in.any() or problem.settings.polynomial_order > 1):
         return True
     layout = problem.layout
-    angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}  # without heading
+    angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}
     parts = [slice(layout[g].start, layout[g].start + n) for g, n in angles.items() if g in layout]
     if not parts:
         return False

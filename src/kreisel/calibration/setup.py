@@ -37,9 +37,10 @@ INTERVALS = {"robot": 0.48, "mocap": 0.24}
 second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
 
 _DOUBT = 20.0
-_HEADING_SD = 0.3
+_NORTH_SD = 0.7
 _CROSS_COUPLING_SD = 0.05
 _NON_ORTHOGONALITY = 0.015
+_BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 _MOTION_NOISE = 20.0
 
 GRAVITY_SD = 0.015
@@ -261,15 +262,20 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
     k_w[0], k_a[0] = gyro_offset, accel_offset
+    if order > 1:
+        # the fits know no polynomials: what those add to the readings is an error of theirs
+        gyro_offset_sd = np.maximum(gyro_offset_sd, np.minimum(noise.gyro_offset_sd or np.inf, _BENT_GYRO))
+        accel_offset_sd = np.maximum(accel_offset_sd, np.minimum(noise.accel_offset_sd or np.inf, _BENT_ACCEL))
+    least = 1e-3 if order == 1 else _BENT_CROSS_COUPLING
     K_omega, K_omega_covariance = _nearly_orthogonal(
-        fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, 1e-3, _CROSS_COUPLING_SD)
+        fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, least, _CROSS_COUPLING_SD)
     )
     if preparation.reference.quaternions is None:
         K_omega_covariance = _without_turn(K_omega_covariance)
-    K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, 1e-3, _CROSS_COUPLING_SD))
+    K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, least, _CROSS_COUPLING_SD))
     sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
     start = CellParameters(
-        sensors, alignment_from_gravity(force.gravity), site.gravity, fit.clock.start, fit.clock.skew
+        sensors, alignment_from_gravity(force.gravity), np.zeros(2), site.gravity, fit.clock.start, fit.clock.skew
     )
     tilt = float(np.clip(_DOUBT * force.tilt_sd, 1e-4, 0.05))
     deviation = {
@@ -278,7 +284,8 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
         "accel_offset": accel_offset_sd,
         "accel_polynomial": np.full(3 * (order - 1), 0.005),
         "lever_arms": np.full(9, 0.1),
-        "alignment": np.array([tilt, tilt, _HEADING_SD])[: 2 if site.earth_rate_n is None else 3],
+        "alignment": np.full(2, tilt),
+        "north": np.full(2, _NORTH_SD),
         "gravity": np.array([max(site.gravity_sd, 1e-9)]),
         "time_offset": np.array([max(_DOUBT * fit.clock.start_sd, 1e-3)]),
         "time_skew": np.array([max(_DOUBT * fit.clock.skew_sd, 1e-6)]),
@@ -330,7 +337,8 @@ _WIDTH = {
     "accel_offset": np.full(3, 0.6),
     "accel_polynomial": np.array([0.005]),
     "lever_arms": np.full(9, 0.1),
-    "alignment": np.array([0.05, 0.05, _HEADING_SD]),
+    "alignment": np.full(2, 0.05),
+    "north": np.full(2, _NORTH_SD),
     "time_offset": np.array([0.01]),
     "time_skew": np.array([LARGEST_SKEW]),
 }
@@ -353,6 +361,7 @@ def _nominal(preparation: Preparation, order: int) -> CellParameters:
     return CellParameters(
         replace(ideal, K_omega=R, K_a=R),
         alignment_from_gravity(preparation.force_fit.gravity),
+        np.zeros(2),
         preparation.site.gravity,
         preparation.rate_fit.clock.start,
         preparation.rate_fit.clock.skew,
@@ -399,7 +408,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         given["accel_offset"] = np.full(3, noise.accel_offset_sd)
     layout = build_layout(
         settings,
-        heading=site.earth_rate_n is not None,
+        north=site.earth_rate_n is not None,
         gravity=site.gravity_sd > 0.0,
         skew=skewed,
         rest_error=any(u.rest is not None for u in updates),

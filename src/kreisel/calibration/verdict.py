@@ -13,6 +13,7 @@ from kreisel.geometry.rotation import Array
 
 LARGEST_NIS = 4.0
 MOST_REJECTED = 0.1
+LARGEST_CONTRADICTION = 4.0
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
 
@@ -67,6 +68,11 @@ def judge(estimate: Estimate, seen: Observability, facts: Consistency) -> Verdic
         reasons.append(
             f"{facts.rejected} of {facts.updates} updates had to be set aside: reference and IMU disagree; "
             "look for wrong units, lost samples, a slipping mount, or another run's poses"
+        )
+    if estimate.contradiction > LARGEST_CONTRADICTION:
+        reasons.append(
+            f"the data contradict the given noise figures {estimate.contradiction:.1f} times: the model does not fit "
+            "(try --polynomial-order 2, or record the robot's joint angles), or the figures are wrong"
         )
     lost = [name for name in seen.unshown if name.startswith(_NEEDED)]
     if lost:

@@ -143,19 +143,21 @@ def prepare(
     segments = ((0, n - 1),) if segments is None else segments
     base = np.zeros(n - 1, dtype=np.int64)
     first = np.zeros(n, dtype=np.int64)
-    inside = np.zeros(n, dtype=bool)
+    inside, within = np.zeros(n, dtype=bool), np.zeros(n - 1, dtype=bool)
     for start, stop in segments:
         k = np.arange(start, stop)
         base[k] = np.clip(k - 2, start, stop - 5)
+        within[k] = True
         k = np.arange(start, stop + 1)
         first[k] = np.clip(k - 2, start, stop - 4)
         inside[k] = True
     outside = np.flatnonzero(~inside)
     first[outside] = np.clip(outside - 2, 0, n - 5)
-    between = np.flatnonzero(~(inside[1:] & inside[:-1]))
+    between = np.flatnonzero(~within)
     base[between] = np.clip(between - 2, 0, n - 6)
     single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
+    _straighten(between, stamps, base, single, double)
     slope = np.empty_like(rates)
     quadrature.differentiate(stamps, first, rates, slope)
     rate_powers = powers(rates, order)
@@ -178,6 +180,15 @@ def prepare(
         rate_variance=zero if rate_variance is None else rate_variance,
         force_variance=zero if force_variance is None else force_variance,
     )
+
+
+def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, double: Array) -> None:
+    """Write the weights of a straight line into intervals outside all segments, where a quintic runs away."""
+    h, left = np.diff(stamps)[between], between - base[between]
+    single[between], double[between] = 0.0, 0.0
+    for at, once, twice in ((left, 1.0 / 2.0, 1.0 / 3.0), (left + 1, 1.0 / 2.0, 1.0 / 6.0)):
+        single[between, at] = h * once
+        double[between, at] = h**2 * twice
 
 
 def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:

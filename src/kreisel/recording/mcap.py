@@ -72,9 +72,7 @@ class McapWriter:
     def add_settings(self, settings: RecordingSettings) -> None:
         """Write the settings that are set; call it first, so that a cut file has them too."""
         tables = settings.model_dump(exclude_none=True)
-        pairs = {
-            f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()
-        }
+        pairs = {f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()}
         if pairs:
             self._writer.add_metadata(SETTINGS_RECORD, pairs)
 
@@ -241,9 +239,7 @@ class Topic:
     payloads: list[bytes] = field(default_factory=list)
 
 
-def in_log_order(
-    name: str, msgtype: str, encoding: str, count: int, messages: Iterable[tuple[int, bytes]]
-) -> Topic:
+def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: Iterable[tuple[int, bytes]]) -> Topic:
     """Return a topic from pairs of log time and payload, sorted by the times."""
     ordered = sorted(messages, key=operator.itemgetter(0))
     return Topic(name, msgtype, encoding, count, [m[0] for m in ordered], [m[1] for m in ordered])
@@ -343,9 +339,7 @@ class _Scan:
         except _BrokenRecordError as broken:
             self._lost.append(_cut(broken, size))
         else:
-            self._lost.append(
-                "it ends without a footer, as where a recorder was stopped; the rest is missing"
-            )
+            self._lost.append("it ends without a footer, as where a recorder was stopped; the rest is missing")
 
     def _try(self, offset: int, opcode: int, content: bytes) -> None:
         """Take a record, or note that it is damaged: the library raises whatever it stumbles over."""
@@ -407,9 +401,7 @@ class _Scan:
             groups[channel.topic, self._type(number) or "", channel.message_encoding].append(number)
         for (name, msgtype, encoding), numbers in groups.items():
             count = sum(self._counts[number] for number in numbers)
-            kept = (
-                [m for number in numbers for m in self._messages[number]] if msgtype in self._wanted else []
-            )
+            kept = [m for number in numbers for m in self._messages[number]] if msgtype in self._wanted else []
             yield in_log_order(name, msgtype, encoding, count, kept)
 
     def lost(self) -> str:

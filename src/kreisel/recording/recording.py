@@ -83,6 +83,10 @@ class ReferencePoses:
         """Usual time between two poses, s."""
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9
 
+    def with_quaternions(self, quaternions: Array) -> ReferencePoses:
+        """Return the poses with other quaternions."""
+        return replace(self, quaternions=quaternions)
+
     def part(self, keep: slice | NDArray[np.bool_]) -> ReferencePoses:
         """Return the poses a slice or a mask selects."""
         return replace(

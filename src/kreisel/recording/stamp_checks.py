@@ -47,7 +47,9 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
         With the first place where they do not.
     """
     if stamps.size < 10:
-        raise RecordingError(f"holds {stamps.size} {what} {rows(source)}; too few for anything: record longer", file=source)
+        raise RecordingError(
+            f"holds {stamps.size} {what} {rows(source)}; too few for anything: record longer", file=source
+        )
     distance = np.abs(stamps - np.median(stamps))
     if distance.max() > 4e18:  # differences of 64 bit integers would run over
         k = int(np.argmax(distance))

@@ -11,7 +11,7 @@ from kreisel.calibration.calibrate import Outcome
 from kreisel.calibration.filter_run import History
 from kreisel.calibration.validation import CrossValidation, Drift, Injection, SplitHalves
 from kreisel.estimation.consistency import autocorrelation, mean_normalised, normalised_bounds
-from kreisel.geometry.rotation import Array, Mask, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.inertial.sensor_model import polynomial
 from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
 from kreisel.synchronization import Clock
@@ -103,7 +103,7 @@ class Residuals:
     densities: dict[str, Array]
     steps: Array
     normal: Array
-    lags: Array
+    lags: Indices
     correlations: dict[str, Array]
     bound: float
 
@@ -321,15 +321,13 @@ def _residuals(h: History) -> Residuals:
         attitude=(h.innovation[shown, orientation] / MRAD).astype(np.float32),
         nis=(h.nis / h.degrees)[shown].astype(np.float32),
         kinds=tuple(
-            _kind(name, h, which)
-            for name, which in (("path", ~h.at_rest), ("rest", h.at_rest))
-            if which.any()
+            _kind(name, h, which) for name, which in (("path", ~h.at_rest), ("rest", h.at_rest)) if which.any()
         ),
         edges=_HISTOGRAM_EDGES,
         densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
         steps=steps,
         normal=np.asarray(norm.pdf(steps)),
-        lags=np.arange(1, lags + 1),
+        lags=np.arange(1, lags + 1, dtype=np.int64),
         correlations={name: c for name, c in correlations.items() if c is not None},
         bound=float(1.96 / np.sqrt(3.0 * max(int(path.sum()), 1))),
     )
@@ -402,9 +400,7 @@ def _parts(raw: Array, K: Array, k: Array, mount: Array, corrected: Array) -> di
     return parts
 
 
-def _change(
-    t: Array, raw: Array, corrected: Array, unit: float, fine: float, parts: dict[str, Array]
-) -> Change:
+def _change(t: Array, raw: Array, corrected: Array, unit: float, fine: float, parts: dict[str, Array]) -> Change:
     change = corrected - raw
     rms = {name: np.sqrt(np.mean(part**2, axis=0)) / fine for name, part in {**parts, "all": change}.items()}
     return Change(
@@ -435,7 +431,7 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
     n = len(groups)
     table = outcome.calibration.estimates[every(outcome.calibration.estimates.shape[0], MOST_MARKERS)]
     seconds, deviations = table[:, 0], table[:, 1 + n :]
-    values = table[:, 1 : 1 + n] + _way_to_prior(outcome, deviations)
+    values = _around_prior(outcome, table[:, 1 : 1 + n], deviations)
     covariance, parameters = outcome.calibration.covariance, outcome.estimate.run.parameters
     tracks: dict[str, tuple[Track, ...]] = {}
 
@@ -475,22 +471,26 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
     return tracks
 
 
-def _way_to_prior(outcome: Outcome, deviations: Array) -> Array:
-    """Return what puts the prior back at its own centre in estimates over time, (u, n).
+def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
+    """Return estimates over time (u, n) with the prior put back at its own centre.
 
     A later pass carries its prior around the estimates of the one before. The reported values have that
-    mended with the whole covariance; here, where only standard deviations are kept, parameter by parameter.
+    mended with the whole covariance. Here, where only standard deviations are kept, the share of the prior
+    in each parameter decides how far it is taken back, and the line is led to the reported value as that
+    share falls to the last one.
     """
-    problem, start = outcome.problem, outcome.estimate.run.start
-    way = np.zeros_like(deviations)
+    problem, run = outcome.problem, outcome.estimate.run
+    moved = values.copy()
     for group in problem.groups:
         if group == "alignment":
             continue
         part = problem.layout[group]
         believed = deviations[:, part] / outcome.estimate.correlation_factor
-        share = np.minimum((believed / np.sqrt(np.diag(problem.prior_covariance[group]))) ** 2, 1.0)
-        way[:, part] = share * (problem.prior.stored(group) - start.stored(group))
-    return way
+        share = np.minimum(believed**2 / np.diag(problem.prior_covariance[group]), 1.0)
+        moved[:, part] += share * (problem.prior.stored(group) - run.start.stored(group))
+        left = run.parameters.stored(group) - moved[-1, part]
+        moved[:, part] += left * np.minimum((1.0 - share) / np.maximum(1.0 - share[-1], 1e-9), 1.0)
+    return moved
 
 
 def _scales(K: Array, deviation: Array, correlation: Array) -> tuple[Array, Array]:
@@ -522,9 +522,7 @@ def _unseen(cross: CrossValidation) -> Unseen | None:
 def _drift(drift: Drift) -> DriftCurves:
     shown = every(drift.seconds.size, MOST_MARKERS)
     sizes = drift.position / MM, drift.attitude / MRAD
-    curves = [
-        Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes
-    ]
+    curves = [Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes]
     rms, greatest = (
         tuple(float(f(size[np.isfinite(size)])) if np.isfinite(size).any() else np.nan for size in sizes)
         for f in (lambda x: np.sqrt(np.mean(x**2)), np.max)

@@ -1,26 +1,19 @@
-"""The report's figures as plotly takes them: plain dictionaries, arrays in base64, colours by name.
-
-A colour is written ``@name`` or ``@name/opacity``; the page replaces it by that of the light or the dark
-palette. Building dictionaries instead of plotly's own objects keeps a report under a second; a test hands
-them to plotly's validation.
-"""
+"""The report's figures, each with a caption that says what a good one looks like."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.calibration.validation import SplitHalves
+from kreisel.report import plots
 from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
+from kreisel.report.plots import Plot
 from kreisel.report.thinning import Curve
-
-Plot = dict[str, Any]
 
 AXES = "xyz"
 GROUP_LABELS = {
@@ -38,7 +31,6 @@ GROUP_LABELS = {
 }
 
 _TIME = "IMU time (s)"
-plots.HEIGHT = 300
 _PANEL = 130
 _SETTLED = 10.0
 
@@ -66,17 +58,13 @@ class Figure:
 
 def excitation_figures(e: Excitation) -> list[Figure]:
     """Return the figures of section 1."""
-    aside = (
-        f" {e.set_aside.size} updates were set aside; crosses at the top mark them."
-        if e.set_aside.size
-        else " No update was set aside."
-    )
-    return [
+    count = e.set_aside.size
+    aside = f" Updates set aside: {count}, marked by crosses at the top." if count else " No update was set aside."
+    figures = [
         Figure(
             "rates",
             "Angular rates",
-            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests."
-            + aside,
+            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests." + aside,
             _over_time(e.rates, "Angular rate (deg/s)", e),
             link="excitation",
             shape="wide",
@@ -90,18 +78,22 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             link="excitation",
             shape="wide",
         ),
-        Figure(
-            "synchronisation",
-            "Time relation",
-            "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
-            "stretch. Good: the two lie on each other, peaks at the same moments.",
-            plots.plot(
-                [plots.line(e.felt, "gyros", "x"), plots.line(e.seen, "reference", "y", dash="dot")],
-                plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
-            ),
-            shape="wide",
-        ),
     ]
+    if e.seen.x.size:
+        figures.append(
+            Figure(
+                "synchronisation",
+                "Time relation",
+                "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
+                "stretch. Good: the two lie on each other, peaks at the same moments.",
+                plots.plot(
+                    [plots.line(e.felt, "gyros", "x"), plots.line(e.seen, "reference", "y", dash="dot")],
+                    plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
+                ),
+                shape="wide",
+            )
+        )
+    return figures
 
 
 def residual_figures(r: Residuals) -> list[Figure]:
@@ -116,14 +108,15 @@ def residual_figures(r: Residuals) -> list[Figure]:
             link="residuals",
         )
         for name, values, unit in (("position", r.position, "mm"), ("attitude", r.attitude, "mrad"))
+        if np.isfinite(values).any()
     ]
     return [
         *figures,
         Figure(
             "nis",
             "Normalised innovation squared",
-            "NIS of every update per degree of freedom. Good: nineteen of twenty points within the 95 % band, no trend; "
-            "points mostly above it mean noise figures too small, mostly below too large.",
+            "NIS of every update per degree of freedom. Good: nineteen of twenty points within the 95 % band, no "
+            "trend; points mostly above it mean noise figures too small, mostly below too large.",
             _nis(r),
             link="residuals",
         ),
@@ -194,9 +187,7 @@ def track_figures(u: Uncertainty) -> list[Figure]:
     ):
         if group in u.tracks:
             panels = [[track] for track in u.tracks[group]]
-            figures.append(
-                Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks")
-            )
+            figures.append(Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks"))
     if "lever_arms" in u.tracks:
         arms = u.tracks["lever_arms"]
         plot = _stack(
@@ -258,13 +249,13 @@ def drift_figures(unseen: Unseen) -> list[Figure]:
             f"drift-{name}",
             f"Drift of {name} on unseen data",
             f"Error free navigation gathers from one update to the next, after {unseen.trained_until:.0f} s, which the "
-            "parameters used here have not seen. Good: calibrated lies well below nominal, down at the reference's noise.",
-            _drift(
-                getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"
-            ),
+            "parameters used here have not seen. Good: calibrated lies well below nominal, down at the "
+            "reference's noise.",
+            _drift(getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"),
             link="drift",
         )
         for name, unit in (("position", "mm"), ("attitude", "mrad"))
+        if np.isfinite(getattr(unseen.calibrated, name).y).any()
     ]
 
 
@@ -305,9 +296,7 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
     data += [plots.line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
     if e.set_aside.size:
-        marks = plots.markers(
-            e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6
-        )
+        marks = plots.markers(e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6)
         data.append({**marks, "yaxis": "y2", "hovertemplate": "set aside at %{x:.2f} s"})
     layout = plots.layout_of(_TIME, title, height=280)
     layout["yaxis"]["overlaying"] = "y2"
@@ -364,9 +353,7 @@ def _nis(r: Residuals) -> Plot:
 
 def _histogram(r: Residuals) -> Plot:
     data = [
-        plots.area(
-            r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22"
-        )
+        plots.area(r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22")
     ]
     styles = {
         "position, path": ("x", "solid"),
@@ -391,9 +378,7 @@ def _autocorrelation(r: Residuals) -> Plot:
         data.append(plots.area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
     for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
         line = plots.line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
-        data.append(
-            {**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"}
-        )
+        data.append({**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"})
     layout = plots.layout_of("Lag (updates)", "Autocorrelation (1)", height=260)
     layout["xaxis"]["range"] = [0.5, max(float(r.lags.size), 1.0) + 0.5]
     if not r.correlations:
@@ -437,7 +422,7 @@ def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Plot]:
     value, deviation = track.value.astype(float), track.deviation.astype(float)
     ends = track.seconds[[0, -1]]
     reported = np.full(2, track.reported)
-    more = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
+    more: Plot = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
     band = plots.area(
         track.seconds.tolist(),
         (value - 2.0 * deviation).tolist(),

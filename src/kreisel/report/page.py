@@ -19,7 +19,8 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
-from kreisel.report.figures import PALETTES, Figure
+from kreisel.report.figures import Figure
+from kreisel.report.plots import PALETTES
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Summary:
     accepted: bool
     headline: str
     sentence: str
+    reasons: tuple[str, ...] = ()
 
 
 def write_report(
@@ -67,7 +69,7 @@ def render(data: ReportData) -> str:
         not_estimated=tables.not_estimated(data.outcome),
         figures=drawn,
         snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
-        plotlyjs=Markup(get_plotlyjs()),  # noqa: S704 - plotly's own script, not data
+        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
         drawings=_script({f.name: f.plot for part in drawn.values() for f in part}),
         palettes=_script(PALETTES),
         **_tables(data),
@@ -78,7 +80,7 @@ def summarise(outcome: Outcome) -> Summary:
     """Return the verdict in plain words."""
     accepted, lost = outcome.verdict.accepted, len(outcome.observability.unobservable)
     if not accepted:
-        return Summary(False, "Rejected", "Do not use this calibration. The reasons:")
+        return Summary(False, "Rejected", "Do not use this calibration. The reasons:", outcome.verdict.reasons)
     if lost:
         which = "one parameter" if lost == 1 else f"{lost} parameters"
         sentence = (
@@ -86,9 +88,7 @@ def summarise(outcome: Outcome) -> Summary:
             "of use. Do not rely on those:"
         )
         return Summary(True, "Accepted, with gaps", sentence)
-    sentence = (
-        "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
-    )
+    sentence = "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
     return Summary(True, "Accepted", sentence)
 
 
@@ -128,7 +128,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
 def _script(content: object) -> Markup:
     """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def snippet(sensors: SensorParameters, form: SizeEffect) -> str:

@@ -47,6 +47,7 @@ PALETTES: dict[str, dict[str, str]] = {
 }
 """Red, green and blue of every named colour; x, y, z after Okabe and Ito, whom the colour-blind can tell apart."""
 
+
 def packed(values: NDArray[Any]) -> Plot:
     """Return an array the way plotly.js reads it without parsing numbers: single precision in base64."""
     single = np.ascontiguousarray(values, dtype="<f4")
@@ -57,10 +58,12 @@ def packed(values: NDArray[Any]) -> Plot:
 
 
 def plot(data: list[Plot], layout: Plot) -> Plot:
+    """Return a plot of traces in a layout."""
     return {"data": data, "layout": layout}
 
 
 def axis(title: str, **more: Any) -> Plot:
+    """Return an axis with its title."""
     return {
         "title": {"text": title, "standoff": 6},
         "gridcolor": "@grid",
@@ -78,6 +81,7 @@ def axis(title: str, **more: Any) -> Plot:
 
 
 def layout_of(x: str, y: str, *, height: int = HEIGHT, **more: Any) -> Plot:
+    """Return a layout with titled axes, the legend above it."""
     return {
         "height": height,
         "margin": {"l": 58, "r": 14, "t": 10, "b": 44},
@@ -102,9 +106,8 @@ def layout_of(x: str, y: str, *, height: int = HEIGHT, **more: Any) -> Plot:
     }
 
 
-def line(
-    curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any
-) -> Plot:
+def line(curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any) -> Plot:
+    """Return a curve over time as a line; nan interrupts it."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -118,6 +121,7 @@ def line(
 
 
 def markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker: Any) -> Plot:
+    """Return points over time as markers."""
     return {
         "type": "scatter",
         "mode": "markers",
@@ -129,9 +133,7 @@ def markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker: 
     }
 
 
-def area(
-    x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any
-) -> Plot:
+def area(x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any) -> Plot:
     """Return the filled area between two curves over the same x."""
     return {
         "type": "scatter",
@@ -163,6 +165,7 @@ def logarithmic(low: float, high: float) -> Plot:
 
 
 def remark(text: str) -> Plot:
+    """Return a remark in the middle of an empty plot."""
     return {
         "text": text,
         "showarrow": False,
@@ -172,5 +175,3 @@ def remark(text: str) -> Plot:
         "y": 0.5,
         "font": {"color": "@muted"},
     }
-
-

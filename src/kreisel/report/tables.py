@@ -167,9 +167,7 @@ def key_table(outcome: Outcome) -> Table:
     rows.extend(_timing_rows(document, support))
     gravity = document["alignment"]["gravity"], document["standard_deviation"]["alignment"]["gravity"]
     rows.append(
-        _key_row(
-            "Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed"
-        )
+        _key_row("Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed")
     )
     return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown"), tuple(rows), 2)
 
@@ -239,9 +237,7 @@ def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
         )
         for step in excitation.clock
     ]
-    return Table(
-        "Time relation", ("Found by", "Offset (s)", "Less the final one (ms)", "Skew (ppm)"), tuple(rows)
-    )
+    return Table("Time relation", ("Found by", "Offset (s)", "Less the final one (ms)", "Skew (ppm)"), tuple(rows))
 
 
 def nis_table(residuals: Residuals) -> Table:
@@ -271,7 +267,8 @@ def nis_table(residuals: Residuals) -> Table:
 
 def noise_table(outcome: Outcome) -> Table:
     """Return the noise figures finally believed."""
-    noise = outcome.calibration.document["estimator"]["noise"]
+    noise, reference = outcome.calibration.document["estimator"]["noise"], outcome.problem.reference
+    absent = {"mm": reference.positions is None, "mrad": reference.quaternions is None}
     rows = []
     for title, key, unit, size in (
         ("Reference position, path", "position_sd", "mm", MM),
@@ -281,16 +278,16 @@ def noise_table(outcome: Outcome) -> Table:
         ("Gyro noise density", "gyro_density", "mrad/s/√Hz", MRAD),
         ("Accelerometer noise density", "accel_density", "mg/√Hz", MG),
     ):
+        if absent.get(unit):
+            continue
         value = noise.get(key)
         rows.append(Row((title, unit, NOTHING if value is None else number(value / size))))
-    return Table(
-        "Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2
-    )
+    return Table("Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
 
 
 def cause_table(difference: Difference) -> Table:
     """Return the rms of the change by cause."""
-    rows = []
+    rows: list[Row] = []
     for title, unit, change in (
         ("rate", "deg/s", difference.rates),
         ("specific force", "mg", difference.forces),
@@ -315,10 +312,8 @@ def parameter_table(data: ReportData) -> Table:
             stored = [outcome.calibration.document["timing"]["offset"]]
         part = outcome.problem.layout[group]
         values.extend(stored[: part.stop - part.start])
-    rows = []
-    for name, group, value, before, after in zip(
-        u.names, u.groups, values, u.prior, u.posterior, strict=True
-    ):
+    rows: list[Row] = []
+    for name, group, value, before, after in zip(u.names, u.groups, values, u.prior, u.posterior, strict=True):
         unit, size = UNITS[group]
         gain = float(before / after) if after > 0.0 else math.inf
         word = support.of_name(name)
@@ -351,7 +346,7 @@ def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
 
 def drift_table(unseen: Unseen) -> Table:
     """Return the drift between updates, nominal against calibrated."""
-    rows = []
+    rows: list[Row] = []
     for i, (title, unit) in enumerate((("Position", "mm"), ("Attitude", "mrad"))):
         a, b = unseen.nominal, unseen.calibrated
         gain = a.rms[i] / b.rms[i] if b.rms[i] > 0.0 else math.inf

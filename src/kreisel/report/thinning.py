@@ -67,6 +67,4 @@ def _longest_step(x: Array, chosen: Indices) -> float:
 
 def _interrupted(x: Array, y: Array, longest: float) -> Curve:
     leaps = np.flatnonzero(np.diff(x) > longest) + 1
-    return Curve(
-        np.insert(x, leaps, np.nan).astype(np.float32), np.insert(y, leaps, np.nan).astype(np.float32)
-    )
+    return Curve(np.insert(x, leaps, np.nan).astype(np.float32), np.insert(y, leaps, np.nan).astype(np.float32))

@@ -61,7 +61,8 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     x, y = _norms(imu, reference, fine)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
         raise SynchronizationError(
-            f"{reference.source}: the reference does not move; without motion there is nothing to synchronise or calibrate by"
+            f"{reference.source}: the reference does not move; without motion there is nothing to calibrate by: record "
+            "the robot while it moves"
         )
     clock, coefficient = _search(x, y)
     clock = _track(x, y, clock)
@@ -96,7 +97,7 @@ def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_No
         before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
         accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
         # up is taken along the reference's z; a tilt changes little in a norm dominated by gravity
-        moved = np.abs(np.linalg.norm(accel + [0.0, 0.0, 9.8], axis=1) - 9.8)
+        moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
         middle = tau[stride:-stride]
         window *= 2.0
     return _even(t, felt, step, window), _even(middle, moved, step, 0.0)
@@ -189,7 +190,12 @@ def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
     sd = 1.5 * float(np.median(residual)) + 1e-3
     spread = float(np.std(centres)) + 1e-9
     count = np.sqrt(centres.size)
-    return Clock(clock.start + mean - slope * pivot, clock.skew + slope, sd / count + pivot * sd / (spread * count), sd / (spread * count))
+    return Clock(
+        clock.start + mean - slope * pivot,
+        clock.skew + slope,
+        sd / count + pivot * sd / (spread * count),
+        sd / (spread * count),
+    )
 
 
 def _polish(x: _Norm, y: _Norm, clock: Clock) -> Clock:

@@ -6,18 +6,22 @@ The reference's rotation over short stretches (noisy) is regressed on the integr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
 from kreisel._kernels import attitude
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, Mask, conjugate, exp, log, multiply
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.synchronization.clock import Clock
 
 STRETCH = 0.4
 """Usual length of the stretches compared, s."""
+
+WANDER_PARTS = 12
+"""Parts of a recording in which the clocks are compared once more."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class RateFit:
         Standard deviation of what is left in a stretch, rad, each axis.
     K_omega_sd, k_w0_sd : (3, 3), (3,)
         Standard deviations of the fit.
+    wander : (k, 3)
+        What is left of a shift of the clocks in stretches of the recording: reference seconds of the middle,
+        shift, its standard deviation. It is nothing but noise where both clocks run steadily.
     """
 
     K_omega: Array
@@ -49,6 +56,7 @@ class RateFit:
     residual_sd: float
     K_omega_sd: Array
     k_w0_sd: Array
+    wander: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -85,11 +93,27 @@ def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> 
     """Return integrated readings over the stretches, durations, and reading differences between their ends."""
     t = signal.stamps
     t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
-    inside = (t1 > t[1]) & (t2 < t[-2])
+    inside = (t1 > t[1]) & (t2 < t[-2]) & _unbroken(signal, t1, t2)
     integral = np.vstack([np.zeros(3), np.cumsum(signal.rate_integrals[:, 1], axis=0)])
     at = [np.column_stack([np.interp(s[inside], t, integral[:, i]) for i in range(3)]) for s in (t1, t2)]
     rate = [np.column_stack([np.interp(s[inside], t, signal.rate_powers[:, 1, i]) for i in range(3)]) for s in (t1, t2)]
     return at[1] - at[0], (t2 - t1)[inside], rate[1] - rate[0], inside
+
+
+def _unbroken(signal: InertialSignal, t1: Array, t2: Array) -> Mask:
+    """Return which stretches lie within one segment of the signal: nothing is known across a gap."""
+    if len(signal.segments) == 1:
+        return np.ones(t1.size, dtype=bool)
+    starts, stops = (signal.stamps[np.array(ends)] for ends in zip(*signal.segments, strict=True))
+    segment = np.clip(np.searchsorted(starts, t1, side="right") - 1, 0, starts.size - 1)
+    return np.asarray((t1 >= starts[segment]) & (t2 <= stops[segment]))
+
+
+def _covered(stretches: _Stretches, inside: Mask) -> float:
+    """Return the reference seconds the stretches inside cover."""
+    if not inside.any():
+        return 0.0
+    return float(stretches.tau_last[inside].max() - stretches.tau_first[inside].min())
 
 
 def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> RateFit:
@@ -113,7 +137,8 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     turned, duration, _, inside = _integrated(signal, stretches, clock)
     if int(inside.sum()) < 30:
         raise SynchronizationError(
-            f"IMU and reference overlap in {max(float(duration.sum()), 0.0):.1f} s only; expected some seconds of common motion"
+            f"IMU and reference overlap in {_covered(stretches, inside):.1f} s only; expected some seconds of common "
+            "motion: do they belong to the same run?"
         )
     A = np.hstack([turned, duration[:, None]])
     solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
@@ -131,13 +156,34 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
         for _ in range(3):
             fit = _refine(signal, stretches, K, b, clock, skewed=False)
             K, b, clock = fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock
-    return fit
+    return replace(fit, wander=_wander(_compare(signal, stretches, K, b, clock)))
 
 
-def _refine(
-    signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
-) -> RateFit:
-    """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
+@dataclass(frozen=True)
+class _Comparison:
+    """Stretches inside the IMU's recording, as the reference turned and as the readings say.
+
+    Attributes
+    ----------
+    turned, duration
+        Integrated readings and lengths of the stretches.
+    tau : (n,)
+        Their middles.
+    rotation, residual : (n, 3)
+        The reference's rotation, and what is left of it once the predicted one is taken off.
+    slope : (n, 3)
+        Change of the predicted rotation with a shift of the clock.
+    """
+
+    turned: Array
+    duration: Array
+    tau: Array
+    rotation: Array
+    residual: Array
+    slope: Array
+
+
+def _compare(signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
     steps = signal.rate_integrals[:, 1] @ K.T + signal.rate_integrals[:, 0] * b
     omega = signal.rate_powers[:, 1] @ K.T + b
     dt = np.diff(signal.stamps)[:, None]
@@ -150,20 +196,34 @@ def _refine(
     q1, w1 = _attitude_at(signal.stamps, q, omega, t1)
     q2, w2 = _attitude_at(signal.stamps, q, omega, t2)
     predicted = multiply(conjugate(q1), q2)
-    residual = log(multiply(conjugate(predicted), exp(stretches.rotation[inside])))
-    # At the end of the stretch; the rate at its beginning is seen through the rotation between.
-    slope = w2 - _turn_back(predicted, w1)
+    rotation = stretches.rotation[inside]
+    return _Comparison(
+        turned,
+        duration,
+        tau=0.5 * (stretches.tau_first + stretches.tau_last)[inside],
+        rotation=rotation,
+        residual=log(multiply(conjugate(predicted), exp(rotation))),
+        # At the end of the stretch; the rate at its beginning is seen through the rotation between.
+        slope=w2 - _turn_back(predicted, w1),
+    )
+
+
+def _refine(
+    signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+) -> RateFit:
+    """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
+    seen = _compare(signal, stretches, K, b, clock)
+    residual, slope = seen.residual, seen.slope
     weight = _robust_weight(residual)
-    tau_mid = 0.5 * (stretches.tau_first + stretches.tau_last)[inside]
-    pivot = float(tau_mid.mean())
+    pivot = float(seen.tau.mean())
     columns = 12 + (2 if skewed else 1)
     A = np.zeros((residual.shape[0], 3, columns))
     for i in range(3):
-        A[:, i, 3 * i : 3 * i + 3] = turned
-        A[:, i, 9 + i] = duration
+        A[:, i, 3 * i : 3 * i + 3] = seen.turned
+        A[:, i, 9 + i] = seen.duration
         A[:, i, 12] = slope[:, i]
         if skewed:
-            A[:, i, 13] = slope[:, i] * (tau_mid - pivot)
+            A[:, i, 13] = slope[:, i] * (seen.tau - pivot)
     root = np.sqrt(weight)[:, None]
     stacked = (A * root[..., None]).reshape(-1, columns)
     target = (residual * root).reshape(-1)
@@ -182,8 +242,7 @@ def _refine(
         start_sd=float(np.sqrt(covariance[12, 12] + (pivot**2 * covariance[13, 13] if skewed else 0.0))),
         skew_sd=float(np.sqrt(covariance[13, 13])) if skewed else 0.0,
     )
-    rotation = stretches.rotation[inside]
-    total = float(np.sum(weight[:, None] * (rotation - rotation.mean(axis=0)) ** 2))
+    total = float(np.sum(weight[:, None] * (seen.rotation - seen.rotation.mean(axis=0)) ** 2))
     return RateFit(
         K_omega=K_new,
         k_w0=np.linalg.solve(K_new, b_new),
@@ -194,6 +253,27 @@ def _refine(
         K_omega_sd=np.sqrt(np.diag(covariance)[:9]).reshape(3, 3),
         k_w0_sd=np.sqrt(np.diag(covariance)[9:12]),
     )
+
+
+def _wander(seen: _Comparison) -> Array:
+    """Return middle, shift and its standard deviation in a dozen parts of the recording, (k, 3)."""
+    edges = np.linspace(seen.tau.min(), seen.tau.max() + 1e-9, WANDER_PARTS + 1)
+    found = []
+    for low, high in pairwise(edges):
+        part = (seen.tau >= low) & (seen.tau < high)
+        slope, residual = seen.slope[part], seen.residual[part]
+        if part.sum() < 10:
+            continue
+        shift = 0.0
+        for _ in range(5):
+            weight = _robust_weight(residual - shift * slope)[:, None]
+            normal = float(np.sum(weight * slope**2))
+            shift = float(np.sum(weight * slope * residual)) / max(normal, 1e-30)
+        left = float(np.sum(weight * (residual - shift * slope) ** 2))
+        # neighbouring stretches overlap eightfold and share their noise
+        variance = 8.0 * left / (3.0 * float(weight.sum())) / max(normal, 1e-30)
+        found.append((float(np.mean(seen.tau[part])), shift, float(np.sqrt(variance))))
+    return np.array(found).reshape(-1, 3)
 
 
 def _attitude_at(stamps: Array, q: Array, omega: Array, t: Array) -> tuple[Array, Array]:

@@ -1,0 +1,241 @@
+"""What can be wrong with reference poses by themselves: length of quaternions, leaps, stalls, units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
+from kreisel.recording.imu_checks import check_finite, first_of_each
+from kreisel.recording.place import and_more, fault, rows, wrong_unit
+from kreisel.recording.recording import Finding, ReferencePoses
+from kreisel.recording.stamp_checks import check_duration, check_rate, check_stamps, gaps, runs
+
+MOST_OUTLIERS = 0.1
+"""Share of poses that may jump away and back before the reference is refused."""
+
+_LONG_FREEZE = 8
+_MOST_IN_A_ROW = 3
+_FAST = 20.0
+
+
+def check_poses(reference: ReferencePoses, imu: tuple[str, float]) -> tuple[ReferencePoses, list[Finding]]:
+    """Return the poses with unit quaternions, without stale ones and outliers, and what to say of them.
+
+    Parameters
+    ----------
+    imu
+        Name and seconds of the IMU's stream.
+
+    Raises
+    ------
+    RecordingError
+        For the first fault that would make results wrong.
+    """
+    source = reference.source
+    check_stamps(reference.stamps_ns, source, "pose")
+    check_rate(reference.stamps_ns, source, "poses", 0.5, 20e3)
+    check_duration(reference.stamps_ns, source, imu)
+    findings: list[Finding] = []
+    if reference.positions is not None:
+        check_finite(reference.positions, ("p_x", "p_y", "p_z"), source)
+    if reference.quaternions is not None:
+        check_finite(reference.quaternions, ("q_w", "q_x", "q_y", "q_z"), source)
+        reference = _normalised(reference, findings)
+    kept = np.arange(reference.stamps_ns.size)
+    for choose in (_near, _fresh):
+        keep = choose(reference, kept, findings)
+        reference, kept = reference.part(keep), kept[keep]
+    _check_frozen(reference, kept)
+    _check_leaps(reference, kept)
+    _check_metres(reference)
+    long = gaps(reference.stamps_ns, 1.0)
+    if long.size:
+        steps = np.diff(reference.stamps_ns)[long] * 1e-9
+        findings.append(
+            Finding("gaps", f"{source.parent.name}: {long.size} gaps of up to {steps.max():.2f} s without poses")
+        )
+    return reference, findings
+
+
+def _normalised(reference: ReferencePoses, findings: list[Finding]) -> ReferencePoses:
+    source, q = reference.source, reference.quaternions
+    assert q is not None  # noqa: S101 - for the type checker; the caller looked
+    norm = np.linalg.norm(q, axis=1)
+    bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
+    if bad.size:
+        k = int(bad[0])
+        more = and_more(bad.size - 1, "rows")
+        if norm[k] < 1e-3:
+            raise fault(
+                source,
+                f"a quaternion of zeros here{more}, as where tracking was lost; delete these {rows(source)} "
+                "(a gap is bridged)",
+                k,
+            )
+        raise fault(
+            source,
+            f"the quaternion has the length {norm[k]:.4g}, expected 1, and so within 1 %{more}; check that the columns "
+            "are q_w, q_x, q_y, q_z, and normalise them",
+            k,
+        )
+    q = q / norm[:, None]
+    flips = int(np.sum(np.sum(q[1:] * q[:-1], axis=1) < 0.0))
+    if flips:
+        findings.append(
+            Finding(
+                "quaternions",
+                f"{flips} changes of sign between neighbours; q and -q are the same turn, so nothing is lost",
+            )
+        )
+    return reference.with_quaternions(q)
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Distances of poses from earlier ones: metres and radians, each (n,), zero where not recorded."""
+
+    shift: Array
+    turn: Array
+
+    @classmethod
+    def of(cls, reference: ReferencePoses, stride: int = 1) -> _Steps:
+        n = reference.stamps_ns.size - stride
+        shift, turn = np.zeros(n), np.zeros(n)
+        if (p := reference.positions) is not None:
+            shift = np.linalg.norm(p[stride:] - p[:-stride], axis=1)
+        if (q := reference.quaternions) is not None:
+            turn = np.linalg.norm(log(multiply(conjugate(q[:-stride]), q[stride:])), axis=1)
+        return cls(shift, turn)
+
+    def usual(self, share: float) -> tuple[float, float]:
+        """Return a percentile of those steps that are none of zero."""
+        return _percentile(self.shift, share), _percentile(self.turn, share)
+
+    def above(self, shift: float, turn: float) -> Mask:
+        """Return where a step is larger than a limit."""
+        return np.asarray((self.shift > shift) | (self.turn > turn))
+
+    def text(self, k: int) -> str:
+        """Return a step in words."""
+        return f"{self.shift[k]:.3g} m and {np.degrees(self.turn[k]):.3g} deg"
+
+
+def _percentile(values: Array, share: float) -> float:
+    moving = values[values > 0.0]
+    return float(np.percentile(moving, share)) if moving.size else np.inf
+
+
+def _stalls(reference: ReferencePoses) -> tuple[Indices, Indices]:
+    """Return first and last of the poses in stretches where all numbers repeat, without one at the end."""
+    parts = [part for part in (reference.positions, reference.quaternions) if part is not None]
+    same = (np.diff(np.hstack(parts), axis=0) == 0.0).all(axis=1)
+    starts, stops = runs(same)
+    ended = stops < len(same)
+    return starts[ended], stops[ended]
+
+
+def _check_frozen(reference: ReferencePoses, kept: Indices) -> None:
+    """Raise an error where the poses stand still and then leap: a robot starts gently."""
+    steps = _Steps.of(reference)
+    shift, turn = steps.usual(90.0)
+    starts, stops = _stalls(reference)
+    frozen = (stops - starts >= _LONG_FREEZE) & (steps.above(4.0 * shift, 4.0 * turn) & _in_time(reference))[stops]
+    if frozen.any():
+        k = int(np.flatnonzero(frozen)[0])
+        raise fault(
+            reference.source,
+            f"the pose is frozen for {stops[k] - starts[k] + 1} {rows(reference.source)}, then leaps by "
+            f"{steps.text(int(stops[k]))}{and_more(int(frozen.sum()) - 1, 'places')}: tracking was lost; delete these "
+            f"{rows(reference.source)} (a gap is bridged)",
+            int(kept[starts[k] + 1]),
+        )
+
+
+def _in_time(reference: ReferencePoses) -> Mask:
+    """Return which poses are followed by the next without a gap."""
+    dt = np.diff(reference.stamps_ns)
+    return np.asarray(dt < 3.0 * float(np.median(dt)))
+
+
+def _fresh(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> Mask:
+    """Return the mask of the poses that do not merely repeat the one before while the body moves."""
+    steps = _Steps.of(reference)
+    starts, stops = _stalls(reference)
+    stale = (stops - starts < _LONG_FREEZE) & steps.above(*steps.usual(50.0))[stops]
+    keep = first_of_each(kept.size, starts[stale], stops[stale])
+    if not keep.all():
+        findings.append(
+            Finding(
+                "repeats",
+                f"{reference.source.parent.name}: {int(np.sum(~keep))} of {keep.size} poses only repeat the one before "
+                "and were left out",
+            )
+        )
+    return keep
+
+
+def _near(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> Mask:
+    """Return the mask without up to three poses in a row that jump away from those around, which agree.
+
+    Raises
+    ------
+    RecordingError
+        If they are too many for single faults.
+    """
+    steps = _Steps.of(reference)
+    shift, turn = steps.usual(25.0)
+    keep = np.ones(kept.size, dtype=bool)
+    for length in range(1, 1 + min(_MOST_IN_A_ROW, kept.size - 2)):
+        over = _Steps.of(reference, length + 1)
+        for step, across, limit in (
+            (steps.shift, over.shift, max(0.05, 10.0 * shift)),
+            (steps.turn, over.turn, max(0.1, 10.0 * turn)),
+        ):
+            away, back = step[:-length], step[length:]
+            out = np.minimum(away, back)
+            for first in np.flatnonzero((out > limit) & (across < 0.5 * out)) + 1:
+                keep[first : first + length] = False
+    out = np.flatnonzero(~keep)
+    if not out.size:
+        return keep
+    if out.size > MOST_OUTLIERS * keep.size:
+        raise fault(
+            reference.source,
+            f"{out.size} of {keep.size} poses jump away from those around (here by {steps.text(int(out[0]) - 1)}): "
+            "markers lost or swapped, or another body's poses among them; record the reference again",
+            int(kept[out[0]]),
+        )
+    findings.append(
+        Finding(
+            "outliers",
+            f"{reference.source.parent.name}: {out.size} of {keep.size} poses jump away and back, by up to "
+            f"{steps.shift[out - 1].max():.3g} m and {np.degrees(steps.turn[out - 1].max()):.3g} deg; they were left "
+            "out",
+        )
+    )
+    return keep
+
+
+def _check_leaps(reference: ReferencePoses, kept: Indices) -> None:
+    """Raise an error where the pose leaps and stays there: another run, swapped markers, a frame reset."""
+    steps = _Steps.of(reference)
+    shift, turn = steps.usual(90.0)
+    leaps = steps.above(max(0.25, _FAST * shift), max(0.7, _FAST * turn)) & _in_time(reference)
+    where = np.flatnonzero(leaps)
+    if where.size:
+        k = int(where[0])
+        raise fault(
+            reference.source,
+            f"the pose leaps by {steps.text(k)} from one to the next{and_more(where.size - 1, 'places')}: poses of "
+            "another run, swapped markers, or a frame set anew; split the recording here",
+            int(kept[k + 1]),
+        )
+
+
+def _check_metres(reference: ReferencePoses) -> None:
+    speed = _Steps.of(reference).shift / (np.diff(reference.stamps_ns) * 1e-9)
+    usual = _percentile(speed, 50.0)
+    if np.isfinite(usual) and usual > _FAST:
+        raise wrong_unit(reference.source, f"the body would move at {usual:.4g} m/s", "mm", "m")

@@ -1,0 +1,109 @@
+"""The report in a real browser, without a network."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.validation import cross_validate, inject, split_halves
+from kreisel.report import write_report
+from kreisel.simulation import simulate
+
+playwright = pytest.importorskip("playwright.sync_api")
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+)
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")]
+
+WIDE, NARROW, TALL = 1280, 420, 900
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    outcome = run_calibration(simulate(np.random.default_rng(7), 60.0, folder / "small")[1], CalibrationSettings())
+    found = outcome.estimate
+    path = folder / "report.html"
+    write_report(outcome, path, cross=cross_validate(found), halves=split_halves(found), injection=inject(found))
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as p:
+        chromium = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+class Visit:
+    """A page opened offline; it notes what the browser complains of and asks for."""
+
+    def __init__(self, browser: Any, report: Path, scheme: str, width: int) -> None:
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.context = browser.new_context(viewport={"width": width, "height": TALL}, color_scheme=scheme, offline=True)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(report.as_uri())
+        self.page.wait_for_selector("html[data-drawn=all]", timeout=60_000)
+
+
+@pytest.fixture
+def visit(browser: Any, report: Path, request: pytest.FixtureRequest) -> Iterator[Visit]:
+    scheme, width = getattr(request, "param", ("light", WIDE))
+    visit = Visit(browser, report, scheme, width)
+    yield visit
+    visit.context.close()
+
+
+@pytest.mark.parametrize(
+    "visit", [("light", WIDE), ("dark", WIDE), ("light", NARROW)], indirect=True, ids=["light", "dark", "narrow"]
+)
+def test_it_opens_offline_and_draws_every_plot(visit: Visit, report: Path) -> None:
+    assert visit.complaints == []
+    assert visit.requests == [report.as_uri()]
+    plots = visit.page.query_selector_all(".plot")
+    assert len(plots) >= 19
+    for plot in plots:
+        name = plot.get_attribute("data-figure")
+        assert plot.query_selector("svg.main-svg, canvas") is not None, name
+        assert plot.query_selector(".trace, .hm, .scatterlayer path") is not None, name
+        assert plot.bounding_box()["width"] > 200, name
+    across = visit.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+    assert across <= 0
+
+
+def test_light_and_dark_differ_and_follow_the_system(visit: Visit) -> None:
+    colour = "getComputedStyle(document.querySelector('[data-figure=rates] .xtick text')).fill"
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = visit.page.evaluate(colour), visit.page.evaluate(ground)
+    visit.page.emulate_media(color_scheme="dark")
+    visit.page.wait_for_function(f"{colour} !== '{light[0]}'")
+    assert visit.page.evaluate(ground) != light[1]
+    assert visit.complaints == []
+
+
+def test_time_axes_of_a_section_move_together(visit: Visit) -> None:
+    visit.page.evaluate(
+        "Plotly.relayout(document.querySelector('[data-figure=rates]'), {'xaxis.range[0]': 10, 'xaxis.range[1]': 20})"
+    )
+    visit.page.wait_for_function(
+        "document.querySelector('[data-figure=accelerations]').layout.xaxis.range.join() === '10,20'"
+    )
+    assert visit.page.evaluate("document.querySelector('[data-figure=nis]').layout.xaxis.range[0]") != 10
+
+
+def test_it_prints(visit: Visit) -> None:
+    before = visit.page.evaluate("document.querySelector('[data-figure=rates]').offsetHeight")
+    paper = visit.page.pdf(format="A4")
+    assert paper.startswith(b"%PDF")
+    visit.page.wait_for_function(f"document.querySelector('[data-figure=rates]').offsetHeight === {before}")
+    assert visit.complaints == []

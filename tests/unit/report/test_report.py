@@ -1,0 +1,295 @@
+"""The report of a small simulated recording: what is in the page, and what must not be."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from plotly.offline import get_plotlyjs
+
+from kreisel.calibration.calibrate import Outcome, run_calibration
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves, cross_validate, inject, split_halves
+from kreisel.calibration.verdict import Verdict
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.recording import Finding, Recording
+from kreisel.report import write_report
+from kreisel.report.data import extract
+from kreisel.report.page import snippet
+from kreisel.report.plots import PALETTES, packed
+from kreisel.report.tables import number, pair
+from kreisel.report.thinning import MOST_POINTS, thinned
+from kreisel.simulation import simulate
+
+SECTIONS = {
+    "excitation": "1 Excitation",
+    "residuals": "2 Residuals",
+    "difference": "3 Difference",
+    "uncertainty": "4 Uncertainty",
+    "cross-validation": "5 Cross-validation",
+}
+LARGEST_PAGE = 8_000_000
+Parts = tuple[CrossValidation, SplitHalves, Injection]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return simulate(np.random.default_rng(5), 40.0, Path("small"), imu_rate=100.0)[1]
+
+
+@pytest.fixture(scope="module")
+def outcome(recording: Recording) -> Outcome:
+    return run_calibration(recording, CalibrationSettings())
+
+
+@pytest.fixture(scope="module")
+def parts(outcome: Outcome) -> Parts:
+    found = outcome.estimate
+    return cross_validate(found), split_halves(found), inject(found)
+
+
+@pytest.fixture(scope="module")
+def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(outcome, path, cross=parts[0], halves=parts[1], injection=parts[2])
+    assert path.stat().st_size < LARGEST_PAGE
+    return path.read_text(encoding="utf-8")
+
+
+def written(outcome: Outcome, folder: Path, **parts: Any) -> str:
+    """Return the page without plotly's script."""
+    write_report(outcome, folder / "report.html", **parts)
+    return (folder / "report.html").read_text(encoding="utf-8").replace(get_plotlyjs(), "")
+
+
+def drawings(page: str) -> dict[str, Any]:
+    line = next(line for line in page.splitlines() if line.startswith("const DRAWINGS = "))
+    return json.loads(line.removeprefix("const DRAWINGS = ").removesuffix(";"))
+
+
+# ---- the page ----
+
+
+def test_the_five_sections_stand_in_their_order(page: str) -> None:
+    found = re.findall(r'<section id="([^"]+)">\s*<h2>(\d[^<]+)</h2>', page)
+    assert dict(found) == SECTIONS
+    assert [anchor for anchor, _ in found] == list(SECTIONS)
+    assert page.index("<h2>5 Cross-validation</h2>") < page.index("<h2>How to apply</h2>")
+
+
+def test_plotly_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
+    assert page.count(get_plotlyjs()) == 1
+    own = page.replace(get_plotlyjs(), "")
+    assert re.findall(r"\bsrc\s*=", own) == []
+    assert {link for link in re.findall(r'href="([^"]*)"', own) if not link.startswith("#")} == set()
+    for word in ("http:", "https:", "//cdn", "fetch(", "XMLHttpRequest", "import(", "@import", "url(", "WebSocket"):
+        assert word not in own, word
+    assert "default-src 'none'" in own
+
+
+def test_every_link_of_the_page_has_its_target(page: str) -> None:
+    own = page.replace(get_plotlyjs(), "")
+    assert set(re.findall(r'href="#([^"]+)"', own)) <= set(re.findall(r'id="([^"]+)"', own))
+
+
+def test_every_estimated_parameter_appears(page: str, outcome: Outcome) -> None:
+    assert len(outcome.calibration.names) > 30
+    for name in outcome.calibration.names:
+        assert f'<th scope="row">{name}</th>' in page
+
+
+def test_names_from_outside_are_escaped(outcome: Outcome, tmp_path: Path) -> None:
+    hostile = "<img src=x onerror=alert(1)>'\"</script><script>alert(2)</script>"
+    document = outcome.calibration.document
+    document = {**document, "recording": {**document["recording"], "name": hostile, "reference": hostile}}
+    changed = replace(
+        outcome,
+        calibration=replace(outcome.calibration, document=document),
+        findings=(Finding(hostile, hostile),),
+        verdict=Verdict(False, (hostile,)),
+    )
+    own = written(changed, tmp_path)
+    assert "<img" not in own
+    assert "alert(2)</script>" not in own
+    assert own.count("<script>") == 2
+    assert own.count("&lt;img src=x onerror=alert(1)&gt;") == 6  # title, headline, reference, finding twice, reason
+
+
+def test_missing_parts_are_said_with_how_to_get_them(outcome: Outcome, parts: Parts, page: str, tmp_path: Path) -> None:
+    sentences = {
+        "cross": "Cross-validation was not made",
+        "halves": "Split halves were not compared",
+        "injection": "No known errors were injected",
+    }
+    for sentence in sentences.values():
+        assert sentence not in page
+    bare = written(outcome, tmp_path)
+    for sentence in sentences.values():
+        assert sentence in bare
+    for way in ("--no-validate", "--inject", "cross_validate(outcome.estimate)", "split_halves(outcome.estimate)"):
+        assert way in bare
+    half = written(outcome, tmp_path, halves=parts[1])
+    assert sentences["halves"] not in half
+    assert sentences["cross"] in half
+
+
+def test_the_verdict_is_said_in_words(outcome: Outcome, page: str, tmp_path: Path) -> None:
+    assert outcome.verdict.accepted
+    assert ">Accepted" in page
+    rejected = written(replace(outcome, verdict=Verdict(False, ("the mount slips",))), tmp_path)
+    assert ">Rejected<" in rejected
+    assert "<li>the mount slips</li>" in rejected
+    gaps = replace(outcome.observability, unobservable=("timing.offset", "accelerometer.lever_arms[0,2]"))
+    weak = written(replace(outcome, observability=gaps), tmp_path)
+    assert "Accepted, with gaps" in weak
+    assert "does not show 2 parameters" in weak
+    assert "<code>accelerometer.lever_arms</code> <code>[0,2]</code>" in weak
+
+
+def test_what_is_held_or_fixed_carries_no_deviation(recording: Recording, tmp_path: Path) -> None:
+    fixed = run_calibration(recording, CalibrationSettings(fixed=("lever_arms",)))
+    own = written(fixed, tmp_path)
+    row = next(line for line in own.splitlines() if ">Position of accelerometer x in b<" in line)
+    assert "no: fixed" in row
+    assert "±" not in row
+    assert "<code>lever_arms</code> (fixed by the user)" in own
+
+
+def test_a_reference_of_positions_alone_has_no_attitude_figures(recording: Recording, tmp_path: Path) -> None:
+    assert recording.reference is not None
+    alone = replace(recording, reference=replace(recording.reference, quaternions=None))
+    found = run_calibration(alone, CalibrationSettings())
+    own = written(found, tmp_path, cross=cross_validate(found.estimate))
+    shown = drawings(own)
+    assert {"innovations-position", "drift-position"} <= set(shown)
+    assert not {"innovations-attitude", "drift-attitude", "synchronisation"} & set(shown)
+
+
+# ---- the figures ----
+
+
+def test_every_figure_is_one_plotly_knows(page: str) -> None:
+    shown = drawings(page)
+    assert set(re.findall(r'data-figure="([^"]+)"', page)) == set(shown)
+    assert len(shown) >= 19
+    for name, plot in shown.items():
+        figure = go.Figure(painted(plot, PALETTES["light"]))
+        axes = [axis for axis in figure.select_xaxes()] + [
+            axis for axis in figure.select_yaxes() if axis.visible is not False
+        ]
+        assert all(axis.title.text for axis in axes), name
+        assert "@" not in json.dumps(painted(plot, PALETTES["dark"])), name
+
+
+def painted(node: Any, palette: dict[str, str]) -> Any:
+    if isinstance(node, str) and node.startswith("@"):
+        name, _, opacity = node[1:].partition("/")
+        return f"rgba({palette[name]},{opacity or 1})"
+    if isinstance(node, list):
+        return [painted(part, palette) for part in node]
+    if isinstance(node, dict):
+        return {key: painted(part, palette) for key, part in node.items()}
+    return node
+
+
+def test_no_curve_has_more_points_than_a_screen_shows(page: str) -> None:
+    for name, plot in drawings(page).items():
+        for trace in plot["data"]:
+            if "x" in trace:
+                assert unpacked(trace["x"]).size <= 2 * MOST_POINTS, name
+                assert unpacked(trace["x"]).size == unpacked(trace["y"]).size
+
+
+def unpacked(array: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
+    assert array["dtype"] == "f4"
+    values = np.frombuffer(base64.b64decode(array["bdata"]), dtype="<f4")
+    return values.reshape([int(n) for n in array["shape"].split(",")]) if "shape" in array else values
+
+
+def test_packing_keeps_single_precision_and_shape() -> None:
+    values = np.random.default_rng(2).normal(size=(3, 5))
+    np.testing.assert_array_equal(unpacked(packed(values)), values.astype(np.float32))
+
+
+# ---- the numbers ----
+
+
+def test_estimates_over_time_end_at_what_is_reported(outcome: Outcome) -> None:
+    tracks = extract(outcome).uncertainty.tracks
+    derived = outcome.calibration.document["standard_deviation"]["derived"]
+    for group, key in (("gyro_cross_coupling", "gyro_scale_ppm"), ("accel_offset", "offset_mg")):
+        assert [t.reported_sd for t in tracks[group]] == pytest.approx(derived[key], rel=1e-5)
+        for track in tracks[group]:
+            assert track.value[-1] == pytest.approx(
+                track.reported, abs=1e-3 * track.reported_sd + 1e-6 * abs(track.reported)
+            )
+            assert track.deviation[-1] == pytest.approx(track.reported_sd, rel=1e-5)
+
+
+def test_the_causes_of_the_difference_add_up(outcome: Outcome) -> None:
+    d = extract(outcome).difference
+    assert d.stop - d.start == pytest.approx(8.0, abs=0.1)
+    assert "lever arms" not in d.rates.causes
+    for change in (d.rates, d.forces):
+        parts = [rms for cause, rms in change.causes.items() if cause != "all"]
+        # the rms of a sum lies between nothing and the sum of the rms
+        assert np.all(change.causes["all"] <= np.sum(parts, axis=0) * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_snippet_does_what_the_calibration_does(outcome: Outcome, order: int) -> None:
+    document = json.loads(json.dumps(outcome.calibration.document))
+    if order == 2:
+        for triad in ("gyroscope", "accelerometer"):
+            document[triad]["polynomial"] = {2: [1e-3, -2e-3, 3e-3]}
+    calibration = replace(outcome.calibration, document=document)
+    sensors = calibration.sensors
+    t = np.arange(0.0, 10.0, 0.005)
+    phase = 3.0 * t[:, None] + [0.0, 1.0, 2.0]
+    rates, accelerations = np.sin(phase), 5.0 * np.cos(phase) + [0.0, 0.0, 9.8]
+    names: dict[str, Any] = {"rates": rates, "accelerations": accelerations, "t": t}
+    text = snippet(sensors, SizeEffect.COMPLETED)
+    assert len(text.splitlines()) <= 10
+    exec(text, names)
+    omega, f = calibration.correct(rates, accelerations, t)
+    np.testing.assert_allclose(names["omega"], omega, atol=2e-8)
+    # central differences of a sine of 3 rad/s miss its slope by (3 * 5 ms)^2 / 6, at arms of 0.1 m or so
+    reach = np.abs(sensors.lever_arms).sum()
+    np.testing.assert_allclose(names["f"][2:-2], f[2:-2], atol=2.0 * reach * 3.0 * (3.0 * 0.005) ** 2 / 6.0)
+
+
+def test_the_snippet_does_not_pretend_to_know_other_forms() -> None:
+    text = snippet(SensorParameters.ideal(), SizeEffect.FOX2005)
+    assert "Calibration.correct" in text
+    assert "einsum" not in text
+
+
+def test_thinning_keeps_peaks_and_gaps() -> None:
+    t = np.arange(0.0, 400.0, 0.005)
+    y: Array = np.random.default_rng(1).normal(size=t.size)
+    y[12345], y[54321] = 99.0, -99.0
+    late = t + np.where(t > 200.0, 30.0, 0.0)
+    curve = thinned(late, y)
+    assert curve.x.size <= MOST_POINTS + 1
+    assert np.nanmax(curve.y) == 99.0
+    assert np.nanmin(curve.y) == -99.0
+    assert np.isnan(curve.x).sum() == 1
+    assert np.all(np.diff(curve.x[~np.isnan(curve.x)]) > 0.0)
+    short = thinned(t[:100], y[:100])
+    np.testing.assert_array_equal(short.y, y[:100].astype(np.float32))
+
+
+def test_numbers_are_rounded_to_what_their_deviation_carries() -> None:
+    assert pair(-15.11993, 0.00903) == "−15.1199 ± 0.0090"
+    assert pair(6633.6, 16.8) == "6634 ± 17"
+    assert pair(-0.0001, 0.5) == "0.00 ± 0.50"
+    assert pair(None, 1.0) == "–"
+    assert pair(0.0, 0.0) == "0"
+    assert number(2.69e-5) == "2.69·10⁻⁵"
+    assert number(float("nan")) == "–"
