@@ -13,7 +13,7 @@ from kreisel.geometry.rotation import Array
 
 LARGEST_NIS = 4.0
 MOST_REJECTED = 0.1
-LARGEST_CONTRADICTION = 4.0
+LARGEST_CONTRADICTION = 3.0
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
 

@@ -25,6 +25,7 @@ GROUP_LABELS = {
     "accel_polynomial": "k<sub>ai</sub>",
     "lever_arms": "r",
     "alignment": "φ",
+    "north": "n",
     "gravity": "g",
     "time_offset": "t<sub>0</sub>",
     "time_skew": "s",
@@ -235,7 +236,7 @@ def matrix_figure(u: Uncertainty) -> Figure:
         "correlations",
         "Correlations of the estimates",
         "Correlation coefficients of all estimated parameters. Good: faint off the diagonal; a strong colour "
-        "there is a pair this motion can hardly tell apart. φ is the alignment, t₀ and s the clocks' offset "
+        "there is a pair this motion can hardly tell apart. φ is the tilt and n north in the level plane, t₀ and s the clocks' offset "
         "and skew.",
         _matrix(u),
         shape="square",
@@ -461,7 +462,7 @@ def _matrix(u: Uncertainty) -> Plot:
     ticks = {
         "tickmode": "array",
         "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
-        "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "ticktext": [GROUP_LABELS.get(g, g) for g, _, _ in spans],
         "tickangle": 0,
         "tickfont": {"size": 11},
         "showgrid": False,
@@ -530,7 +531,7 @@ def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Plot:
     layout["xaxis"] |= {
         "tickmode": "array",
         "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
-        "ticktext": [GROUP_LABELS[g] for g, _, _ in spans],
+        "ticktext": [GROUP_LABELS.get(g, g) for g, _, _ in spans],
         "tickangle": 0,
         "showgrid": False,
         "zeroline": False,

@@ -30,11 +30,12 @@ UNITS: dict[str, tuple[str, float]] = {
     "accel_polynomial": ("SI", 1.0),
     "lever_arms": ("mm", MM),
     "alignment": ("mrad", MRAD),
+    "north": ("1", 1.0),
     "gravity": ("m/s²", 1.0),
     "time_offset": ("ms", MS),
     "time_skew": ("ppm", PPM),
 }
-"""Unit every group of parameters is shown in, and its size in SI."""
+"""Unit a group of parameters is shown in, and its size in SI."""
 
 
 @dataclass(frozen=True)
@@ -314,7 +315,7 @@ def parameter_table(data: ReportData) -> Table:
         values.extend(stored[: part.stop - part.start])
     rows: list[Row] = []
     for name, group, value, before, after in zip(u.names, u.groups, values, u.prior, u.posterior, strict=True):
-        unit, size = UNITS[group]
+        unit, size = UNITS.get(group, ("SI", 1.0))
         gain = float(before / after) if after > 0.0 else math.inf
         word = support.of_name(name)
         rows.append(
@@ -387,8 +388,8 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
     for name, put, got, sd in zip(
         injection.names, injection.injected, injection.found, injection.deviation, strict=True
     ):
-        unit, size = UNITS[groups[name]]
-        if abs(put) < 1e-12 or groups[name] == "alignment":
+        unit, size = UNITS.get(groups[name], ("SI", 1.0))
+        if abs(put) < 1e-12 or groups[name] in ("alignment", "north"):
             continue
         score = (got - put) / max(sd, 1e-300)
         rows.append(

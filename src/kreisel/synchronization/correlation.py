@@ -6,6 +6,7 @@ the shift through the recording.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ LEAST_CORRELATION = 0.6
 """Below this the two streams do not show the same motion."""
 
 _COARSE_POINTS = 12000
+_SURE = 0.97
+_LEAST_OVERLAP = 0.25
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class _Norm:
         return self.first + self.step * np.arange(self.value.size)
 
     def at(self, t: Array) -> Array:
-        return np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan)
+        return np.asarray(np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan), dtype=float)
 
 
 def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
@@ -64,14 +67,18 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             f"{reference.source}: the reference does not move; without motion there is nothing to calibrate by: record "
             "the robot while it moves"
         )
-    clock, coefficient = _search(x, y)
-    clock = _track(x, y, clock)
+    clock = _track(x, y, _search(x, y))
     final = _coefficient(x, y, clock)
-    if not max(final, 0.0) >= LEAST_CORRELATION:
+    if not final >= _SURE:
+        part = _track(x, y, _search_part(x, y))
+        better = _coefficient(x, y, part)
+        if not final >= better:
+            clock, final = part, better
+    if not final >= LEAST_CORRELATION:
         raise SynchronizationError(
             f"{reference.source}: the poses do not fit the IMU readings: the best correlation of their rates over all "
-            f"shifts and clock ratios is {max(final, coefficient, -1.0):.2f}, expected {LEAST_CORRELATION} or more. "
-            "Do both belong to the same run, and do they overlap in time?",
+            f"shifts and clock ratios is {final:.2f}, expected {LEAST_CORRELATION} or more. Do both belong to the same "
+            "run, do they overlap in time, and did the IMU move?",
             correlation=final,
         )
     return Correlation(clock, final)
@@ -121,31 +128,68 @@ def _even(t: Array, value: Array, step: float, window: float) -> _Norm:
     return _Norm(float(grid[0]), step, mean)
 
 
-def _search(x: _Norm, y: _Norm) -> tuple[Clock, float]:
+def _search(x: _Norm, y: _Norm) -> Clock:
     """Search all shifts and ratios. Long recordings are searched on a coarser grid."""
+    xc, yc = _coarse(x, y)
+    xv = xc.value - xc.value.mean()
+    best = (-1.0, 0.0, 0.0)
+    for skew, yv in _stretched(yc):
+        centred = yv - yv.mean()
+        size = fft.next_fast_len(xv.size + yv.size, real=True)
+        product = fft.irfft(fft.rfft(xv, size) * np.conj(fft.rfft(centred, size)), size)
+        k = int(np.argmax(product))
+        value = float(product[k]) / max(float(np.linalg.norm(xv) * np.linalg.norm(centred)), 1e-30)
+        if value > best[0]:
+            best = (value, skew, (k if k < xv.size else k - size) * xc.step)
+    _, skew, lag = best
+    return Clock(xc.first + lag - (1.0 + skew) * yc.first, skew)
+
+
+def _search_part(x: _Norm, y: _Norm) -> Clock:
+    """Search as `_search` does, but compare only what overlaps: one may have begun or ended far earlier."""
+    xc, yc = _coarse(x, y)
+    xv = xc.value - xc.value.mean()
+    ones = np.ones(xv.size)
+    best = (-1.0, 0.0, 0.0)
+    for skew, yv in _stretched(yc):
+        size = fft.next_fast_len(xv.size + yv.size, real=True)
+        yv = yv - yv.mean()
+        of_x = [fft.rfft(part, size) for part in (ones, xv, xv**2)]
+        of_y = [np.conj(fft.rfft(part, size)) for part in (np.ones(yv.size), yv, yv**2)]
+
+        def sums(a: int, b: int, fx: list[Array] = of_x, fy: list[Array] = of_y, n: int = size) -> Array:
+            return np.asarray(fft.irfft(fx[a] * fy[b], n))
+
+        n = np.maximum(np.round(sums(0, 0)), 1.0)
+        spread_x = sums(2, 0) - sums(1, 0) ** 2 / n
+        spread_y = sums(0, 2) - sums(0, 1) ** 2 / n
+        # a stretch of rest fits any other
+        enough = (n >= _LEAST_OVERLAP * min(xv.size, yv.size)) & (
+            (spread_x > 0.1 * n * float(np.var(xv))) & (spread_y > 0.1 * n * float(np.var(yv)))
+        )
+        product = np.where(enough, sums(1, 1) - sums(1, 0) * sums(0, 1) / n, 0.0)
+        value = product / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
+        k = int(np.argmax(value))
+        if value[k] > best[0]:
+            best = (float(value[k]), skew, (k if k < xv.size else k - size) * xc.step)
+    _, skew, lag = best
+    return Clock(xc.first + lag - (1.0 + skew) * yc.first, skew)
+
+
+def _coarse(x: _Norm, y: _Norm) -> tuple[_Norm, _Norm]:
     longest = max(x.value.size * x.step, y.value.size * y.step)
     step = min(max(x.step, 0.03, longest / _COARSE_POINTS), 0.25)
-    xc = _even(x.stamps, x.value, step, 2.0 * step)
-    yc = _even(y.stamps, y.value, step, 2.0 * step)
-    length = yc.value.size * step
-    ratio_step = min(4.0 * step / length, LARGEST_SKEW / 4.0)
+    return _even(x.stamps, x.value, step, 2.0 * step), _even(y.stamps, y.value, step, 2.0 * step)
+
+
+def _stretched(y: _Norm) -> Iterator[tuple[float, Array]]:
+    """Yield every clock ratio less one, with y as it is on the other clock."""
+    length = y.value.size * y.step
+    ratio_step = min(4.0 * y.step / length, LARGEST_SKEW / 4.0)
     half = int(np.ceil(LARGEST_SKEW / ratio_step))
-    xv = xc.value - xc.value.mean()
-    norm_x = float(np.linalg.norm(xv))
-    best = (-1.0, 0.0, 0.0)
     for skew in ratio_step * np.arange(-half, half + 1):
-        stretched = np.arange(0.0, length * (1.0 + skew) - step, step)
-        yv = np.interp(stretched / (1.0 + skew), yc.stamps - yc.first, yc.value)
-        yv = yv - yv.mean()
-        size = fft.next_fast_len(xv.size + yv.size, real=True)
-        product = fft.irfft(fft.rfft(xv, size) * np.conj(fft.rfft(yv, size)), size)
-        k = int(np.argmax(product))
-        value = float(product[k]) / max(norm_x * float(np.linalg.norm(yv)), 1e-30)
-        if value > best[0]:
-            lag = (k if k < xv.size else k - size) * step
-            best = (value, float(skew), lag)
-    coefficient, skew, lag = best
-    return Clock(xc.first + lag - (1.0 + skew) * yc.first, skew), coefficient
+        stretched = np.arange(0.0, length * (1.0 + skew) - y.step, y.step)
+        yield float(skew), np.interp(stretched / (1.0 + skew), y.stamps - y.first, y.value)
 
 
 def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
@@ -156,7 +200,9 @@ def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
     if starts.size < 3:
         return _polish(x, y, clock)
     order = np.argsort(np.abs(starts - starts.mean()))
-    centres, shifts, weights = [], [], []
+    centres: list[float] = []
+    shifts: list[float] = []
+    weights: list[float] = []
     reach = max(0.3, 0.5 * LARGEST_SKEW * width)
     for i in order:
         tau = np.arange(starts[i], starts[i] + width, y.step)
@@ -168,7 +214,7 @@ def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
             continue
         shift, coefficient = found
         if coefficient > 0.7:
-            centres.append(tau.mean())
+            centres.append(float(tau.mean()))
             shifts.append(shift + float(guess.imu_time(tau.mean()) - clock.imu_time(tau.mean())))
             weights.append(coefficient)
     if len(centres) < 3:

@@ -20,6 +20,9 @@ from kreisel.synchronization.clock import Clock
 STRETCH = 0.4
 """Usual length of the stretches compared, s."""
 
+LEAST_STRETCHES = 30
+"""Stretches without which nothing is fitted."""
+
 WANDER_PARTS = 12
 """Parts of a recording in which the clocks are compared once more."""
 
@@ -80,8 +83,9 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
 
 def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
-    stretches = rotations_between(tau, q, 0.15)
+    stretches = rotations_between(tau, q, max(0.15, float(np.median(np.diff(tau)))))
     turned, duration, _, inside = _integrated(signal, stretches, clock)
+    _check_overlap(stretches, inside)
     A = np.hstack([turned, duration[:, None]])
     target = stretches.rotation[inside]
     solution, *_ = np.linalg.lstsq(A, target, rcond=None)
@@ -89,7 +93,7 @@ def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) 
     return 1.0 - float(np.sum((target - A @ solution) ** 2)) / max(total, 1e-30)
 
 
-def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array, Array]:
+def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array, Mask]:
     """Return integrated readings over the stretches, durations, and reading differences between their ends."""
     t = signal.stamps
     t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
@@ -109,11 +113,15 @@ def _unbroken(signal: InertialSignal, t1: Array, t2: Array) -> Mask:
     return np.asarray((t1 >= starts[segment]) & (t2 <= stops[segment]))
 
 
-def _covered(stretches: _Stretches, inside: Mask) -> float:
-    """Return the reference seconds the stretches inside cover."""
-    if not inside.any():
-        return 0.0
-    return float(stretches.tau_last[inside].max() - stretches.tau_first[inside].min())
+def _check_overlap(stretches: _Stretches, inside: Mask) -> None:
+    if int(inside.sum()) >= LEAST_STRETCHES:
+        return
+    first, last = stretches.tau_first[inside], stretches.tau_last[inside]
+    covered = float(last.max() - first.min()) if first.size else 0.0
+    raise SynchronizationError(
+        f"IMU and reference overlap in {covered:.1f} s only, by {first.size} comparable stretches, expected some seconds "
+        f"of common motion and {LEAST_STRETCHES} or more: do they belong to the same run, and are poses frequent enough?"
+    )
 
 
 def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> RateFit:
@@ -135,11 +143,7 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     """
     stretches = rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
     turned, duration, _, inside = _integrated(signal, stretches, clock)
-    if int(inside.sum()) < 30:
-        raise SynchronizationError(
-            f"IMU and reference overlap in {_covered(stretches, inside):.1f} s only; expected some seconds of common "
-            "motion: do they belong to the same run?"
-        )
+    _check_overlap(stretches, inside)
     A = np.hstack([turned, duration[:, None]])
     solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
     K, b = solution[:3].T, solution[3]
