@@ -179,13 +179,13 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
 
     It pays where the estimates moved so far from where the pass began that what the sigma points leave of
     the model's curvature, about the square of the way, is not small against the standard deviation; and
-    where the first pass, whose gate stands wide, let in what the usual gate would not.
+    where the first pass, whose gate stands wide, let in what the usual gate clearly would not.
     """
     if problem.settings.passes is not None:
         return done < problem.settings.passes
     if done >= MOST_PASSES:
         return False
-    let_in = run.history.used & (run.history.nis > chi2.ppf(GATE, run.history.degrees))
+    let_in = run.history.used & (run.history.nis > 1.5 * chi2.ppf(GATE, run.history.degrees))
     if done == 1 and (let_in.any() or problem.settings.polynomial_order > 1):
         return True
     layout = problem.layout

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.calibration.filter_run import FilterRun, run_filter
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
-from kreisel.calibration.run import FIRST_GATE, Estimate
+from kreisel.calibration.run import Estimate, towards_prior
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
@@ -78,7 +78,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     problem = found.problem
     count = len(problem.updates)
     cut = int(TRAINING * count)
-    trained = _run(problem, slice(0, cut), problem.start, progress, "train")
+    trained = _run(problem, slice(0, cut), found.run.parameters, progress, "train")
     nominal = replace(
         problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn
     )
@@ -95,7 +95,7 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     problem = found.problem
     middle = len(problem.updates) // 2
     a, b = (
-        _run(problem, part, problem.start, progress, name)
+        _run(problem, part, found.run.parameters, progress, name)
         for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
     )
     n = len(problem.parameter_names)
@@ -188,9 +188,13 @@ def _navigation_only(problem: Problem) -> Problem:
 
 
 def _run(problem: Problem, part: slice, start: CellParameters, progress: Progress | None, name: str) -> FilterRun:
+    """Run one pass over a part of the updates.
+
+    It starts from estimates that have seen the whole recording, and is then put back to the prior's centre: what
+    the whole has to say enters only as the point of linearisation.
+    """
     chosen = _part(problem, part)
-    first = run_filter(chosen, start, gate=FIRST_GATE, progress=_named(progress, name))
-    return run_filter(chosen, first.parameters, progress=_named(progress, name))
+    return towards_prior(chosen, run_filter(chosen, start, progress=_named(progress, name)))
 
 
 def _drift(run: FilterRun) -> Drift:

@@ -236,8 +236,8 @@ def matrix_figure(u: Uncertainty) -> Figure:
         "correlations",
         "Correlations of the estimates",
         "Correlation coefficients of all estimated parameters. Good: faint off the diagonal; a strong colour "
-        "there is a pair this motion can hardly tell apart. φ is the tilt and n north in the level plane, t₀ and s the clocks' offset "
-        "and skew.",
+        "there is a pair this motion can hardly tell apart. φ is the tilt, n north in the level plane, t₀ and s the "
+        "clocks' offset and skew.",
         _matrix(u),
         shape="square",
     )

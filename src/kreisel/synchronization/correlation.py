@@ -7,13 +7,13 @@ the shift through the recording.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
 
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Mask, conjugate, log, multiply
 from kreisel.recording import ImuSamples, ReferencePoses
 from kreisel.synchronization.clock import Clock
 
@@ -26,6 +26,7 @@ LEAST_CORRELATION = 0.6
 _COARSE_POINTS = 12000
 _SURE = 0.97
 _LEAST_OVERLAP = 0.25
+_GAP = 0.3
 
 
 @dataclass(frozen=True)
@@ -38,18 +39,24 @@ class Correlation:
 
 @dataclass(frozen=True)
 class _Norm:
-    """A norm sampled evenly: value[k] at first + k * step."""
+    """A norm sampled evenly: value[k] at first + k * step; `known` is false in gaps of the recording."""
 
     first: float
     step: float
     value: Array
+    known: Mask
 
     @property
     def stamps(self) -> Array:
-        return self.first + self.step * np.arange(self.value.size)
+        return np.asarray(self.first + self.step * np.arange(self.value.size), dtype=np.float64)
 
     def at(self, t: Array) -> Array:
-        return np.asarray(np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan), dtype=float)
+        """Return the norm between samples, not a number where it is not known."""
+        value: Array = np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan).astype(np.float64)
+        if not self.known.all():
+            k = np.clip(((t - self.first) / self.step).astype(np.int64), 0, self.value.size - 2)
+            value[~(self.known[k] & self.known[k + 1])] = np.nan
+        return value
 
 
 def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
@@ -93,8 +100,10 @@ def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_No
         felt = np.linalg.norm(imu.rates - bias, axis=1)
         stride = max(1, round(window / reference.interval))
         turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
-        moved = np.linalg.norm(turned, axis=1) / (tau[stride:] - tau[:-stride])
-        middle = 0.5 * (tau[stride:] + tau[:-stride])
+        span = tau[stride:] - tau[:-stride]
+        near = span < max(3.0 * stride * reference.interval, _GAP)
+        moved = (np.linalg.norm(turned, axis=1) / span)[near]
+        middle = (0.5 * (tau[stride:] + tau[:-stride]))[near]
     else:
         assert reference.positions is not None  # noqa: S101 - a reference has one of the two
         felt = np.abs(np.linalg.norm(imu.accelerations, axis=1) - np.median(np.linalg.norm(imu.accelerations, axis=1)))
@@ -125,7 +134,11 @@ def _even(t: Array, value: Array, step: float, window: float) -> _Norm:
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(t))])
     low, high = np.clip(grid - half, t[0], t[-1]), np.clip(grid + half, t[0], t[-1])
     mean = (np.interp(high, t, integral) - np.interp(low, t, integral)) / np.maximum(high - low, 1e-9)
-    return _Norm(float(grid[0]), step, mean)
+    known = np.ones(grid.size, dtype=bool)
+    dt = np.diff(t)
+    for k in np.flatnonzero(dt > max(_GAP, 5.0 * float(np.median(dt)))):
+        known[(grid > t[k]) & (grid < t[k + 1])] = False
+    return _Norm(float(grid[0]), step, mean, known)
 
 
 def _search(x: _Norm, y: _Norm) -> Clock:
@@ -133,7 +146,7 @@ def _search(x: _Norm, y: _Norm) -> Clock:
     xc, yc = _coarse(x, y)
     xv = xc.value - xc.value.mean()
     best = (-1.0, 0.0, 0.0)
-    for skew, yv in _stretched(yc):
+    for skew, yv, _ in _stretched(yc):
         centred = yv - yv.mean()
         size = fft.next_fast_len(xv.size + yv.size, real=True)
         product = fft.irfft(fft.rfft(xv, size) * np.conj(fft.rfft(centred, size)), size)
@@ -148,27 +161,25 @@ def _search(x: _Norm, y: _Norm) -> Clock:
 def _search_part(x: _Norm, y: _Norm) -> Clock:
     """Search as `_search` does, but compare only what overlaps: one may have begun or ended far earlier."""
     xc, yc = _coarse(x, y)
-    xv = xc.value - xc.value.mean()
-    ones = np.ones(xv.size)
+    known_x = xc.known.astype(float)
+    xv = known_x * (xc.value - xc.value.mean())
     best = (-1.0, 0.0, 0.0)
-    for skew, yv in _stretched(yc):
+    for skew, yv, known_y in _stretched(yc):
         size = fft.next_fast_len(xv.size + yv.size, real=True)
-        yv = yv - yv.mean()
-        of_x = [fft.rfft(part, size) for part in (ones, xv, xv**2)]
-        of_y = [np.conj(fft.rfft(part, size)) for part in (np.ones(yv.size), yv, yv**2)]
-
-        def sums(a: int, b: int, fx: list[Array] = of_x, fy: list[Array] = of_y, n: int = size) -> Array:
-            return np.asarray(fft.irfft(fx[a] * fy[b], n))
-
-        n = np.maximum(np.round(sums(0, 0)), 1.0)
-        spread_x = sums(2, 0) - sums(1, 0) ** 2 / n
-        spread_y = sums(0, 2) - sums(0, 1) ** 2 / n
+        yv = known_y * (yv - yv.mean())
+        of_x = [fft.rfft(part, size) for part in (known_x, xv, xv**2)]
+        of_y = [np.conj(fft.rfft(part, size)) for part in (known_y, yv, yv**2)]
+        # sums over the overlap, for every shift: how many, x, y, x^2, y^2, x y
+        count, sum_x, sum_y, square_x, square_y, product = (
+            fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+        )
+        n = np.maximum(np.round(count), 1.0)
+        spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
         # a stretch of rest fits any other
         enough = (n >= _LEAST_OVERLAP * min(xv.size, yv.size)) & (
             (spread_x > 0.1 * n * float(np.var(xv))) & (spread_y > 0.1 * n * float(np.var(yv)))
         )
-        product = np.where(enough, sums(1, 1) - sums(1, 0) * sums(0, 1) / n, 0.0)
-        value = product / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
+        value = np.where(enough, product - sum_x * sum_y / n, 0.0) / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
         k = int(np.argmax(value))
         if value[k] > best[0]:
             best = (float(value[k]), skew, (k if k < xv.size else k - size) * xc.step)
@@ -179,17 +190,24 @@ def _search_part(x: _Norm, y: _Norm) -> Clock:
 def _coarse(x: _Norm, y: _Norm) -> tuple[_Norm, _Norm]:
     longest = max(x.value.size * x.step, y.value.size * y.step)
     step = min(max(x.step, 0.03, longest / _COARSE_POINTS), 0.25)
-    return _even(x.stamps, x.value, step, 2.0 * step), _even(y.stamps, y.value, step, 2.0 * step)
+    return _coarser(x, step), _coarser(y, step)
 
 
-def _stretched(y: _Norm) -> Iterator[tuple[float, Array]]:
-    """Yield every clock ratio less one, with y as it is on the other clock."""
+def _coarser(x: _Norm, step: float) -> _Norm:
+    even = _even(x.stamps, x.value, step, 2.0 * step)
+    return replace(even, known=np.interp(even.stamps, x.stamps, x.known.astype(float)) > 0.999)
+
+
+def _stretched(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
+    """Yield every clock ratio less one, with y as it is on the other clock, and one where it is known."""
     length = y.value.size * y.step
     ratio_step = min(4.0 * y.step / length, LARGEST_SKEW / 4.0)
     half = int(np.ceil(LARGEST_SKEW / ratio_step))
+    known = y.known.astype(float)
     for skew in ratio_step * np.arange(-half, half + 1):
-        stretched = np.arange(0.0, length * (1.0 + skew) - y.step, y.step)
-        yield float(skew), np.interp(stretched / (1.0 + skew), y.stamps - y.first, y.value)
+        tau = np.arange(0.0, length * (1.0 + skew) - y.step, y.step) / (1.0 + skew)
+        at = y.stamps - y.first
+        yield float(skew), np.interp(tau, at, y.value), np.interp(tau, at, known)
 
 
 def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
@@ -277,8 +295,8 @@ def _pearson(a: Array, b: Array) -> float:
 
 
 def _coefficient(x: _Norm, y: _Norm, clock: Clock) -> float:
-    value = x.at(clock.imu_time(y.stamps))
-    both = np.isfinite(value)
+    shown, value = y.at(y.stamps), x.at(clock.imu_time(y.stamps))
+    both = np.isfinite(value) & np.isfinite(shown)
     if both.sum() * y.step < 4.0:
         return float("nan")
-    return _pearson(value[both], y.value[both])
+    return _pearson(value[both], shown[both])

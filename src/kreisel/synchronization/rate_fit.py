@@ -119,8 +119,8 @@ def _check_overlap(stretches: _Stretches, inside: Mask) -> None:
     first, last = stretches.tau_first[inside], stretches.tau_last[inside]
     covered = float(last.max() - first.min()) if first.size else 0.0
     raise SynchronizationError(
-        f"IMU and reference overlap in {covered:.1f} s only, by {first.size} comparable stretches, expected some seconds "
-        f"of common motion and {LEAST_STRETCHES} or more: do they belong to the same run, and are poses frequent enough?"
+        f"IMU and reference overlap in {covered:.1f} s only, in {first.size} comparable stretches, expected seconds of "
+        f"common motion and {LEAST_STRETCHES} stretches: do they belong to one run, and are poses frequent enough?"
     )
 
 
@@ -146,7 +146,7 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     _check_overlap(stretches, inside)
     A = np.hstack([turned, duration[:, None]])
     solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
-    K, b = solution[:3].T, solution[3]
+    K, b = np.asarray(solution[:3].T, dtype=float), np.asarray(solution[3], dtype=float)
     skewed = True
     fit = None
     for _ in range(6):
