@@ -27,8 +27,10 @@ def main(trials: int = 6) -> None:
             ratios.append(matrix / np.array(deviation["gyroscope"]["cross_coupling"]))
             used.append(result.document["estimator"]["passes"])
         print(
-            f"passes {passes or 'as pay'} (used {np.mean(used):.1f}): offset {np.sqrt(np.mean(np.square(offsets))):.5f} mg, "
-            f"K_omega {np.sqrt(np.mean(np.square(matrices))):.3f} ppm, error/sd {np.sqrt(np.mean(np.square(ratios))):.3f}"
+            f"passes {passes or 'as pay'} (used {np.mean(used):.1f}): "
+            f"offset {np.sqrt(np.mean(np.square(offsets))):.5f} mg, "
+            f"K_omega {np.sqrt(np.mean(np.square(matrices))):.3f} ppm, "
+            f"error/sd {np.sqrt(np.mean(np.square(ratios))):.3f}"
         )
 
 

@@ -16,6 +16,7 @@ def recordings() -> Path:
         pytest.skip(f"no recordings at {folder}; set KREISEL_DATA to the folder that holds them")
     return folder
 
+
 # Kernels compile on their first call: a deadline would measure that.
 settings.register_profile("kreisel", deadline=None)
 settings.load_profile("kreisel")

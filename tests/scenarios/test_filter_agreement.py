@@ -107,7 +107,14 @@ def ours(case, weights):
     )
     s = case.start
     zero = np.zeros((1, 3))
-    start = CellParameters(SensorParameters(s["K_omega"], zero, s["K_a"], zero, s["lever_arms"]), s["q_rn"], np.array([1.0, 0.0]), GRAVITY, 0.0, 0.0)
+    start = CellParameters(
+        SensorParameters(s["K_omega"], zero, s["K_a"], zero, s["lever_arms"]),
+        s["q_rn"],
+        np.array([1.0, 0.0]),
+        GRAVITY,
+        0.0,
+        0.0,
+    )
     firsts = np.concatenate([[EVERY], case.samples[:-1]])
     updates = tuple(
         Update(int(a), int(b), i, float(tau), None, False, False)

@@ -284,9 +284,7 @@ class Example:
         stamps = np.arange(int(self.motion.duration * self.rate_hz) + 1) / self.rate_hz
         gravity_r = quat.rotate(self.parameters["q_rn"], np.array([0.0, 0.0, 9.81]))
         earth_rate_r = quat.rotate(self.parameters["q_rn"], EARTH_RATE_N)
-        rates, accels = raw_readings(
-            *inertial_truth(self.motion, stamps, gravity_r, earth_rate_r), self.parameters
-        )
+        rates, accels = raw_readings(*inertial_truth(self.motion, stamps, gravity_r, earth_rate_r), self.parameters)
         sd = np.sqrt(self.rate_hz) * np.array([self.gyro_density, self.accel_density])
         noise = sd[:, None, None] * rng.standard_normal((2, *rates.shape))
         return stamps, rates + noise[0], accels + noise[1]

@@ -42,7 +42,8 @@ def test_corrected_readings_are_the_truth(order, mount):
 
 def test_products_of_rates_are_five_milli_g():
     """The figure of the mission's errata: 1 rad/s on two axes and 5 cm."""
-    p = SensorParameters(np.eye(3), np.zeros((1, 3)), np.eye(3), np.zeros((1, 3)), np.full((3, 3), 0.0) + [0.0, 0.05, 0.0])
+    lever_arms = np.tile([0.0, 0.05, 0.0], (3, 1))
+    p = SensorParameters(np.eye(3), np.zeros((1, 3)), np.eye(3), np.zeros((1, 3)), lever_arms)
     omega, alpha = np.array([[1.0, 1.0, 0.0]]), np.zeros((1, 3))
     lost = size_effect(omega, alpha, p) - size_effect(omega, alpha, p, SizeEffect.WITHOUT_PRODUCTS)
     assert abs(lost[0, 0]) / 9.80665e-3 == pytest.approx(5.1, abs=0.05)

@@ -102,7 +102,7 @@ def attitude_from_positions(signal: InertialSignal, fit: RateFit, tau: Array, p:
     free = np.empty((signal.stamps.size, 4))
     free[0] = (1.0, 0.0, 0.0, 0.0)
     attitude.accumulate(signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b, free)
-    windows = _Windows.over(signal, fit.clock, tau[tau < tau[0] + 60.0])
+    windows = Windows.over(signal, fit.clock, tau[tau < tau[0] + 60.0])
     shown = windows.second_difference(p[tau < tau[0] + 60.0])
     felt = windows.integrate(apply(free, signal.force_powers[:, 1]))
     R = nearest_rotation((shown - shown.mean(axis=0)).T @ (felt - felt.mean(axis=0)))
@@ -139,9 +139,9 @@ def fit_forces(
     a = signal.force_powers[:, 1]
     columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
     columns += [C[:, :, j] for j in range(3)]
-    columns += [-_field_column(C, omega, alpha, j) for j in range(3)]
+    columns += [-field_column(C, omega, alpha, j) for j in range(3)]
     columns += [np.tile(np.eye(3)[j], (a.shape[0], 1)) for j in range(3)]
-    windows = _Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
+    windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
     A = np.stack([windows.integrate(column) for column in columns], axis=2)  # (windows, axis, 18)
     target = np.zeros(A.shape[:2]) if p is None else windows.second_difference(p)
     R = nearest_rotation(fit.K_omega)
@@ -178,7 +178,7 @@ def _mean_over(stamps: Array, columns: list[Array], start: float, stop: float) -
     return np.stack([column[part].mean(axis=0) for column in columns], axis=1)
 
 
-def _field_column(C: Array, omega: Array, alpha: Array, j: int) -> Array:
+def field_column(C: Array, omega: Array, alpha: Array, j: int) -> Array:
     """Return C ([alpha x] + [omega x]^2) e_j at every sample."""
     e = np.zeros(3)
     e[j] = 1.0
@@ -210,7 +210,7 @@ def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple
 
 
 @dataclass(frozen=True)
-class _Windows:
+class Windows:
     """Second differences at evenly spread poses, divided by their half length squared."""
 
     stamps: Array
@@ -220,7 +220,7 @@ class _Windows:
     half: float
 
     @classmethod
-    def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> _Windows:
+    def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> Windows:
         """Choose windows that lie inside both recordings."""
         half = max(shortest, 3.0 * float(np.median(np.diff(tau))))
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)

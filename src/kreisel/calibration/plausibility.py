@@ -1,11 +1,35 @@
-"""Faults that show in the first values: wrong units, mirrored triads, a motion that is too poor."""
+"""Faults that show in the first values: wrong units, mirrored triads, clocks out of step, too poor a motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from kreisel.calibration.acceleration_fit import AccelerationFit, fit_accelerations
 from kreisel.calibration.setup import Preparation
-from kreisel.errors import ExcitationError, RecordingError
+from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
+from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.recording import ReferencePoses
+from kreisel.recording.place import is_table, wrong_unit
+from kreisel.synchronization import better_reading
+from kreisel.synchronization.correlation import LARGEST_SKEW
+
+LARGEST_DOUBT = 0.15
+"""Standard deviation of a gyro's sensitivity from which the motion is too poor to go on with."""
+
+LARGEST_TURN = 30.0
+"""Degrees the accelerometers' axes may be turned against the gyros' before columns must be in disorder."""
+
+LEAST_AGREEMENT = 0.5
+"""Agreement of the accelerations the IMU felt and the positions show; 0 for two that have nothing in common."""
+
+LARGEST_WANDER = 0.010
+"""Seconds the clocks may drift apart and back between parts of a recording, beyond any doubt."""
+
+LARGEST_SCALE = 1.06
+"""Factor between the positions and what the accelerometers feel, gravity being their measure, that is let pass."""
+
+_LENGTHS = {"mm": 1e3, "cm": 100.0, "in": 39.37, "ft": 3.281, "km": 1e-3}
+_RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0}
 
 
 def check_first_values(preparation: Preparation) -> None:
@@ -13,43 +37,147 @@ def check_first_values(preparation: Preparation) -> None:
 
     Raises
     ------
-    RecordingError, ExcitationError
+    RecordingError, SynchronizationError, ExcitationError
         With the evidence and the remedy.
     """
-    imu, fit, force = preparation.recording.imu, preparation.rate_fit, preparation.force_fit
+    reference = preparation.reference
+    if reference.quaternions is None:
+        return
+    _check_gyros(preparation)
+    _check_clocks(preparation)
+    if reference.positions is not None:
+        _check_accelerometers(preparation, fit_accelerations(preparation))
+
+
+def _check_gyros(preparation: Preparation) -> None:
+    source, fit = preparation.recording.imu.source, preparation.rate_fit
+    line = 1 if is_table(source) else None
     size = float(np.cbrt(abs(np.linalg.det(fit.K_omega))))
-    if 0.012 < size < 0.025:
+    for unit, factor in _RATES.items():
+        if 0.7 < size * factor < 1.4:
+            raise wrong_unit(source, f"the gyros read {1.0 / size:.1f} times the reference's rates", unit, "rad/s")
+    interval = preparation.recording.imu.interval
+    if 0.7 < size * interval < 1.4:
         raise RecordingError(
-            f"the gyros read {1.0 / size:.1f} times the reference's rates: they look like deg/s. "
-            "Write [deg s^-1] into the header, or convert to rad/s",
-            file=imu.source,
-            line=1,
+            f"the gyros read {1.0 / size:.3g} times the reference's rates: they look like angles per sample; "
+            f"divide them by the interval of {interval:.4g} s",
+            file=source,
+            line=line,
+        )
+    doubt = fit.K_omega_sd.max(axis=0)
+    if doubt.max() > LARGEST_DOUBT:
+        axis = "xyz"[int(np.argmax(doubt))]
+        raise ExcitationError(
+            f"{preparation.reference.source}: the motion is too poor: it tells the sensitivity of the gyro w_{axis} to "
+            f"{100 * doubt.max():.0f} % only, expected {100 * LARGEST_DOUBT:.0f} % or better. Turn about all three axes"
         )
     singular = np.linalg.svd(fit.K_omega, compute_uv=False)
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
-        weak = singular[-1] < 0.4 < singular[0] < 2.5
-        if weak:
-            raise ExcitationError(
-                f"{preparation.reference.source}: the motion is too poor: about one axis it shows only "
-                f"{100 * singular[-1]:.0f} % of the gyros' sensitivity. Turn about all three axes"
-            )
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
             f"{1 / singular[-1]:.3g}, expected near 1: check the unit of the gyros and the stamps of the reference",
-            file=imu.source,
-            line=1,
+            file=source,
+            line=line,
         )
     if np.linalg.det(fit.K_omega) < 0.0:
         raise RecordingError(
-            "the gyro axes form a left-handed triad (the determinant of their cross-coupling is negative): "
-            "one axis has the wrong sign, or two columns are swapped",
-            file=imu.source,
-            line=1,
+            "the gyro axes form a left-handed triad (the determinant of their cross-coupling is negative): one axis, "
+            "or all three, have the wrong sign, or two columns are swapped; put signs and order of the columns right",
+            file=source,
+            line=line,
         )
-    if force.motion_slope < -0.2:
+
+
+def _check_clocks(preparation: Preparation) -> None:
+    fit, source = preparation.rate_fit, preparation.reference.source
+    if abs(fit.clock.skew) > LARGEST_SKEW + 5.0 * fit.clock.skew_sd:
+        raise SynchronizationError(
+            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 1 % at the "
+            "most: look for lost samples, or stamps counted up at a wrong rate"
+        )
+    tau, shift, sd = fit.wander.T
+    told = (sd < 0.5 * LARGEST_WANDER) & np.isfinite(shift)
+    if told.sum() < 3:
+        return
+    off = shift - float(np.median(shift[told]))
+    bad = told & (np.abs(off) > LARGEST_WANDER) & (np.abs(off) > 10.0 * sd)
+    if bad.any():
+        k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
+        raise SynchronizationError(
+            f"{source}: the clocks do not keep step: {tau[k]:.0f} s after the first pose they are {1e3 * off[k]:+.0f} "
+            f"ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole. Samples were lost without a gap in "
+            "their stamps, or a clock was set; split the recording there"
+        )
+
+
+def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
+    source = preparation.recording.imu.source
+    if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3:
+        _check_axes(preparation, fit.K_a)
+    _check_lengths(preparation.reference, fit)
+    if fit.agreement > LEAST_AGREEMENT or fit.size < 0.08:
+        return
+    reading = better_reading(preparation.signal, preparation.reference, preparation.rate_fit.clock)
+    evidence = (
+        f"accelerations of the positions and of the IMU, seen with the orientations, agree by "
+        f"{100 * max(fit.agreement, 0.0):.0f} %, expected {100 * LEAST_AGREEMENT:.0f} % or more"
+    )
+    if reading is not None:
         raise RecordingError(
-            f"the accelerometers move against the reference (slope {force.motion_slope:.2f}, expected 1): they give "
-            "gravity instead of specific force. Change the sign of all three; at rest upward must read +9.8",
-            file=imu.source,
-            line=1,
+            f"{evidence}; they do where the quaternions are read {reading}", file=preparation.reference.source
         )
+    raise RecordingError(
+        f"{evidence}: are positions and orientations of the same body, run and frame, and are {source.parent.name}'s "
+        "accelerometers alright?",
+        file=preparation.reference.source,
+    )
+
+
+def _check_axes(preparation: Preparation, K_a: Array) -> None:
+    """Raise an error if the accelerometers' axes are not the gyros', but for a few degrees."""
+    U, _, V = np.linalg.svd(nearest_rotation(preparation.rate_fit.K_omega).T @ K_a)
+    F = U @ V  # raw accelerations to the gyros' axes
+    angle = float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))
+    if np.linalg.det(F) > 0.0 and angle < LARGEST_TURN:
+        return
+    source = preparation.recording.imu.source
+    if np.trace(F) < -2.6:
+        what = (
+            "the accelerometers move against the reference: they give gravity instead of specific force, or the "
+            "reference's frames are left-handed. Change the sign of all three; at rest upward must read +9.8"
+        )
+    elif np.linalg.det(F) < 0.0:
+        what = (
+            f"the accelerometers form a left-handed triad against the gyros ({_disorder(F)}); put signs and order of "
+            "their columns right"
+        )
+    else:
+        what = (
+            f"the accelerometers' axes are turned by {angle:.0f} deg against the gyros' ({_disorder(F)}); put the "
+            "columns of both in the same order, with the same signs"
+        )
+    raise RecordingError(what, file=source, line=1 if is_table(source) else None)
+
+
+def _disorder(F: Array) -> str:
+    """Return in words which reading stands along which of the gyros' axes."""
+    names = []
+    for row, axis in zip(F, "xyz", strict=True):
+        j = int(np.argmax(np.abs(row)))
+        names.append(f"{'-' if row[j] < 0.0 else ''}a_{'xyz'[j]} lies along w_{axis}")
+    return ", ".join(names)
+
+
+def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
+    """Raise an error if the positions are in another unit than metres, as gravity tells."""
+    low, high = fit.scale
+    if low < LARGEST_SCALE and high > 1.0 / LARGEST_SCALE:
+        return
+    scale = low if low >= LARGEST_SCALE else high
+    evidence = f"the positions move {scale:.4g} times as far as the accelerometers feel"
+    for unit, factor in _LENGTHS.items():
+        if 0.8 < scale / factor < 1.25:
+            if unit in ("mm", "cm"):
+                raise wrong_unit(reference.source, evidence, unit, "m")
+            raise RecordingError(f"{evidence}: they look like [{unit}]; convert them to m", file=reference.source)
+    raise RecordingError(f"{evidence}, expected 1; check their unit and scale", file=reference.source)

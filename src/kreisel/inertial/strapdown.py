@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -109,9 +109,19 @@ class Increment:
 
     def spread(self, which: Indices) -> Increment:
         """Return the increment with the columns `which` selects, one as often as it is named."""
-        columns = (self.dq, self.dv, self.dp, self.omega_end, self.alpha_end, self.u_end)
-        taken = (np.take(column, which, axis=-1) for column in columns)
-        return Increment(self.duration, *taken, self.u_path, self.q_path, self.low)
+
+        def take(columns: Array) -> Array:
+            return np.take(columns, which, axis=-1)
+
+        return replace(
+            self,
+            dq=take(self.dq),
+            dv=take(self.dv),
+            dp=take(self.dp),
+            omega_end=take(self.omega_end),
+            alpha_end=take(self.alpha_end),
+            u_end=take(self.u_end),
+        )
 
 
 def prepare(

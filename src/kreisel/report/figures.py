@@ -33,7 +33,7 @@ GROUP_LABELS = {
 
 _TIME = "IMU time (s)"
 _PANEL = 130
-_SETTLED = 10.0
+_SETTLED = 6.0
 
 
 @dataclass(frozen=True)

@@ -52,12 +52,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: what it says, its columns, its rows; `text` columns at the left are not numbers."""
+    """A table: what it says, its columns, its rows.
+
+    The first `text` columns are not numbers; `broad` tables turn their rows into blocks on a narrow screen.
+    """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
     text: int = 1
+    broad: bool = False
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -170,7 +174,7 @@ def key_table(outcome: Outcome) -> Table:
     rows.append(
         _key_row("Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed")
     )
-    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown"), tuple(rows), 2)
+    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown"), tuple(rows), 2, broad=True)
 
 
 def _key_row(title: str, unit: str, values: Sequence[Any], deviations: Sequence[Any], word: str) -> Row:
@@ -263,7 +267,7 @@ def nis_table(residuals: Residuals) -> Table:
             )
         )
     columns = ("Kind", "Updates", "Set aside", "Degrees", "Mean", "95 % band", "Innovations")
-    return Table("NIS per degree of freedom", columns, tuple(rows))
+    return Table("NIS per degree of freedom", columns, tuple(rows), broad=True)
 
 
 def noise_table(outcome: Outcome) -> Table:
@@ -334,7 +338,7 @@ def parameter_table(data: ReportData) -> Table:
             )
         )
     columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Shown", "Prior / posterior")
-    return Table("Every estimated parameter", columns, tuple(rows), 2)
+    return Table("Every estimated parameter", columns, tuple(rows), 2, broad=True)
 
 
 def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
@@ -362,7 +366,7 @@ def drift_table(unseen: Unseen) -> Table:
         "Greatest nominal",
         "Greatest calibrated",
     )
-    return Table("Drift between updates on unseen data", columns, tuple(rows), 2)
+    return Table("Drift between updates on unseen data", columns, tuple(rows), 2, broad=True)
 
 
 def score_summary(halves: SplitHalves) -> tuple[str, str, str]:
@@ -406,4 +410,4 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
         "Standard deviation",
         "Difference / sd",
     )
-    return Table("Known errors added to the raw readings", columns, tuple(rows), 2)
+    return Table("Known errors added to the raw readings", columns, tuple(rows), 2, broad=True)

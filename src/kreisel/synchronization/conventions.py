@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate
+from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multiply
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -16,8 +16,10 @@ from kreisel.synchronization.rate_fit import explained_share
 EXPLAINED = 0.8
 """Share of the reference's rotation the gyros must explain."""
 
+_MARGIN = 0.2
+_HALF_WINDOW = 0.25
 _READINGS: dict[str, Callable[[Array], Array]] = {
-    "as their conjugates (turn from r to b): change the sign of q_x, q_y, q_z": conjugate,
+    "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z": conjugate,
     "scalar last (q_x, q_y, q_z, q_w): put q_w first": lambda q: np.roll(q, 1, axis=1),
     "scalar last and conjugated: put q_w first and change the sign of q_x, q_y, q_z": lambda q: conjugate(
         np.roll(q, 1, axis=1)
@@ -44,11 +46,13 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
     if usual >= EXPLAINED:
         return
     shares = {name: explained_share(signal, tau, read(q), clock) for name, read in _READINGS.items()}
-    best = max(shares, key=lambda name: shares[name])
-    if shares[best] >= EXPLAINED:
+    fitting = [name for name, share in shares.items() if share >= EXPLAINED]
+    if fitting:
+        names = " or ".join(_most_likely(signal, reference, clock, fitting))
         raise RecordingError(
-            f"the quaternions fit the gyros only when read {best} (they then explain {100 * shares[best]:.0f} % "
-            f"of the rotation, as they stand {100 * max(usual, 0.0):.0f} %); correct the file",
+            f"the quaternions fit the gyros only when read {names} (the gyros then explain "
+            f"{100 * shares[fitting[0]]:.0f} % of the rotation, as they stand {100 * max(usual, 0.0):.0f} %); "
+            "correct the file",
             file=reference.source,
         )
     raise SynchronizationError(
@@ -57,3 +61,71 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
         "Do the poses belong to this run, and are the gyro columns in order?",
         correlation=usual,
     )
+
+
+def better_reading(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> str | None:
+    """Return how the quaternions must be read to fit the accelerations, or None where that is no better."""
+    if reference.quaternions is None or reference.positions is None:
+        return None
+    usual = acceleration_share(signal, reference, reference.quaternions, clock)
+    shares = {
+        name: acceleration_share(signal, reference, read(reference.quaternions), clock)
+        for name, read in _READINGS.items()
+    }
+    best = max(shares, key=lambda name: shares[name])
+    return best if shares[best] > usual + _MARGIN else None
+
+
+def _most_likely(signal: InertialSignal, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
+    """Return the readings that also fit the accelerations, all where that cannot be told.
+
+    The parts of a quaternion in another order are that quaternion's conjugate between two constant ones: to
+    the gyros both look alike.
+    """
+    if reference.positions is None or reference.quaternions is None:
+        return names
+    q = reference.quaternions
+    shares = {name: acceleration_share(signal, reference, _READINGS[name](q), clock) for name in names}
+    best = max(shares.values())
+    return [name for name in names if shares[name] > best - _MARGIN]
+
+
+def acceleration_share(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> float:
+    """Return the share of the positions' accelerations the accelerometers explain, seen with attitudes q (m, 4).
+
+    Any linear map of the readings and any gravity are allowed; only the attitude must turn as it should.
+    """
+    p, tau = reference.positions, reference.seconds
+    assert p is not None  # noqa: S101 - for the type checker; the callers looked
+    t = clock.imu_time(tau)
+    k = np.clip(np.searchsorted(t, signal.stamps) - 1, 0, t.size - 2)
+    part = np.clip((signal.stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)
+    C = matrix(multiply(q[k], exp(part[:, None] * log(multiply(conjugate(q[k]), q[k + 1])))))
+    felt = np.einsum("nij,nk->nijk", C, signal.force_powers[:, 1]).reshape(signal.stamps.size, 27)
+    half = max(_HALF_WINDOW, 3.0 * reference.interval)
+    low, high = max(t[0], signal.stamps[0]) + half, min(t[-1], signal.stamps[-1]) - half
+    middle = np.arange(low, high, half)
+    if middle.size < 15:
+        return 0.0
+    shown = _second_difference(t, p, middle, half)
+    columns = _second_difference(signal.stamps, _twice(signal.stamps, felt), middle, half).reshape(-1, 3, 9)
+    A = np.concatenate([columns, np.broadcast_to(np.eye(3), (middle.size, 3, 3))], axis=2).reshape(-1, 12)
+    solution, *_ = np.linalg.lstsq(A, shown.reshape(-1), rcond=None)
+    left = shown.reshape(-1) - A @ solution
+    return 1.0 - float(left @ left) / max(float(np.sum((shown - shown.mean(axis=0)) ** 2)), 1e-30)
+
+
+def _second_difference(t: Array, values: Array, middle: Array, half: float) -> Array:
+    """Return second differences over two halves, (middle, columns), as accelerations."""
+    a, b, c = (
+        np.column_stack([np.interp(middle + shift, t, column) for column in values.T]) for shift in (-half, 0.0, half)
+    )
+    return np.asarray((a - 2.0 * b + c) / half**2)
+
+
+def _twice(t: Array, values: Array) -> Array:
+    """Return the running double integral of columns."""
+    dt = np.diff(t)[:, None]
+    zero = np.zeros((1, values.shape[1]))
+    once = np.vstack([zero, np.cumsum(0.5 * (values[1:] + values[:-1]) * dt, axis=0)])
+    return np.vstack([zero, np.cumsum(0.5 * (once[1:] + once[:-1]) * dt, axis=0)])
