@@ -17,6 +17,7 @@ from kreisel.geometry.rotation import Array, Mask, matrix
 from kreisel.inertial.strapdown import InertialSignal
 
 _LEAST_WINDOWS = 20
+_NEAR_GAP = 1.0
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,13 @@ def fit_accelerations(preparation: Preparation) -> AccelerationFit:
 
 
 def _without_gaps(windows: Windows, signal: InertialSignal, tau: Array) -> Mask:
-    """Return which windows have samples all through, and poses near their three ends."""
+    """Return which windows have samples all through, at some distance from gaps, and poses near their ends.
+
+    The attitude is smoothed over a second, so that near a gap it is not known well.
+    """
     starts, stops = (signal.stamps[np.array(ends)] for ends in zip(*signal.segments, strict=True))
+    starts[1:] += _NEAR_GAP
+    stops[:-1] -= _NEAR_GAP
     segment = np.clip(np.searchsorted(starts, windows.t[0], side="right") - 1, 0, starts.size - 1)
     known = (windows.t[0] >= starts[segment]) & (windows.t[2] <= stops[segment])
     steps = np.diff(tau)

@@ -211,7 +211,7 @@ def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple
 
 @dataclass(frozen=True)
 class Windows:
-    """Second differences at evenly spread poses, divided by their half length squared."""
+    """Second differences at evenly spread poses, divided by their half length (IMU seconds) squared."""
 
     stamps: Array
     t: tuple[Array, Array, Array]
@@ -227,7 +227,8 @@ class Windows:
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)
         at = (middle - half, middle, middle + half)
-        return cls(signal.stamps, tuple(clock.imu_time(s) for s in at), at, tau, half)  # type: ignore[arg-type]
+        t = tuple(clock.imu_time(s) for s in at)
+        return cls(signal.stamps, t, at, tau, half * (1.0 + clock.skew))  # type: ignore[arg-type]
 
     def second_difference(self, p: Array) -> Array:
         """Second difference of positions, smoothed over the poses near each end, (windows, 3)."""

@@ -19,8 +19,11 @@ LARGEST_DOUBT = 0.15
 LARGEST_TURN = 30.0
 """Degrees the accelerometers' axes may be turned against the gyros' before columns must be in disorder."""
 
-LEAST_AGREEMENT = 0.5
+LEAST_AGREEMENT = 0.6
 """Agreement of the accelerations the IMU felt and the positions show; 0 for two that have nothing in common."""
+
+LEAST_ACCELERATION = 0.08
+"""m/s^2; standard deviation of accelerations below which agreement says nothing."""
 
 LARGEST_WANDER = 0.010
 """Seconds the clocks may drift apart and back between parts of a recording, beyond any doubt."""
@@ -75,7 +78,8 @@ def _check_gyros(preparation: Preparation) -> None:
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
-            f"{1 / singular[-1]:.3g}, expected near 1: check the unit of the gyros and the stamps of the reference",
+            f"{1 / singular[-1]:.3g}, expected near 1: check the unit of the gyros; factors unlike each other speak "
+            "for poses of another run, or for a gyro that does not work",
             file=source,
             line=line,
         )
@@ -111,35 +115,42 @@ def _check_clocks(preparation: Preparation) -> None:
 
 
 def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
-    source = preparation.recording.imu.source
-    if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3:
-        _check_axes(preparation, fit.K_a)
-    _check_lengths(preparation.reference, fit)
-    if fit.agreement > LEAST_AGREEMENT or fit.size < 0.08:
-        return
-    reading = better_reading(preparation.signal, preparation.reference, preparation.rate_fit.clock)
-    evidence = (
-        f"accelerations of the positions and of the IMU, seen with the orientations, agree by "
-        f"{100 * max(fit.agreement, 0.0):.0f} %, expected {100 * LEAST_AGREEMENT:.0f} % or more"
-    )
-    if reading is not None:
+    reference = preparation.reference
+    F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
+    in_order = np.linalg.det(F) > 0.0 and _angle(F) < LARGEST_TURN
+    agreed = fit.agreement > LEAST_AGREEMENT or fit.size < LEAST_ACCELERATION
+    if not (in_order and agreed):
+        reading = better_reading(preparation.signal, reference, preparation.rate_fit.clock)
+        if reading is not None:
+            raise RecordingError(
+                "accelerations of the positions and of the IMU agree only where the quaternions are read "
+                f"{reading}; correct the file",
+                file=reference.source,
+            )
+    if not in_order:
+        raise _disorder(preparation, F)
+    _check_lengths(reference, fit)
+    if not agreed:
         raise RecordingError(
-            f"{evidence}; they do where the quaternions are read {reading}", file=preparation.reference.source
+            "accelerations of the positions and of the IMU, seen with the orientations, agree by "
+            f"{100 * max(fit.agreement, 0.0):.0f} %, expected {100 * LEAST_AGREEMENT:.0f} % or more: check that positions "
+            "and orientations are of the same body, run and frame, and that all three accelerometers work",
+            file=reference.source,
         )
-    raise RecordingError(
-        f"{evidence}: are positions and orientations of the same body, run and frame, and are {source.parent.name}'s "
-        "accelerometers alright?",
-        file=preparation.reference.source,
-    )
 
 
-def _check_axes(preparation: Preparation, K_a: Array) -> None:
-    """Raise an error if the accelerometers' axes are not the gyros', but for a few degrees."""
+def _turn_between(preparation: Preparation, K_a: Array) -> Array:
+    """Return the orthogonal matrix, of any handedness, that takes accelerations as read to the gyros' axes."""
     U, _, V = np.linalg.svd(nearest_rotation(preparation.rate_fit.K_omega).T @ K_a)
-    F = U @ V  # raw accelerations to the gyros' axes
-    angle = float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))
-    if np.linalg.det(F) > 0.0 and angle < LARGEST_TURN:
-        return
+    return np.asarray(U @ V)
+
+
+def _angle(F: Array) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))
+
+
+def _disorder(preparation: Preparation, F: Array) -> RecordingError:
+    """Return the error for accelerometers whose axes are not the gyros', but for a few degrees."""
     source = preparation.recording.imu.source
     if np.trace(F) < -2.6:
         what = (
@@ -148,18 +159,18 @@ def _check_axes(preparation: Preparation, K_a: Array) -> None:
         )
     elif np.linalg.det(F) < 0.0:
         what = (
-            f"the accelerometers form a left-handed triad against the gyros ({_disorder(F)}); put signs and order of "
+            f"the accelerometers form a left-handed triad against the gyros ({_order(F)}); put signs and order of "
             "their columns right"
         )
     else:
         what = (
-            f"the accelerometers' axes are turned by {angle:.0f} deg against the gyros' ({_disorder(F)}); put the "
+            f"the accelerometers' axes are turned by {_angle(F):.0f} deg against the gyros' ({_order(F)}); put the "
             "columns of both in the same order, with the same signs"
         )
-    raise RecordingError(what, file=source, line=1 if is_table(source) else None)
+    return RecordingError(what, file=source, line=1 if is_table(source) else None)
 
 
-def _disorder(F: Array) -> str:
+def _order(F: Array) -> str:
     """Return in words which reading stands along which of the gyros' axes."""
     names = []
     for row, axis in zip(F, "xyz", strict=True):

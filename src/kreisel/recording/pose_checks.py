@@ -165,6 +165,11 @@ def _fresh(reference: ReferencePoses, kept: Indices, findings: list[Finding]) ->
     starts, stops = _stalls(reference)
     stale = (stops - starts < _LONG_FREEZE) & steps.above(*steps.usual(50.0))[stops]
     keep = first_of_each(kept.size, starts[stale], stops[stale])
+    if np.sum(~keep) > 0.1 * kept.size:
+        # rests are logged as often as motion: thin them alike, for one rate throughout
+        every = round(float(np.mean(stops[stale] - starts[stale]))) + 1
+        for start, stop in zip(starts[~stale], stops[~stale], strict=True):
+            keep[start : stop + 1] &= np.arange(stop + 1 - start) % every == 0
     if not keep.all():
         findings.append(
             Finding(

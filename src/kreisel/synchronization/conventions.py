@@ -17,6 +17,7 @@ EXPLAINED = 0.8
 """Share of the reference's rotation the gyros must explain."""
 
 _MARGIN = 0.2
+_LEAST_SHARE = 0.6
 _HALF_WINDOW = 0.25
 _READINGS: dict[str, Callable[[Array], Array]] = {
     "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z": conjugate,
@@ -58,9 +59,17 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
     raise SynchronizationError(
         f"{reference.source}: the poses turn by similar amounts as the IMU but about other axes: the gyros explain "
         f"{100 * max(usual, 0.0):.0f} % of the rotation, expected {100 * EXPLAINED:.0f} % or more. "
-        "Do the poses belong to this run, and are the gyro columns in order?",
+        f"Do the poses belong to this run, and are the gyro columns in order?{_silent(signal)}",
         correlation=usual,
     )
+
+
+def _silent(signal: InertialSignal) -> str:
+    """Return a sentence about a gyro that hardly moves while the others do; nothing where there is none."""
+    moved = np.std(signal.rate_powers[:, 1], axis=0)
+    if moved.min() > 0.03 * moved.max():
+        return ""
+    return f" w_{'xyz'[int(np.argmin(moved))]} hardly moves at all: does it work?"
 
 
 def better_reading(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> str | None:
@@ -73,7 +82,7 @@ def better_reading(signal: InertialSignal, reference: ReferencePoses, clock: Clo
         for name, read in _READINGS.items()
     }
     best = max(shares, key=lambda name: shares[name])
-    return best if shares[best] > usual + _MARGIN else None
+    return best if shares[best] > max(usual + _MARGIN, _LEAST_SHARE) else None
 
 
 def _most_likely(signal: InertialSignal, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
