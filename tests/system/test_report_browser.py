@@ -28,7 +28,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     outcome = run_calibration(simulate(np.random.default_rng(7), 60.0, folder / "small")[1], CalibrationSettings())
     found = outcome.estimate
     path = folder / "report.html"
-    write_report(outcome, path, cross=cross_validate(found), halves=split_halves(found), injection=inject(found))
+    write_report(outcome, path, cross=cross_validate(found), halves=split_halves(found), injection=inject(outcome))
     return path
 
 

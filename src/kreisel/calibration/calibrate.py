@@ -84,15 +84,26 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
     findings = (*recording.findings, *preparation.findings, *found.findings)
     document = _document(recording, preparation, found, seen, facts, verdict, findings, seconds)
     n = len(seen.names)
-    history = found.run.history
     calibration = Calibration(
         document=document,
         names=seen.names,
         covariance=found.run.belief.covariance[:n, :n],
         prior_deviation=seen.prior,
-        estimates=np.column_stack([history.seconds, history.parameters, history.deviations * found.correlation_factor]),
+        estimates=_estimates(found, n),
     )
     return Outcome(recording, preparation, found.problem, found, seen, facts, verdict, findings, calibration)
+
+
+def _estimates(found: Estimate, n: int) -> Array:
+    """Return IMU seconds, estimates and deviations at every update; the last row is the result itself."""
+    history, run, layout = found.run.history, found.run, found.problem.layout
+    table = np.column_stack([history.seconds, history.parameters, history.deviations * found.correlation_factor])
+    for group in found.problem.groups:
+        if group != "alignment":
+            d = layout[group]
+            table[-1, 1 + d.start : 1 + d.stop] = run.parameters.stored(group)
+    table[-1, 1 + n :] = run.belief.standard_deviation[:n]
+    return table
 
 
 def _document(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.calibration.calibrate import Outcome, run_calibration
 from kreisel.calibration.filter_run import FilterRun, run_filter
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
@@ -19,7 +20,6 @@ from kreisel.calibration.run import Estimate, towards_prior
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import prepare
 from kreisel.units import DEG_PER_HOUR, MG
 
 TRAINING = 0.6
@@ -104,39 +104,32 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     return SplitHalves(problem.parameter_names, difference, found.correlation_factor * np.sqrt(variance))
 
 
-def inject(found: Estimate, progress: Progress | None = None) -> Injection:
-    """Return whether known errors added to the raw readings are found.
+def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
+    """Return whether known errors added to the raw readings are found by a calibration from the beginning.
 
     The errors are 5 mg and -3 mg and 4 mg of accelerometer offset, 20, -30 and 10 deg/h of gyro offset,
     and 2000 ppm of scale on the first axis of either. What the paper did with its accelerometer offsets.
     """
-    problem = found.problem
-    base = found.run.parameters
     errors = _errors()
-    sensors = errors.apply(base.sensors)
-    signal = problem.signal
-    raw_rates = (signal.rate_powers[:, 1] + errors.gyro_offset) * (1.0 + errors.gyro_scale)
-    raw_forces = (signal.force_powers[:, 1] + errors.accel_offset) * (1.0 + errors.accel_scale)
-    moved = prepare(
-        signal.stamps,
-        raw_rates,
-        raw_forces,
-        order=signal.order,
-        segments=signal.segments,
-        rate_variance=signal.rate_variance,
-        force_variance=signal.force_variance,
+    imu = outcome.recording.imu
+    changed = replace(
+        imu,
+        rates=(imu.rates + errors.gyro_offset) * (1.0 + errors.gyro_scale),
+        accelerations=(imu.accelerations + errors.accel_offset) * (1.0 + errors.accel_scale),
     )
-    changed = replace(problem, signal=moved)
-    run = _run(changed, slice(None), base, progress, "injection")
-    expected = replace(base, sensors=sensors)
+    problem, base = outcome.estimate.problem, outcome.estimate.run.parameters
+    again = run_calibration(replace(outcome.recording, imu=changed), problem.settings, progress)
     n = len(problem.parameter_names)
-    layout = problem.layout
     zero = _stored(problem, base)
+
+    def moved(parameters: CellParameters) -> Array:
+        return problem.layout.minus(_stored(problem, parameters)[:, None], zero)[:n, 0]
+
     return Injection(
         problem.parameter_names,
-        layout.minus(_stored(problem, expected)[:, None], zero)[:n, 0],
-        layout.minus(_stored(problem, run.parameters)[:, None], zero)[:n, 0],
-        found.run.belief.standard_deviation[:n],
+        moved(replace(base, sensors=errors.apply(base.sensors))),
+        moved(again.estimate.run.parameters),
+        outcome.estimate.run.belief.standard_deviation[:n],
     )
 
 

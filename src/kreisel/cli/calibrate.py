@@ -61,7 +61,7 @@ def calibrate(
             cross = cross_validate(outcome.estimate, show)
             halves = split_halves(outcome.estimate, show)
         if inject:
-            injection = inject_errors(outcome.estimate, show)
+            injection = inject_errors(outcome, show)
         if output is not None:
             _save(outcome, output, cross, halves, injection)
     _say(outcome, output, injection, as_json=json)

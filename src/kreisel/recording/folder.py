@@ -119,8 +119,11 @@ def _note_conversion(
 ) -> None:
     units = sorted({str(column.unit) for column in columns if column.unit not in (*usual, None)})
     if units:
-        name = f"{table.source.parent.name}/{table.source.name}"
-        findings.append(Finding(name, f"converted from {', '.join(f'[{unit}]' for unit in units)} to SI"))
+        findings.append(Finding(_short_name(table), f"converted from {', '.join(f'[{unit}]' for unit in units)} to SI"))
+
+
+def _short_name(table: Table) -> str:
+    return f"{table.source.parent.name}/{table.source.name}"
 
 
 def _reference_folders(root: Path) -> dict[str, Path]:
@@ -151,6 +154,9 @@ def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
     if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
         raise _not_poses(table, "; angles are not read: convert them to quaternions")
     _note_conversion(table, tuple(positions), ("m",), findings)
+    if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
+        order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
+        findings.append(Finding(_short_name(table), f"quaternions stand as {order}; read by these names"))
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
     return ReferencePoses(name, table.stamps_ns, p, q, table.source)

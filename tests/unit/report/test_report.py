@@ -51,7 +51,7 @@ def outcome(recording: Recording) -> Outcome:
 @pytest.fixture(scope="module")
 def parts(outcome: Outcome) -> Parts:
     found = outcome.estimate
-    return cross_validate(found), split_halves(found), inject(found)
+    return cross_validate(found), split_halves(found), inject(outcome)
 
 
 @pytest.fixture(scope="module")
