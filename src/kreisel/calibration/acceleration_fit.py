@@ -13,11 +13,9 @@ import numpy as np
 
 from kreisel.calibration.initial import Windows, field_column
 from kreisel.calibration.setup import Preparation
-from kreisel.geometry.rotation import Array, Mask, matrix
-from kreisel.inertial.strapdown import InertialSignal
+from kreisel.geometry.rotation import Array, matrix
 
 _LEAST_WINDOWS = 20
-_NEAR_GAP = 1.0
 
 
 @dataclass(frozen=True)
@@ -61,25 +59,7 @@ def fit_accelerations(preparation: Preparation) -> AccelerationFit:
     columns += [-field_column(C, omega, alpha, j) for j in range(3)]
     felt = np.stack([windows.integrate(column) for column in columns], axis=2)  # (windows, axis, 15)
     shown = windows.second_difference(reference.positions)
-    known = _without_gaps(windows, signal, reference.seconds)
-    return _fit(felt[known], shown[known], preparation.site.gravity)
-
-
-def _without_gaps(windows: Windows, signal: InertialSignal, tau: Array) -> Mask:
-    """Return which windows have samples all through, at some distance from gaps, and poses near their ends.
-
-    The attitude is smoothed over a second, so that near a gap it is not known well.
-    """
-    starts, stops = (signal.stamps[np.array(ends)] for ends in zip(*signal.segments, strict=True))
-    starts[1:] += _NEAR_GAP
-    stops[:-1] -= _NEAR_GAP
-    segment = np.clip(np.searchsorted(starts, windows.t[0], side="right") - 1, 0, starts.size - 1)
-    known = (windows.t[0] >= starts[segment]) & (windows.t[2] <= stops[segment])
-    steps = np.diff(tau)
-    for middle in windows.tau:
-        k = np.clip(np.searchsorted(tau, middle) - 1, 0, steps.size - 1)
-        known &= steps[k] < 6.0 * float(np.median(steps))
-    return np.asarray(known)
+    return _fit(felt, shown, preparation.site.gravity)
 
 
 def _fit(felt: Array, shown: Array, gravity: float) -> AccelerationFit:

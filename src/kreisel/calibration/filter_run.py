@@ -28,7 +28,7 @@ MOST_IN_A_ROW = 6
 _FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
 """Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
 
-_BLIND_ATTITUDE, _BLIND_VELOCITY = 0.1, 1.0
+_BLIND_ATTITUDE, _BLIND_VELOCITY = 0.2, 1.0
 """The same where the reference does not show them."""
 
 Progress = Callable[[float], None]

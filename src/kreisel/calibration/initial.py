@@ -13,7 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel._kernels import attitude
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix, log, matrix, multiply, nearest_rotation
+from kreisel.geometry.rotation import (
+    Array,
+    Mask,
+    apply,
+    conjugate,
+    exp,
+    from_matrix,
+    log,
+    matrix,
+    multiply,
+    nearest_rotation,
+)
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.synchronization import Clock, RateFit
 
@@ -21,7 +32,9 @@ HALF_WINDOW = 0.25
 """Half the length of a second difference, s."""
 
 _BLIND_HALF_WINDOW = 3.0
+_BLIND_STRETCH = 25.0
 _REST_WEIGHT = 20.0
+_NEAR_GAP = 1.0
 
 
 @dataclass(frozen=True)
@@ -91,22 +104,48 @@ def _running_mean(values: Array, width: int) -> Array:
     return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])
 
 
-def attitude_from_positions(signal: InertialSignal, fit: RateFit, tau: Array, p: Array) -> Array:
+def attitude_from_positions(
+    signal: InertialSignal, fit: RateFit, tau: Array, p: Array, force: ForceFit | None = None
+) -> Array:
     """Return q_rb at every IMU sample, (n, 4), where the reference shows positions alone.
 
+    Parameters
+    ----------
+    tau, p : (m,), (m, 3)
+        Reference seconds and positions.
+    force
+        What is known of the accelerometers from an attitude found before; the lever arm matters most.
+
+    Notes
+    -----
     Integrated rates give the attitude up to one turn. That turn brings the accelerations felt, seen from
     the first attitude, onto those the positions show; gravity is the same in both and drops out with the
-    means. The first minute decides, before offsets of the gyros matter.
+    means. Scale errors of the gyros spoil the integral as it goes on, so every stretch of `_BLIND_STRETCH`
+    seconds has a turn of its own.
     """
     b = fit.K_omega @ fit.k_w0
     free = np.empty((signal.stamps.size, 4))
     free[0] = (1.0, 0.0, 0.0, 0.0)
     attitude.accumulate(signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b, free)
-    windows = Windows.over(signal, fit.clock, tau[tau < tau[0] + 60.0])
-    shown = windows.second_difference(p[tau < tau[0] + 60.0])
-    felt = windows.integrate(apply(free, signal.force_powers[:, 1]))
-    R = nearest_rotation((shown - shown.mean(axis=0)).T @ (felt - felt.mean(axis=0)))
-    return multiply(from_matrix(R), free)
+    windows = Windows.over(signal, fit.clock, tau)
+    shown = windows.second_difference(p)
+    f = signal.force_powers[:, 1]
+    if force is not None:
+        omega, alpha = signal.rate_powers[:, 1] @ fit.K_omega.T + b, signal.rate_slopes[:, 1] @ fit.K_omega.T
+        arm = np.cross(alpha, force.lever_arm) + np.cross(omega, np.cross(omega, force.lever_arm))
+        f = (f + force.k_a0) @ force.K_a.T - arm
+    felt = windows.integrate(apply(free, f))
+    stretch = (windows.t[1] // _BLIND_STRETCH).astype(int)
+    turn = np.array([1.0, 0.0, 0.0, 0.0])
+    out = np.empty_like(free)
+    for number in range(int(signal.stamps[-1] // _BLIND_STRETCH) + 1):
+        inside = stretch == number
+        if inside.sum() > 20:
+            x, y = shown[inside], felt[inside]
+            turn = from_matrix(nearest_rotation((x - x.mean(axis=0)).T @ (y - y.mean(axis=0))))
+        part = signal.stamps // _BLIND_STRETCH == number
+        out[part] = multiply(turn, free[part])
+    return out
 
 
 def fit_forces(
@@ -226,6 +265,7 @@ class Windows:
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)
+        middle = middle[_without_gaps(signal, clock, tau, middle, half)]
         at = (middle - half, middle, middle + half)
         t = tuple(clock.imu_time(s) for s in at)
         return cls(signal.stamps, t, at, tau, half * (1.0 + clock.skew))  # type: ignore[arg-type]
@@ -244,6 +284,24 @@ class Windows:
         twice = np.vstack([np.zeros(3), np.cumsum(0.5 * (once[1:] + once[:-1]) * dt, axis=0)])
         a, b, c = (np.column_stack([np.interp(s, self.stamps, twice[:, i]) for i in range(3)]) for s in self.t)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
+
+
+def _without_gaps(signal: InertialSignal, clock: Clock, tau: Array, middle: Array, half: float) -> Mask:
+    """Return which windows have samples all through, at some distance from gaps, and poses near their ends.
+
+    The attitude is smoothed over a second, so that near a gap it is not known well.
+    """
+    starts, stops = (signal.stamps[np.array(ends)] for ends in zip(*signal.segments, strict=True))
+    starts[1:] += _NEAR_GAP
+    stops[:-1] -= _NEAR_GAP
+    first, last = clock.imu_time(middle - half), clock.imu_time(middle + half)
+    segment = np.clip(np.searchsorted(starts, first, side="right") - 1, 0, starts.size - 1)
+    known = (first >= starts[segment]) & (last <= stops[segment])
+    steps = np.diff(tau)
+    for at in (middle - half, middle, middle + half):
+        k = np.clip(np.searchsorted(tau, at) - 1, 0, steps.size - 1)
+        known &= steps[k] < 6.0 * float(np.median(steps))
+    return np.asarray(known)
 
 
 def alignment_from_gravity(gravity: Array, north: Array | None = None) -> Array:

@@ -106,7 +106,7 @@ def _check_clocks(preparation: Preparation) -> None:
     if told.sum() < 3:
         return
     off = shift - float(np.median(shift[told]))
-    bad = told & (np.abs(off) > limit) & (np.abs(off) > 10.0 * sd)
+    bad = np.isfinite(off) & (np.abs(off) > limit) & (np.abs(off) > 10.0 * sd)
     if bad.any():
         k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
         raise SynchronizationError(

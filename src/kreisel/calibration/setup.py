@@ -198,14 +198,8 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     site = site_of(recording)
     noise = believed_noise(recording.settings, reference)
     rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
-    if reference.quaternions is not None:
-        attitude = reference_attitude(signal, fit, tau, reference.quaternions)
-    elif reference.positions is not None:
-        attitude = attitude_from_positions(signal, fit, tau, reference.positions)
-    else:
-        raise RecordingError("holds neither positions nor orientations", file=reference.source)
     stretches = [(rest.start, rest.stop) for rest in rests]
-    force = fit_forces(signal, fit, tau, attitude, reference.positions, site.gravity, stretches)
+    attitude, force = _forces(signal, fit, reference, site.gravity, stretches)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
     outside = rest_outside(recording.imu, reference, fit.clock)
     if outside is not None:
@@ -224,6 +218,27 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         recording, reference, site, imu_noise, noise, signal, correlation, fit, force, attitude, rests, outside,
         tuple(findings),
     )  # fmt: skip
+
+
+def _forces(
+    signal: InertialSignal,
+    fit: RateFit,
+    reference: ReferencePoses,
+    gravity: float,
+    rests: list[tuple[float, float]],
+) -> tuple[Array, ForceFit]:
+    """Return the attitude at every sample and the first values of the accelerometers."""
+    tau, p = reference.seconds, reference.positions
+    if reference.quaternions is not None:
+        attitude = reference_attitude(signal, fit, tau, reference.quaternions)
+        return attitude, fit_forces(signal, fit, tau, attitude, p, gravity, rests)
+    if p is None:
+        raise RecordingError("holds neither positions nor orientations", file=reference.source)
+    attitude = attitude_from_positions(signal, fit, tau, p)
+    for _ in range(4):  # attitude and accelerometers need each other
+        force = fit_forces(signal, fit, tau, attitude, p, gravity, rests)
+        attitude = attitude_from_positions(signal, fit, tau, p, force)
+    return attitude, force
 
 
 def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
