@@ -195,6 +195,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         findings.append(Finding("reference", "positions only: b takes the gyros' axes, as far as they are square"))
     if reference.positions is None:
         findings.append(Finding("reference", "orientations only: accelerometers are seen at rests, and between them"))
+    findings += _overlap_finding(recording.imu, reference, fit.clock)
     site = site_of(recording)
     noise = believed_noise(recording.settings, reference)
     rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
@@ -218,6 +219,17 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         recording, reference, site, imu_noise, noise, signal, correlation, fit, force, attitude, rests, outside,
         tuple(findings),
     )  # fmt: skip
+
+
+def _overlap_finding(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[Finding]:
+    """Return what to say where the two have little time in common, as where one began late or its clock leapt."""
+    first, last = clock.imu_time(reference.seconds[[0, -1]])
+    end = float(imu.seconds[-1])
+    common, shorter = min(float(last), end) - max(float(first), 0.0), min(float(last - first), end)
+    if common > 0.7 * shorter:
+        return []
+    said = f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; no more is used"
+    return [Finding("overlap", said)]
 
 
 def _forces(

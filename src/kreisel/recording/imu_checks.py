@@ -7,6 +7,7 @@ a peak cut flat, a step thirty times the usual, there and back.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding
     _check_filled(imu)
     _check_gravity(imu)
     findings = []
-    for check in (_check_dead, _check_saturation, _check_steps):
+    for check in (_check_dead, _check_copies, _check_saturation, _check_steps):
         try:
             check(imu, values)
         except RecordingError as error:
@@ -75,8 +76,8 @@ def check_finite(values: Array, names: tuple[str, ...], source: Path) -> None:
         channel = int(np.argmax(bad[k]))
         raise fault(
             source,
-            f"{names[channel]} = {values[k, channel]:.4g} here{and_more(where.size - 1, 'rows')} is no possible "
-            f"reading; delete these {rows(source)} (a gap is bridged)",
+            f"{names[channel]} = {values[k, channel]:.4g} is no possible reading, here"
+            f"{and_more(where.size - 1, rows(source))}; delete these {rows(source)} (a gap is bridged)",
             k,
         )
 
@@ -89,8 +90,8 @@ def _check_filled(imu: ImuSamples) -> None:
     if empty.size:
         raise fault(
             imu.source,
-            f"all accelerations are exactly zero here{and_more(empty.size - 1, 'rows')}, where gravity is always felt: "
-            f"lost samples were filled with zeros; delete these {rows(imu.source)} (a gap is bridged)",
+            f"all accelerations are exactly zero here{and_more(empty.size - 1, rows(imu.source))}, where gravity is "
+            f"always felt: lost samples were filled with zeros; delete these {rows(imu.source)} (a gap is bridged)",
             int(empty[0]),
         )
 
@@ -121,6 +122,17 @@ def _check_dead(imu: ImuSamples, values: Array) -> None:
             f"dead channel: {names} never changes; check the sensor and the columns, and record again",
             file=imu.source,
         )
+
+
+def _check_copies(imu: ImuSamples, values: Array) -> None:
+    for a, b in combinations(range(len(CHANNELS)), 2):
+        if np.array_equal(values[:, a], values[:, b]):
+            raise RecordingError(
+                f"{CHANNELS[a]} and {CHANNELS[b]} hold the same numbers throughout; one column was written twice: "
+                "look how the file was made, and record again",
+                file=imu.source,
+                line=1 if is_table(imu.source) else None,
+            )
 
 
 def resolution(steps: Array) -> Array:
@@ -194,8 +206,8 @@ def _check_steps(imu: ImuSamples, values: Array) -> None:
             raise fault(
                 source,
                 f"{kind} in {CHANNELS[channel]}: from {values[k, channel]:.4g} to {values[k + 1, channel]:.4g} in one "
-                f"sample{and_more(where.size - 1, 'rows')}; steps are usually below {limit[channel] / _SPIKE:.3g}; "
-                f"{advice}",
+                f"sample{and_more(where.size - 1, rows(source))}; steps are usually below "
+                f"{limit[channel] / _SPIKE:.3g}; {advice}",
                 k + 1,
             )
 

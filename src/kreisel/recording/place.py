@@ -57,4 +57,6 @@ def line_of(source: Path, row: int) -> int:
 
 def and_more(count: int, what: str) -> str:
     """Return ', and in 3 more rows' for a count of further faults; nothing where there is none."""
-    return f", and in {count} more {what if count > 1 else what.removesuffix('s')}" if count > 0 else ""
+    if count < 1:
+        return ""
+    return f", and in {count} more {what if count > 1 else what.removesuffix('s')}"

@@ -66,7 +66,7 @@ def _normalised(reference: ReferencePoses, findings: list[Finding]) -> Reference
     bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
     if bad.size:
         k = int(bad[0])
-        more = and_more(bad.size - 1, "rows")
+        more = and_more(bad.size - 1, rows(source))
         if norm[k] < 1e-3:
             raise fault(
                 source,
@@ -76,7 +76,7 @@ def _normalised(reference: ReferencePoses, findings: list[Finding]) -> Reference
             )
         raise fault(
             source,
-            f"the quaternion has the length {norm[k]:.4g}, expected 1, and so within 1 %{more}; check that the columns "
+            f"the quaternion has the length {norm[k]:.4g}, expected 1 within 1 %, here{more}; check that the columns "
             "are q_w, q_x, q_y, q_z, and normalise them",
             k,
         )

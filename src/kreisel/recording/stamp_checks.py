@@ -75,7 +75,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
     if same.size:
         raise fault(
             source,
-            f"the stamp {stamps[same[0]]} stands twice{and_more(same.size - 1, 'rows')}; delete the duplicates",
+            f"the stamp {stamps[same[0]]} stands twice{and_more(same.size - 1, rows(source))}; delete the duplicates",
             int(same[0]) + 1,
         )
     usual = float(np.median(steps))
@@ -126,7 +126,9 @@ def check_rate(stamps: Stamps, source: Path, what: str, slowest: float, fastest:
 def _unit_guess(value: float, low: float, high: float, source: Path) -> str:
     """Return the unit in which a number of nanoseconds would be between two others, as a remedy."""
     fitting = [unit for unit, factor in _UNITS if low <= value * factor <= high]
-    if fitting and is_table(source):
+    if fitting and not is_table(source):
+        return f"; they look like [{fitting[0]}]: write seconds and nanoseconds into the messages' headers"
+    if fitting:
         return f"; they look like [{fitting[0]}]: write '#timestamp [{fitting[0]}]' into the header"
     smaller = [factor for _, factor in _UNITS if low <= value / factor <= high]
     if smaller and is_table(source):
@@ -151,7 +153,8 @@ def check_duration(stamps: Stamps, source: Path, other: tuple[str, float] | None
     if other is not None and not 1e-2 < seconds / other[1] < 1e2:
         guess = _unit_guess(seconds, 0.2 * other[1], 5.0 * other[1], source)
         if guess:
-            raise RecordingError(f"lasts {seconds:.4g} s, {other[0]} {other[1]:.4g} s{guess}", file=source, line=1)
+            line = 1 if is_table(source) else None
+            raise RecordingError(f"lasts {seconds:.4g} s, {other[0]} {other[1]:.4g} s{guess}", file=source, line=line)
     if seconds < SHORTEST:
         raise RecordingError(
             f"lasts {seconds:.2f} s; a calibration needs {SHORTEST:g} s and more of motion: record longer", file=source

@@ -11,7 +11,7 @@ from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multip
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.rate_fit import explained_share
+from kreisel.synchronization.rate_fit import check_overlap, explained_share
 
 EXPLAINED = 0.8
 """Share of the reference's rotation the gyros must explain."""
@@ -38,10 +38,11 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
     RecordingError
         If they do when read in another convention, which is named.
     SynchronizationError
-        If they do not at all.
+        If they do not at all, or too little of them lies within the IMU's recording.
     """
     if reference.quaternions is None:
         return
+    check_overlap(signal, reference, clock)
     q, tau = reference.quaternions, reference.seconds
     usual = explained_share(signal, tau, q, clock)
     if usual >= EXPLAINED:

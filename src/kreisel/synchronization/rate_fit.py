@@ -15,6 +15,7 @@ from kreisel._kernels import attitude
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, Mask, conjugate, exp, log, multiply
 from kreisel.inertial.strapdown import InertialSignal
+from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
 
 STRETCH = 0.4
@@ -83,9 +84,8 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
 
 def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
-    stretches = rotations_between(tau, q, max(0.15, float(np.median(np.diff(tau)))))
+    stretches = _short(tau, q)
     turned, duration, _, inside = _integrated(signal, stretches, clock)
-    _check_overlap(stretches, inside)
     A = np.hstack([turned, duration[:, None]])
     target = stretches.rotation[inside]
     solution, *_ = np.linalg.lstsq(A, target, rcond=None)
@@ -113,15 +113,36 @@ def _unbroken(signal: InertialSignal, t1: Array, t2: Array) -> Mask:
     return np.asarray((t1 >= starts[segment]) & (t2 <= stops[segment]))
 
 
-def _check_overlap(stretches: _Stretches, inside: Mask) -> None:
-    if int(inside.sum()) >= LEAST_STRETCHES:
-        return
-    first, last = stretches.tau_first[inside], stretches.tau_last[inside]
-    covered = float(last.max() - first.min()) if first.size else 0.0
-    raise SynchronizationError(
-        f"IMU and reference overlap in {covered:.1f} s only, in {first.size} comparable stretches, expected seconds of "
-        f"common motion and {LEAST_STRETCHES} stretches: do they belong to one run, and are poses frequent enough?"
-    )
+def check_overlap(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> None:
+    """Raise an error if too little of the reference's rotation lies within the IMU's recording.
+
+    Raises
+    ------
+    SynchronizationError
+        With the seconds and stretches that do.
+    """
+    assert reference.quaternions is not None  # noqa: S101 - for the type checker; the callers looked
+    for stretches in (
+        _short(reference.seconds, reference.quaternions),
+        _long(reference.seconds, reference.quaternions),
+    ):
+        _, _, _, inside = _integrated(signal, stretches, clock)
+        if int(inside.sum()) >= LEAST_STRETCHES:
+            continue
+        first, last = stretches.tau_first[inside], stretches.tau_last[inside]
+        covered = float(last.max() - first.min()) if first.size else 0.0
+        raise SynchronizationError(
+            f"{reference.source}: overlaps with the IMU's recording by {covered:.1f} s, in {first.size} stretches that "
+            f"can be compared, expected {LEAST_STRETCHES} or more: are both of one run, and are poses frequent enough?"
+        )
+
+
+def _short(tau: Array, q: Array) -> _Stretches:
+    return rotations_between(tau, q, max(0.15, float(np.median(np.diff(tau)))))
+
+
+def _long(tau: Array, q: Array) -> _Stretches:
+    return rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
 
 
 def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> RateFit:
@@ -136,14 +157,12 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     clock
         First guess, good to a tenth of a second.
 
-    Raises
-    ------
-    SynchronizationError
-        If fewer than 30 stretches lie inside the IMU's recording.
+    Notes
+    -----
+    Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
-    stretches = rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
+    stretches = _long(tau, q)
     turned, duration, _, inside = _integrated(signal, stretches, clock)
-    _check_overlap(stretches, inside)
     A = np.hstack([turned, duration[:, None]])
     solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
     K, b = np.asarray(solution[:3].T, dtype=float), np.asarray(solution[3], dtype=float)
