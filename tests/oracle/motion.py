@@ -201,10 +201,7 @@ def inertial_truth(
 def size_effect(omega: Array, alpha: Array, K_a: Array, lever_arms: Array) -> Array:
     """Return e_j = s_j . (alpha x r_j + omega x (omega x r_j)); s_j rows of K_a^-1, r_j of lever_arms."""
     S = np.linalg.inv(K_a)
-    parts = [
-        (np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))) @ s
-        for s, r in zip(S, lever_arms, strict=True)
-    ]
+    parts = [(np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))) @ s for s, r in zip(S, lever_arms, strict=True)]
     return np.stack(parts, axis=-1)
 
 

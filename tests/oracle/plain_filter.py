@@ -323,9 +323,7 @@ def update(
     """
     positions, attitudes = predicted
     position, attitude = weights.mean @ positions, mean_attitude(attitudes, weights.mean)
-    y = np.concatenate(
-        [positions - position, quat.log(quat.multiply(quat.conjugate(attitude), attitudes))], axis=-1
-    )
+    y = np.concatenate([positions - position, quat.log(quat.multiply(quat.conjugate(attitude), attitudes))], axis=-1)
     turn = quat.log(quat.multiply(quat.conjugate(attitude), np.asarray(pose[2], dtype=float)))
     innovation = np.concatenate([pose[1] - position, turn])
     S = covariance(y, y, weights) + R

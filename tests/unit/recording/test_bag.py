@@ -49,9 +49,7 @@ def write_bag(folder: Path, kind: str, messages: list[Message], log_start: int =
         connections: dict[str, Any] = {}
         for k, message in enumerate(messages):
             if message.topic not in connections:
-                connections[message.topic] = writer.add_connection(
-                    message.topic, message.msgtype, typestore=store
-                )
+                connections[message.topic] = writer.add_connection(message.topic, message.msgtype, typestore=store)
             content = message.build(store.types, header(store.types, message, ros1))
             serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
             log_time = message.stamp_ns + message.log_delay_ns if message.stamp_ns else log_start + 10**7 * k
@@ -125,17 +123,13 @@ def odometry(types: dict[str, Any], head: Any, k: int, child: str) -> Any:
 
 REFERENCES: dict[str, Callable[[Any, Any, int], Any]] = {
     "geometry_msgs/msg/PoseStamped": lambda t, head, k: t["geometry_msgs/msg/PoseStamped"](head, pose(t, k)),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda t, head, k: t[
-        "geometry_msgs/msg/PoseWithCovarianceStamped"
-    ](head, with_covariance(t, k)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda t, head, k: t["geometry_msgs/msg/PoseWithCovarianceStamped"](
+        head, with_covariance(t, k)
+    ),
     "geometry_msgs/msg/TransformStamped": lambda t, head, k: transform(t, head, k, "body"),
     "nav_msgs/msg/Odometry": lambda t, head, k: odometry(t, head, k, "body"),
-    "geometry_msgs/msg/PointStamped": lambda t, head, k: t["geometry_msgs/msg/PointStamped"](
-        head, point(t, k)
-    ),
-    "geometry_msgs/msg/QuaternionStamped": lambda t, head, _: t["geometry_msgs/msg/QuaternionStamped"](
-        head, turn(t)
-    ),
+    "geometry_msgs/msg/PointStamped": lambda t, head, k: t["geometry_msgs/msg/PointStamped"](head, point(t, k)),
+    "geometry_msgs/msg/QuaternionStamped": lambda t, head, _: t["geometry_msgs/msg/QuaternionStamped"](head, turn(t)),
 }
 
 
@@ -155,16 +149,11 @@ def joint_messages(
             head, list(names), angles, np.zeros(0), np.zeros(0)
         )
 
-    return [
-        Message(topic, "sensor_msgs/msg/JointState", s, build(k), "robot") for k, s in enumerate(stamps(n))
-    ]
+    return [Message(topic, "sensor_msgs/msg/JointState", s, build(k), "robot") for k, s in enumerate(stamps(n))]
 
 
 def text_messages(topic: str = "/text") -> list[Message]:
-    return [
-        Message(topic, "std_msgs/msg/String", s, lambda t, _: t["std_msgs/msg/String"]("x"))
-        for s in stamps(3)
-    ]
+    return [Message(topic, "std_msgs/msg/String", s, lambda t, _: t["std_msgs/msg/String"]("x")) for s in stamps(3)]
 
 
 def assert_imu(imu: Any, n: int = N) -> None:
@@ -176,9 +165,7 @@ def assert_imu(imu: Any, n: int = N) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("msgtype", list(REFERENCES))
 def test_every_kind_of_bag_and_of_reference(tmp_path: Path, kind: str, msgtype: str) -> None:
-    path = write_bag(
-        tmp_path, kind, imu_messages() + reference_messages(msgtype) + joint_messages() + text_messages()
-    )
+    path = write_bag(tmp_path, kind, imu_messages() + reference_messages(msgtype) + joint_messages() + text_messages())
     got = load_bag(path)
     assert_imu(got.imu)
     assert got.findings == ()
@@ -243,9 +230,7 @@ def test_of_several_topics_none_is_taken_silently(tmp_path: Path, kind: str) -> 
     two = imu_messages("/left/imu") + imu_messages("/right/imu", n=7)
     path = write_bag(tmp_path, kind, two + reference_messages(topic="/a") + reference_messages(topic="/b"))
     listed = r"/left/imu \(sensor_msgs/msg/Imu, 40 messages\), /right/imu \(sensor_msgs/msg/Imu, 7 messages\)"
-    with pytest.raises(
-        RecordingError, match=rf"2 topics hold IMU readings, expected one: {listed}.*--imu TOPIC"
-    ):
+    with pytest.raises(RecordingError, match=rf"2 topics hold IMU readings, expected one: {listed}.*--imu TOPIC"):
         load_bag(path)
     with pytest.raises(RecordingError, match=r"2 topics hold reference poses.*/a .*/b .*--reference TOPIC"):
         load_bag(path, imu="/left/imu")
@@ -380,9 +365,7 @@ def test_joints_in_another_order(tmp_path: Path, other: list[Message], message: 
 
 
 def test_joints_of_several_robots_are_left_out(tmp_path: Path) -> None:
-    path = write_bag(
-        tmp_path, "mcap", imu_messages() + joint_messages("/a/joints") + joint_messages("/b/joints")
-    )
+    path = write_bag(tmp_path, "mcap", imu_messages() + joint_messages("/a/joints") + joint_messages("/b/joints"))
     got = load_bag(path)
     assert got.joints is None
     assert "left out, for /a/joints, /b/joints hold them" in str(got.findings[0])

@@ -50,9 +50,7 @@ def poses(n: int = 300, *, positions: bool = True, quaternions: bool = True) -> 
 
 
 def recording(**changes: object) -> Recording:
-    joints = JointAngles(
-        stamps(300, 20_000_000), np.random.default_rng(3).normal(size=(300, 6)), Path("joints")
-    )
+    joints = JointAngles(stamps(300, 20_000_000), np.random.default_rng(3).normal(size=(300, 6)), Path("joints"))
     fields = {"imu": imu(), "reference": poses(), "joints": joints, "settings": SETTINGS} | changes
     return Recording(Path("made"), **fields)
 
@@ -215,9 +213,7 @@ def test_the_chunk_that_was_being_written_is_all_a_cut_costs(written: Path, tmp_
             assert_same_poses(got.reference, want.reference, slice(m))
             assert got.settings == SETTINGS
             assert len(got.findings) == 1
-    assert "without a footer" in str(
-        load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset)).findings[0]
-    )
+    assert "without a footer" in str(load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset)).findings[0])
     beyond = load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset + 30)).findings[0]
     lasts = (chunks[2].message_end_time - chunks[2].message_start_time) * 1e-9
     assert f"byte {chunks[2].chunk_start_offset} of" in beyond.message
@@ -265,9 +261,7 @@ def test_definitions_lost_with_the_first_chunk_are_found_at_the_end(written: Pat
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
     got, want = load_bag(path), recording()
-    np.testing.assert_array_equal(
-        got.imu.stamps_ns, want.imu.stamps_ns[want.imu.stamps_ns > chunk.message_end_time]
-    )
+    np.testing.assert_array_equal(got.imu.stamps_ns, want.imu.stamps_ns[want.imu.stamps_ns > chunk.message_end_time])
     # Without the end they are gone for good.
     with pytest.raises(RecordingError, match=r"no IMU readings.*definition of"):
         load_bag(cut(path, tmp_path, len(content) * 3 // 4))

@@ -23,9 +23,7 @@ def recording(name: str = "pose0", *, positions: bool = True, quaternions: bool 
     accelerations = np.array([0.0, 0.0, 9.81]) + 0.1 * rng.normal(size=(N, 3))
     return Recording(
         Path("made"),
-        ImuSamples(
-            STAMPS, rng.normal(size=(N, 3)) * 10.0 ** rng.integers(-12, 2, (N, 3)), accelerations, Path("i")
-        ),
+        ImuSamples(STAMPS, rng.normal(size=(N, 3)) * 10.0 ** rng.integers(-12, 2, (N, 3)), accelerations, Path("i")),
         ReferencePoses(name, STAMPS, p if positions else None, q if quaternions else None, Path("p")),
         JointAngles(STAMPS, rng.normal(size=(N, 6)), Path("j")),
         RecordingSettings.model_validate({"site": {"latitude_deg": 49.3}, "robot": {"tcp": 'a "tool"'}}),
