@@ -16,6 +16,9 @@ from kreisel.synchronization.correlation import LARGEST_SKEW
 LARGEST_DOUBT = 0.15
 """Standard deviation of a gyro's sensitivity from which the motion is too poor to go on with."""
 
+LEAST_SENSITIVITY = 0.02
+"""Least stretch of the gyros' cross-coupling matrix; one of zero is an axis about which nothing turned."""
+
 LARGEST_TURN = 30.0
 """Degrees the accelerometers' axes may be turned against the gyros' before columns must be in disorder."""
 
@@ -68,17 +71,18 @@ def _check_gyros(preparation: Preparation) -> None:
             line=line,
         )
     doubt = fit.K_omega_sd.max(axis=0)
-    if doubt.max() > LARGEST_DOUBT:
-        axis = "xyz"[int(np.argmax(doubt))]
+    _, singular, axes = np.linalg.svd(fit.K_omega)
+    if doubt.max() > LARGEST_DOUBT or singular[-1] < LEAST_SENSITIVITY < singular[0] < 2.5:
+        axis = "xyz"[int(np.argmax(doubt if doubt.max() > LARGEST_DOUBT else np.abs(axes[-1])))]
         raise ExcitationError(
             f"{preparation.reference.source}: the motion is too poor: it tells the sensitivity of the gyro w_{axis} to "
-            f"{100 * doubt.max():.0f} % only, expected {100 * LARGEST_DOUBT:.0f} % or better. Turn about all three axes"
+            f"{100 * max(doubt.max(), 1.0 - singular[-1]):.0f} % only, expected {100 * LARGEST_DOUBT:.0f} % or better. "
+            "Turn about all three axes"
         )
-    singular = np.linalg.svd(fit.K_omega, compute_uv=False)
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
-            f"{1 / singular[-1]:.3g}, expected near 1: check the unit of the gyros; factors unlike each other speak "
+            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; factors unlike each other speak "
             "for poses of another run, or for a gyro that does not work",
             file=source,
             line=line,

@@ -251,11 +251,12 @@ def _refine(
     stacked = (A * root[..., None]).reshape(-1, columns)
     target = (residual * root).reshape(-1)
     normal = stacked.T @ stacked
-    solution = np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), stacked.T @ target)
+    normal += np.diag(1e-12 * np.diag(normal) + 1e-30)
+    solution = np.linalg.solve(normal, stacked.T @ target)
     left = target - stacked @ solution
     variance = float(left @ left / max(float(3 * weight.sum()) - columns, 1.0))
     # Neighbouring stretches overlap eightfold and share their noise.
-    covariance = 8.0 * variance * np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal)))
+    covariance = 8.0 * variance * np.linalg.inv(normal)
     K_new = K + solution[:9].reshape(3, 3)
     b_new = b + solution[9:12]
     skew_step = float(solution[13]) if skewed else 0.0
@@ -268,7 +269,7 @@ def _refine(
     total = float(np.sum(weight[:, None] * (seen.rotation - seen.rotation.mean(axis=0)) ** 2))
     return RateFit(
         K_omega=K_new,
-        k_w0=np.linalg.solve(K_new, b_new),
+        k_w0=np.linalg.lstsq(K_new, b_new, rcond=None)[0],  # an axis that never turned leaves K singular
         clock=clock,
         skewed=skewed,
         explained=1.0 - float(left @ left) / max(total, 1e-30),
