@@ -82,8 +82,8 @@ def _check_gyros(preparation: Preparation) -> None:
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
-            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; factors unlike each other "
-            "speak for poses of another run, or for a gyro that does not work",
+            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; factors unlike "
+            "each other speak for poses of another run, or for a gyro that does not work",
             file=source,
             line=line,
         )
