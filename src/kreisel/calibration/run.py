@@ -179,14 +179,15 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
 
     It pays where the estimates moved so far from where the pass began that what the sigma points leave of
     the model's curvature, about the square of the way, is not small against the standard deviation; and
-    where the first pass, whose gate stands wide, let in what the usual gate clearly would not.
+    where the first pass, whose gate stands wide, let in what the usual gate would not: grossly, or often.
     """
     if problem.settings.passes is not None:
         return done < problem.settings.passes
     if done >= MOST_PASSES:
         return False
-    let_in = run.history.used & (run.history.nis > 1.5 * chi2.ppf(GATE, run.history.degrees))
-    if done == 1 and (let_in.any() or problem.settings.polynomial_order > 1):
+    beyond = run.history.used * run.history.nis / chi2.ppf(GATE, run.history.degrees)
+    let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
+    if done == 1 and (let_in or problem.settings.polynomial_order > 1):
         return True
     layout = problem.layout
     angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}

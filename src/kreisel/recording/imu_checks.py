@@ -48,15 +48,13 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding
     _check_filled(imu)
     _check_gravity(imu)
     findings = []
-    for check in (_check_dead, _check_copies, _check_saturation, _check_steps):
+    for check in (_check_dead, _check_copies, _check_saturation, _check_steps, _check_frozen, _check_stuck):
         try:
             check(imu, values)
         except RecordingError as error:
             if moved:
                 raise
             findings.append(Finding("imu", error.message))
-    _check_frozen(values, imu.source)
-    _check_stuck(values, imu.source)
     imu, repeated = _without_repeats(imu, values)
     return imu, [*findings, *repeated]
 
@@ -158,8 +156,8 @@ def _usual(steps: Array, share: float) -> Array:
 def _check_saturation(imu: ImuSamples, values: Array) -> None:
     """Raise an error for a channel that stays at its extreme while it should go on.
 
-    A natural peak is approached ever more gently: over a plateau of n samples with digits of size d the
-    slope at its edges is at most about 4 d / n. A clipped one is entered steeply.
+    A natural peak is approached ever more gently: before a plateau of n samples, with digits of size d, the
+    slope is at most about 6 d / n. A clipped one is entered steeply.
     """
     steps = np.abs(np.diff(values, axis=0))
     digits = resolution(steps)
@@ -169,12 +167,14 @@ def _check_saturation(imu: ImuSamples, values: Array) -> None:
         for extreme, word in ((x.max(), "largest"), (x.min(), "smallest")):
             flat = (x == extreme) & ~resting
             starts, stops = runs(flat)
-            plateau = (stops - starts >= 3) & (starts >= 2)
+            longest = int((stops - starts).max(initial=0))
+            before = max(1, min(longest // 2, 20))
+            plateau = (stops - starts >= 3) & (starts > before)
             if int(flat.sum()) < 5 or not plateau.any():
                 continue
-            slope = float(np.median(np.abs(x[starts[plateau] - 1] - x[starts[plateau] - 2])))
-            longest = int((stops - starts).max())
-            if slope > max(3.0 * digits[channel], 2e-3 * float(np.std(x)), 12.0 * digits[channel] / longest):
+            edge = starts[plateau] - 1
+            slope = float(np.median(np.abs(x[edge] - x[edge - before]))) / before
+            if slope > max(12.0 * digits[channel] / longest, 2e-4 * float(np.std(x))):
                 raise fault(
                     imu.source,
                     f"{name} is saturated: it stays at its {word} value {extreme:.6g} for up to {longest} samples, "
@@ -221,8 +221,9 @@ def _stalls(values: Array) -> tuple[Indices, Indices, Array]:
     return starts, stops, np.abs(values[stops + 1] - values[stops])
 
 
-def _check_frozen(values: Array, source: Path) -> None:
+def _check_frozen(imu: ImuSamples, values: Array) -> None:
     """Raise an error where all channels freeze and then leap: a sensor at rest starts gently."""
+    source = imu.source
     starts, stops, leaps = _stalls(values)
     usual = np.percentile(np.abs(np.diff(values, axis=0)), 90, axis=0) + 1e-12
     frozen = (stops - starts >= _LONG_FREEZE) & ((leaps / usual).max(axis=1, initial=0.0) > 4.0)
@@ -237,26 +238,35 @@ def _check_frozen(values: Array, source: Path) -> None:
         )
 
 
-def _check_stuck(values: Array, source: Path) -> None:
-    """Raise an error for one channel that stays the same while the others go on."""
+def _check_stuck(imu: ImuSamples, values: Array) -> None:
+    """Raise an error for one channel that stays the same while the others go on.
+
+    Natural is that only where it hardly changes: at rest, or at the top of a peak, where after as many
+    samples again it has changed by nine digits at the most.
+    """
     steps = np.abs(np.diff(values, axis=0))
     digits, usual = resolution(steps), _usual(steps, 90.0)
     still = (steps == 0.0).all(axis=1)
     for channel, name in enumerate(CHANNELS):
+        x = values[:, channel]
         same = (steps[:, channel] == 0.0) & ~still
         starts, stops = runs(same)
-        long = stops - starts >= _STUCK
+        long = (stops - starts >= _STUCK) & (stops - starts < 0.99 * same.size)
         natural = float(np.mean(same)) - float(np.sum((stops - starts)[long])) / same.size
         for start, stop in zip(starts[long], stops[long], strict=True):
             leap = float(steps[stop, channel]) if stop < len(steps) else 0.0
             leaps = leap > max(4.0 * usual[channel], 5.0 * digits[channel])
+            around = int(min(stop - start, 200))
+            moved = max(
+                float(np.ptp(x[max(start - around, 0) : start + 1])), float(np.ptp(x[stop : stop + around + 1]))
+            )
             # a channel that hardly ever repeats itself does not do so twenty times in a row
-            if leaps or natural < 0.2:
+            if leaps or (natural < 0.2 and moved > 20.0 * digits[channel]):
                 ending = "then leaps" if leaps else "while the others go on"
                 raise fault(
-                    source,
-                    f"{name} stays at {values[start, channel]:.4g} for {stop - start + 1} samples, {ending}: "
-                    f"a stuck or dead channel; delete these {rows(source)}, and check the sensor",
+                    imu.source,
+                    f"{name} stays at {x[start]:.4g} for {stop - start + 1} samples, {ending}: a stuck or dead channel; "
+                    f"delete these {rows(imu.source)}, and check the sensor",
                     int(start) + 1,
                 )
 
