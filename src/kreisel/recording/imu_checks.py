@@ -265,8 +265,8 @@ def _check_stuck(imu: ImuSamples, values: Array) -> None:
                 ending = "then leaps" if leaps else "while the others go on"
                 raise fault(
                     imu.source,
-                    f"{name} stays at {x[start]:.4g} for {stop - start + 1} samples, {ending}: a stuck or dead channel; "
-                    f"delete these {rows(imu.source)}, and check the sensor",
+                    f"{name} stays at {x[start]:.4g} for {stop - start + 1} samples, {ending}: a stuck or dead "
+                    f"channel; delete these {rows(imu.source)}, and check the sensor",
                     int(start) + 1,
                 )
 

@@ -1,0 +1,96 @@
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.errors import SynchronizationError
+from kreisel.recording import ImuSamples, Recording, ReferencePoses
+from kreisel.simulation import simulate
+from kreisel.synchronization import Clock, correlate
+
+TRUE_OFFSET = 0.0271
+
+
+@cache
+def simulated() -> Recording:
+    return simulate(np.random.default_rng(1), 40.0, Path("run"))[1]
+
+
+def samples(imu: ImuSamples, keep: object) -> ImuSamples:
+    return replace(imu, stamps_ns=imu.stamps_ns[keep], rates=imu.rates[keep], accelerations=imu.accelerations[keep])
+
+
+def offset(imu: ImuSamples, reference: ReferencePoses) -> float:
+    clock = correlate(imu, reference).clock
+    return clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
+
+
+def test_clocks_go_there_and_back() -> None:
+    clock, tau = Clock(1.5, -0.003), np.array([0.0, 1.0, 100.0])
+    np.testing.assert_allclose(clock.imu_time(tau), [1.5, 2.497, 101.2])
+    np.testing.assert_allclose(clock.reference_time(clock.imu_time(tau)), tau, atol=1e-13)
+    assert clock.offset(5_000_000_000, 2_000_000_000) == pytest.approx(4.5)
+
+
+def test_the_offset_is_found_to_a_hundredth_of_a_second() -> None:
+    r = simulated()
+    assert offset(r.imu, r.reference) == pytest.approx(TRUE_OFFSET, abs=0.01)
+
+
+@pytest.mark.parametrize("shift", [-1e9, -30.0, 12.3, 1.7e9])
+def test_clocks_of_any_origin(shift: float) -> None:
+    r = simulated()
+    reference = replace(r.reference, stamps_ns=r.reference.stamps_ns - round(shift * 1e9))
+    assert offset(r.imu, reference) - shift == pytest.approx(TRUE_OFFSET, abs=0.01)
+
+
+@pytest.mark.parametrize("skew", [-0.01, -0.003, 0.004, 0.01])
+def test_clocks_of_other_rates(skew: float) -> None:
+    r = simulated()
+    stamps = r.reference.stamps_ns
+    slower = stamps[0] + np.round((stamps - stamps[0]) / (1.0 + skew)).astype(np.int64)
+    found = correlate(r.imu, replace(r.reference, stamps_ns=slower))
+    assert found.clock.skew == pytest.approx(skew, abs=5e-4)
+    assert found.coefficient > 0.99
+
+
+@pytest.mark.parametrize(("first", "last", "low", "high"), [(0.0, 25.0, 8.0, 40.0), (10.0, 40.0, 0.0, 24.0)])
+def test_recordings_that_overlap_in_part(first: float, last: float, low: float, high: float) -> None:
+    """The whole of neither fits anywhere so well as the common part where it belongs."""
+    r = simulated()
+    imu = samples(r.imu, (r.imu.seconds >= first) & (r.imu.seconds <= last))
+    reference = r.reference.part((r.reference.seconds >= low) & (r.reference.seconds <= high))
+    assert offset(imu, reference) == pytest.approx(TRUE_OFFSET, abs=0.01)
+
+
+@pytest.mark.parametrize("stream", ["imu", "reference"])
+@pytest.mark.parametrize("gap", [(20.0, 20.5), (14.0, 24.0)])
+def test_gaps_say_nothing(stream: str, gap: tuple[float, float]) -> None:
+    r = simulated()
+    imu, reference = r.imu, r.reference
+    if stream == "imu":
+        imu = samples(imu, (imu.seconds < gap[0]) | (imu.seconds > gap[1]))
+    else:
+        reference = reference.part((reference.seconds < gap[0]) | (reference.seconds > gap[1]))
+    assert offset(imu, reference) == pytest.approx(TRUE_OFFSET, abs=0.01)
+    assert correlate(imu, reference).coefficient > 0.999
+
+
+@pytest.mark.parametrize("half", ["quaternions", "positions"])
+def test_a_reference_at_rest_is_refused(half: str) -> None:
+    r = simulated()
+    still = {name: np.repeat(getattr(r.reference, name)[:1], r.reference.stamps_ns.size, axis=0) for name in
+             ("quaternions", "positions")}  # fmt: skip
+    still[half] = None
+    with pytest.raises(SynchronizationError, match="does not move"):
+        correlate(r.imu, replace(r.reference, **still))
+
+
+def test_what_has_nothing_in_common_is_refused_with_the_coefficient() -> None:
+    r = simulated()
+    noise = np.random.default_rng(4).normal(0.0, 0.3, r.imu.rates.shape)
+    with pytest.raises(SynchronizationError, match=r"best correlation .* is -?0\.\d\d, expected 0\.6 or more") as error:
+        correlate(replace(r.imu, rates=noise), r.reference)
+    assert error.value.correlation < 0.6
