@@ -98,18 +98,11 @@ def _check_gyros(preparation: Preparation) -> None:
 
 def _check_clocks(preparation: Preparation) -> None:
     fit, source = preparation.rate_fit, preparation.reference.source
-    if abs(fit.clock.skew) > LARGEST_SKEW + 5.0 * fit.clock.skew_sd:
-        raise SynchronizationError(
-            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 1 % at the "
-            "most: look for lost samples, or stamps counted up at a wrong rate"
-        )
-    tau, shift, sd = fit.wander.T
     # stamps rounded to a unit are off by that much here and there, and not at random
     limit = max(LARGEST_WANDER, 2.0 * 12.0**0.5 * preparation.noise.stamp)
+    tau, shift, sd = fit.wander.T
     told = (sd < 0.5 * limit) & np.isfinite(shift)
-    if told.sum() < 3:
-        return
-    off = shift - float(np.median(shift[told]))
+    off = shift - float(np.median(shift[told])) if told.sum() > 2 else np.zeros(shift.size)
     bad = np.isfinite(off) & (np.abs(off) > limit) & (np.abs(off) > 10.0 * sd)
     if bad.any():
         k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
@@ -117,6 +110,11 @@ def _check_clocks(preparation: Preparation) -> None:
             f"{source}: the clocks do not keep step: {tau[k]:.0f} s after the first pose they are {1e3 * off[k]:+.0f} "
             f"ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole. Samples were lost without a gap in "
             "their stamps, or a clock was set; split the recording there"
+        )
+    if abs(fit.clock.skew) > LARGEST_SKEW + 5.0 * fit.clock.skew_sd:
+        raise SynchronizationError(
+            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 1 % at the "
+            "most: look for lost samples, or stamps counted up at a wrong rate"
         )
 
 

@@ -25,6 +25,7 @@ LEAST_CORRELATION = 0.6
 
 _COARSE_POINTS = 12000
 _SURE = 0.97
+_SURE_IN_PART = 0.93
 _LEAST_OVERLAP = 0.25
 _GAP = 0.3
 
@@ -79,7 +80,8 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     if not final >= _SURE:
         part = _track(x, y, _search_part(x, y))
         better = _coefficient(x, y, part)
-        if not final >= better:
+        # a short stretch fits many a place fairly well
+        if better >= _SURE_IN_PART and not final >= better:
             clock, final = part, better
     if not final >= LEAST_CORRELATION:
         raise SynchronizationError(
@@ -263,14 +265,14 @@ def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
 
 
 def _polish(x: _Norm, y: _Norm, clock: Clock) -> Clock:
-    found = _local_shift(x, y, clock, y.stamps, 0.5)
+    found = _local_shift(x, y, clock, y.stamps[np.isfinite(x.at(clock.imu_time(y.stamps)))], 0.5)
     return clock if found is None else Clock(clock.start + found[0], clock.skew, 0.01, 0.0)
 
 
 def _local_shift(x: _Norm, y: _Norm, clock: Clock, tau: Array, reach: float) -> tuple[float, float] | None:
     """Return the shift near a guess that fits a window best, and the coefficient there."""
     yv = y.at(tau)
-    if not np.isfinite(yv).all() or np.std(yv) < 1e-2:
+    if not yv.size or not np.isfinite(yv).all() or np.std(yv) < 1e-2:
         return None
     shifts = np.arange(-reach, reach + 1e-9, x.step)
     base = clock.imu_time(tau)
