@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from kreisel._kernels.compilation import kernel
+from kreisel._kernels.preintegration import direction_cosines
 from kreisel._kernels.rotation import rotate, turn
 
 
@@ -31,8 +34,35 @@ def multiply(a, b, out):
 
 
 @kernel
-def compose(duration, dq, dv, dp, gravity, earth_rate, q, v, p):
+def gather(points, columns, source, known, out):
+    """Write rows `source` of the chosen columns of points (size, M) to out (e, m); known (e,) where source is -1."""
+    for e in range(out.shape[0]):
+        for s in range(out.shape[1]):
+            out[e, s] = known[e] if source[e] < 0 else points[source[e], columns[s]]
+
+
+@kernel
+def environment(level, down, q_rn, north, magnitude, gravity, earth_rate):
+    """Write gravity and Earth rate in r, (3, m).
+
+    level, down: components of Earth rate; q_rn (4, m), north (2, m), magnitude (m,).
+    """
+    for s in range(gravity.shape[1]):
+        gravity[0, s] = 0.0
+        gravity[1, s] = 0.0
+        gravity[2, s] = magnitude[s]
+        earth_rate[0, s] = level * north[0, s]
+        earth_rate[1, s] = level * north[1, s]
+        earth_rate[2, s] = down
+    rotate(q_rn, gravity, gravity)
+    rotate(q_rn, earth_rate, earth_rate)
+
+
+@kernel
+def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
     """Carry attitude, velocity and position (columns, in place) over the preintegrated interval.
+
+    which (m,): the column of dq, dv, dp each state moves by.
 
     Solves v' = C f + g - 2 Omega x v with gravity g and Earth rate Omega constant in r. With E the turn of
     r during the interval and y the displacement seen from where r stood at its beginning,
@@ -48,15 +78,22 @@ def compose(duration, dq, dv, dp, gravity, earth_rate, q, v, p):
     y_dot = np.empty((3, m))
     turned = np.empty((4, m))
     E = np.zeros((4, m))
+    dq_own = np.empty((4, m))
     for s in range(m):
+        j = which[s]
+        for i in range(4):
+            dq_own[i, s] = dq[i, j]
+        for i in range(3):
+            y_dot[i, s] = dv[i, j]
+            y[i, s] = dp[i, j]
         for i in range(3):
             w[i, s] = -earth_rate[i, s] * T
         E[0, s] = 1.0
     turn(E, w, 1.0)
     cross(earth_rate, gravity, wg)
     cross(earth_rate, wg, wwg)
-    rotate(q, dv, y_dot)
-    rotate(q, dp, y)
+    rotate(q, y_dot, y_dot)
+    rotate(q, y, y)
     for i in range(3):
         for s in range(m):
             y_dot[i, s] += v[i, s] + T * (gravity[i, s] + T / 2.0 * (wg[i, s] + T / 3.0 * wwg[i, s]))
@@ -71,14 +108,17 @@ def compose(duration, dq, dv, dp, gravity, earth_rate, q, v, p):
         for s in range(m):
             p[i, s] += y[i, s]
     multiply(E, q, turned)
-    multiply(turned, dq, q)
+    multiply(turned, dq_own, q)
 
 
 @kernel
-def pose_at(dt, dt_before, dt_after, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out):
+def pose_at(
+    dt, dt_before, dt_after, which, first, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out
+):  # fmt: skip
     """Write attitude and position a moment dt after the last sample, |dt| at most a sampling interval.
 
     dt (m,); q, v, p stand at the last sample, q_first at the first; u_end as `preintegrate` writes it.
+    which (m,): each state's column of omega, alpha, u_end; first (m,): its column of q_first.
     dt_before and dt_after are the sampling intervals on either side of the last sample.
     """
     m = q.shape[1]
@@ -87,21 +127,25 @@ def pose_at(dt, dt_before, dt_after, q_first, omega, alpha, u_end, gravity, eart
     slope = np.empty((3, m))
     accel = np.empty((3, m))
     coriolis = np.empty((3, m))
+    begin = np.empty((4, m))
     span = dt_before + dt_after
     for s in range(m):
+        for i in range(4):
+            begin[i, s] = q_first[i, first[s]]
         back[0, s] = q[0, s]
         for i in range(3):
             back[i + 1, s] = -q[i + 1, s]
     rotate(back, earth_rate, theta)
     for i in range(3):
         for s in range(m):
-            theta[i, s] = (omega[i, s] - theta[i, s] + 0.5 * alpha[i, s] * dt[s]) * dt[s]
-            before = (u_end[1, i, s] - u_end[0, i, s]) / dt_before
-            after = (u_end[2, i, s] - u_end[1, i, s]) / dt_after
+            j = which[s]
+            theta[i, s] = (omega[i, j] - theta[i, s] + 0.5 * alpha[i, j] * dt[s]) * dt[s]
+            before = (u_end[1, i, j] - u_end[0, i, j]) / dt_before
+            after = (u_end[2, i, j] - u_end[1, i, j]) / dt_after
             slope[i, s] = (before * dt_after + after * dt_before) / span
-            accel[i, s] = u_end[1, i, s]
-    rotate(q_first, slope, slope)
-    rotate(q_first, accel, accel)
+            accel[i, s] = u_end[1, i, j]
+    rotate(begin, slope, slope)
+    rotate(begin, accel, accel)
     cross(earth_rate, v, coriolis)
     for i in range(3):
         for s in range(m):
@@ -109,3 +153,44 @@ def pose_at(dt, dt_before, dt_after, q_first, omega, alpha, u_end, gravity, eart
             p_out[i, s] = p[i, s] + dt[s] * (v[i, s] + dt[s] / 2.0 * (a + dt[s] / 3.0 * slope[i, s]))
     q_out[:] = q
     turn(q_out, theta, 1.0)
+
+
+@kernel
+def navigation_noise(Q, q_first, dq, out):
+    """Write the lower triangular factor (9, 9) of noise in velocity, position and attitude, in r, r and b.
+
+    Q (9, 9): covariance of attitude, velocity and position as `preintegration.noise_covariance` writes it.
+    """
+    C = np.empty((3, 3))
+    D = np.empty((3, 3))
+    T = np.zeros((9, 9))
+    direction_cosines(q_first, C)
+    direction_cosines(dq, D)
+    for i in range(3):
+        for j in range(3):
+            T[i, 3 + j] = C[i, j]
+            T[3 + i, 6 + j] = C[i, j]
+            T[6 + i, j] = D[j, i]
+    TQ = np.zeros((9, 9))
+    P = np.zeros((9, 9))
+    for i in range(9):
+        for k in range(9):
+            if T[i, k] != 0.0:
+                for j in range(9):
+                    TQ[i, j] += T[i, k] * Q[k, j]
+    for i in range(9):
+        for j in range(9):
+            for k in range(9):
+                P[i, j] += TQ[i, k] * T[j, k]
+    out[:] = 0.0
+    for j in range(9):
+        left = P[j, j]
+        for k in range(j):
+            left -= out[j, k] * out[j, k]
+        # velocity and position noise are nearly the same thing over one sample
+        out[j, j] = math.sqrt(max(left, 1e-13 * P[j, j], 1e-300))
+        for i in range(j + 1, 9):
+            total = P[i, j]
+            for k in range(j):
+                total -= out[i, k] * out[j, k]
+            out[i, j] = total / out[j, j]

@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.derived import derive
+from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.observability import Observability, observability
 from kreisel.calibration.parameters import GROUPS, SENSOR_GROUPS, CellParameters
 from kreisel.calibration.plausibility import check_first_values
@@ -22,7 +23,6 @@ from kreisel.calibration.setup import Preparation, build_problem, prepare_record
 from kreisel.calibration.verdict import Consistency, Verdict, consistency, judge
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import compile_kernels
 from kreisel.recording import Finding, Recording
 from kreisel.synchronization import Clock
 

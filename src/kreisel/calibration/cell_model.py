@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels import composition, rotation
-from kreisel.calibration.parameters import GROUPS, CellParameters, sensor_columns
+from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, Update
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array, conjugate, matrix
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial import strapdown
 from kreisel.inertial.strapdown import Increment, SensorColumns
 
@@ -27,7 +27,17 @@ class CellModel:
     def __init__(self, problem: Problem, known: CellParameters) -> None:
         self.problem = problem
         self.layout: StateLayout = problem.layout
-        self._known = {group: known.stored(group)[:, None] for group in GROUPS}
+        self._known = {group: known.stored(group) for group in GROUPS}
+        self._gyro = _Rows(self, [g for g in GROUPS if g.startswith("gyro")])
+        self._accel = _Rows(self, [g for g in GROUPS if g.startswith("accel") or g == "lever_arms"])
+        self._surroundings = _Rows(self, ["alignment", "north", "gravity", "time_offset", "time_skew"])
+        n, g, s = self.layout.degrees, problem.gyro_degrees, problem.sensor_degrees
+        # Sigma points that do not touch the gyros' parameters turn as the centre does.
+        turning = [0, *range(1, g + 1), *range(n + 1, n + g + 1)]
+        sharing = [*range(g + 1, s + 1), *range(n + g + 1, n + s + 1)]
+        self._turning, self._distinct = np.array(turning), np.array(turning + sharing)
+        self._which = np.zeros(2 * n + 1, dtype=np.int64)
+        self._which[self._distinct] = np.arange(self._distinct.size)
         self._update: Update
         self._columns: SensorColumns
         self._increment: Increment
@@ -40,7 +50,7 @@ class CellModel:
     def values(self, points: Array) -> dict[str, Array]:
         """Return every group's stored numbers (size, points), estimated or known."""
         return {
-            group: points[self.layout.stored(group)] if group in self.layout else known
+            group: points[self.layout.stored(group)] if group in self.layout else known[:, None]
             for group, known in self._known.items()
         }
 
@@ -51,115 +61,77 @@ class CellModel:
 
     def propagate(self, points: Array) -> Array:
         """Return the sigma points at the update; only distinct sensor parameters are integrated."""
-        p, n, s = self.problem, self.layout.degrees, self.problem.sensor_degrees
-        distinct = np.concatenate([[0], np.arange(1, s + 1), np.arange(n + 1, n + s + 1)])
-        which = np.zeros(points.shape[1], dtype=np.int64)
-        which[distinct] = np.arange(distinct.size)
+        p, u = self.problem, self._update
+        gyro, accel = self._gyro.of(points, self._turning), self._accel.of(points, self._distinct)
+        order = p.settings.polynomial_order
         self._columns = SensorColumns.stack(
-            p.settings.size_effect, *sensor_columns(self.values(points[:, distinct]), p.settings.polynomial_order)
+            p.settings.size_effect,
+            gyro[:9].reshape(3, 3, -1),
+            gyro[9:].reshape(order, 3, -1),
+            accel[:9].reshape(3, 3, -1),
+            accel[9:-9].reshape(order, 3, -1),
+            accel[-9:].reshape(3, 3, -1),
         )
-        step = strapdown.preintegrate(
-            p.signal, self._update.first, self._update.last, self._columns, p.settings.size_effect
-        )
-        self._increment = step.spread(which)
+        step = self._increment = strapdown.preintegrate(p.signal, u.first, u.last, self._columns)
         out = points.copy()
-        q, v, r = (
-            np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position")
-        )
+        q, v, r = (out[self.layout.stored(name)] for name in ("attitude", "velocity", "position"))
         self._q_first = q.copy()
-        gravity, earth_rate = self._environment(points)
-        composition.compose(
-            step.duration, self._increment.dq, self._increment.dv, self._increment.dp, gravity, earth_rate, q, v, r
-        )
-        out[self.layout.stored("attitude")] = q
-        out[self.layout.stored("velocity")] = v
-        out[self.layout.stored("position")] = r
+        gravity, earth_rate, _ = self._environment(points)
+        composition.compose(step.duration, self._which, step.dq, step.dv, step.dp, gravity, earth_rate, q, v, r)
         return out
 
-    def _environment(self, points: Array) -> tuple[Array, Array]:
-        """Return gravity and Earth rate in r, (3, points) each."""
-        values = self.values(points)
+    def _environment(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return gravity and Earth rate in r, (3, points) each, and where the reference's stamp lies, IMU seconds."""
         m = points.shape[1]
-        q_rn = _columns(values["alignment"], m)
-        gravity, earth_rate = np.zeros((3, m)), np.zeros((3, m))
-        gravity[2] = values["gravity"]
-        rotation.rotate(q_rn, gravity, gravity)
-        if self.problem.site.earth_rate_n is not None:
-            level, _, down = self.problem.site.earth_rate_n
-            earth_rate[:2] = level * values["north"]
-            earth_rate[2] = down
-            rotation.rotate(q_rn, earth_rate, earth_rate)
-        return gravity, earth_rate
+        values = self._surroundings.of(points, np.arange(m))
+        gravity, earth_rate = np.empty((3, m)), np.empty((3, m))
+        rate = self.problem.site.earth_rate_n
+        level, down = (0.0, 0.0) if rate is None else (float(rate[0]), float(rate[2]))
+        composition.environment(level, down, values[:4], values[4:6], values[6], gravity, earth_rate)
+        return gravity, earth_rate, values[7] + (1.0 + values[8]) * self._update.tau
 
-    def process_noise(self, centre: Array) -> Array:  # noqa: ARG002 - the increment already stands for it
-        """Return the factor of sensor noise in velocity, position and attitude, and of offsets that walk."""
-        p, u = self.problem, self._update
-        Q = strapdown.noise_covariance(p.signal, u.first, u.last, self._increment, self._columns)
-        C_first = matrix(self._q_first[:, 0])
-        back = matrix(conjugate(self._increment.dq[:, 0]))
-        T = np.zeros((9, 9))
-        T[0:3, 3:6] = C_first
-        T[3:6, 6:9] = C_first
-        T[6:9, 0:3] = back
-        Q = T @ Q @ T.T
-        scale = np.sqrt(np.maximum(np.diag(Q), 1e-300))
-        L = np.linalg.cholesky(Q / np.outer(scale, scale) + 1e-13 * np.eye(9))
-        walks = [name for name, density in p.offset_walk.items() if density > 0.0 and name in self.layout]
-        factor = np.zeros((self.layout.degrees, 9 + 3 * len(walks)))
-        factor[-9:, :9] = scale[:, None] * L
-        for i, name in enumerate(walks):
-            step = p.offset_walk[name] * np.sqrt(self._increment.duration)
-            factor[self.layout[name], 9 + 3 * i : 12 + 3 * i] = step * np.eye(3)
+    def process_noise(self) -> Array:
+        """Return the factor of sensor noise in velocity, position and attitude."""
+        u, step = self._update, self._increment
+        Q = strapdown.noise_covariance(self.problem.signal, u.first, u.last, step, self._columns)
+        factor = np.empty((9, 9))
+        composition.navigation_noise(Q, self._q_first[:, 0].copy(), step.dq[:, 0].copy(), factor)
         return factor
 
-    def observe(self, points: Array) -> Array:
-        """Return the measurements the points predict, as distances from that of the first point."""
+    def observe(self, points: Array) -> tuple[Array, Array]:
+        """Return the poses the points predict, and the reference's, as distances from that of the first point."""
+        reference, u = self.problem.reference, self._update
         q, p, v = self._pose(points)
-        rows = []
-        if self.problem.reference.positions is not None:
-            rows.append(p - p[:, :1])
-        if self.problem.reference.quaternions is not None:
-            turned = np.empty((3, q.shape[1]))
-            rotation.minus(q, q[:, :1].copy(), turned)
-            rows.append(turned)
-        if self._update.rest is not None:
-            rows.append(v - v[:, :1])
-        return np.vstack(rows)
-
-    def innovation(self, centre: Array) -> Array:
-        """Return the measurement's distance from what the state predicts."""
-        q, p, v = self._pose(centre[:, None])
-        reference, pose = self.problem.reference, self._update.pose
-        rows = []
+        rows, measured = [], []
         if reference.positions is not None:
-            rows.append(reference.positions[pose] - p[:, 0])
+            rows.append(p - p[:, :1])
+            measured.append(reference.positions[u.pose] - p[:, 0])
         if reference.quaternions is not None:
-            turned = np.empty((3, 1))
-            rotation.minus(reference.quaternions[pose][:, None].copy(), q, turned)
-            rows.append(turned[:, 0])
-        if self._update.rest is not None:
-            rows.append(-v[:, 0])
-        return np.concatenate(rows)
+            centre, both = q[:, :1].copy(), np.empty((3, q.shape[1] + 1))
+            rotation.minus(np.column_stack([q, reference.quaternions[u.pose]]), centre, both)
+            rows.append(both[:, :-1])
+            measured.append(both[:, -1])
+        if u.rest is not None:
+            rows.append(v - v[:, :1])
+            measured.append(-v[:, 0])
+        return np.vstack(rows), np.concatenate(measured)
 
     def _pose(self, points: Array) -> tuple[Array, Array, Array]:
         """Return attitude, position and velocity the reference should show, at its own time."""
         signal, last, step = self.problem.signal, self._update.last, self._increment
         m = points.shape[1]
         # points beyond the sigma points (process noise) share the centre's sensor parameters
-        which = np.where(np.arange(m) < step.dq.shape[1], np.arange(m), 0)
-        values = self.values(points)
-        t = values["time_offset"][0] + (1.0 + values["time_skew"][0]) * self._update.tau
-        dt = np.full(m, t - signal.stamps[last])
-        q, v, p = (
-            np.ascontiguousarray(points[self.layout.stored(name)]) for name in ("attitude", "velocity", "position")
-        )
-        gravity, earth_rate = self._environment(points)
+        which, first = np.zeros((2, m), dtype=np.int64)
+        which[: self._which.size] = self._which
+        first[: self._which.size] = np.arange(self._which.size)
+        gravity, earth_rate, t = self._environment(points)
+        q, v, p = (points[self.layout.stored(name)] for name in ("attitude", "velocity", "position"))
         q_out, p_out = np.empty((4, m)), np.empty((3, m))
-        q_first, omega, alpha, u_end = (
-            np.take(a, which, axis=-1) for a in (self._q_first, step.omega_end, step.alpha_end, step.u_end)
-        )
         before, after = np.diff(signal.stamps[last - 1 : last + 2])
-        composition.pose_at(dt, before, after, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out)
+        composition.pose_at(
+            t - signal.stamps[last], before, after, which, first, self._q_first, step.omega_end, step.alpha_end,
+            step.u_end, gravity, earth_rate, q, v, p, q_out, p_out,
+        )  # fmt: skip
         if self._update.rest is not None and "rest_position" in self.layout:
             p_out += points[self.layout.stored("rest_position")]
             turned = points[self.layout.stored("rest_orientation")]
@@ -194,8 +166,19 @@ class CellModel:
         return np.asarray(p.K_omega @ x)
 
 
-def _columns(stored: Array, m: int) -> Array:
-    """Return stored numbers (size, 1 or m) with one contiguous column for each of m points."""
-    if stored.shape[1] == m:
-        return np.ascontiguousarray(stored)
-    return np.repeat(stored, m, axis=1)
+class _Rows:
+    """Stored numbers of some groups for many points: those of the state, or the known ones."""
+
+    def __init__(self, model: CellModel, groups: list[str]) -> None:
+        layout, known = model.layout, model._known
+        source = [
+            np.arange(layout.size)[layout.stored(g)] if g in layout else np.full(known[g].size, -1) for g in groups
+        ]
+        self._source = np.concatenate(source).astype(np.int64)
+        self._known = np.concatenate([known[g] for g in groups])
+
+    def of(self, points: Array, columns: Indices) -> Array:
+        """Return the numbers (size, columns) of the chosen points."""
+        out = np.empty((self._source.size, columns.size))
+        composition.gather(points, columns, self._source, self._known, out)
+        return out

@@ -140,6 +140,7 @@ def run_filter(
         if item.new_rest and "rest_position" in layout:
             belief = _renew_rest(problem, belief)
         model.aim(item)
+        belief = _walked(problem, belief, item)
         factor = model.measurement_factor(belief.mean)
         prediction = spkf.predict(layout, belief, model, w, factor, problem.changing)
         whitened = prediction.normalised_innovation
@@ -200,6 +201,15 @@ def _renew_rest(problem: Problem, belief: Belief) -> Belief:
         ("rest_orientation", noise.standstill_orientation),
     ):
         belief = spkf.renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
+    return belief
+
+
+def _walked(problem: Problem, belief: Belief, item: Update) -> Belief:
+    """Return the belief with the random walks of offsets that come before an update."""
+    for name, density in problem.offset_walk.items():
+        if density > 0.0 and name in problem.layout:
+            elapsed = float(problem.signal.stamps[item.last] - problem.signal.stamps[item.first])
+            belief = spkf.widen(problem.layout, belief, name, density * elapsed**0.5)
     return belief
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from kreisel.estimation.state import Part
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import SensorColumns
 
 GROUPS = {
     "gyro_cross_coupling": "K_omega: scale, misalignment and mounting of the gyros",
@@ -141,35 +140,3 @@ def parameter_names(group: str, order: int) -> tuple[str, ...]:
         "time_offset": ("timing.offset",),
         "time_skew": ("timing.skew",),
     }[group]
-
-
-def sensor_columns(values: dict[str, Array], order: int) -> tuple[Array, ...]:
-    """Return K_omega, k_w, K_a, k_a and lever arms with sigma points last, from stored numbers (size, m)."""
-    m = max(value.shape[1] for value in values.values())
-
-    def matrix(name: str) -> Array:
-        return np.broadcast_to(values[name], (9, m)).reshape(3, 3, m)
-
-    def coefficients(sensor: str) -> Array:
-        offset = np.broadcast_to(values[f"{sensor}_offset"], (3, m)).reshape(1, 3, m)
-        higher = np.broadcast_to(values[f"{sensor}_polynomial"], (3 * (order - 1), m)).reshape(order - 1, 3, m)
-        return np.concatenate([offset, higher])
-
-    return (
-        matrix("gyro_cross_coupling"),
-        coefficients("gyro"),
-        matrix("accel_cross_coupling"),
-        coefficients("accel"),
-        matrix("lever_arms"),
-    )
-
-
-__all__ = [
-    "GROUPS",
-    "SENSOR_GROUPS",
-    "CellParameters",
-    "SensorColumns",
-    "group_part",
-    "parameter_names",
-    "sensor_columns",
-]

@@ -112,6 +112,11 @@ class Problem:
         return sum(part.degrees for part in self.layout if part.name in SENSOR_GROUPS)
 
     @property
+    def gyro_degrees(self) -> int:
+        """Degrees of freedom of the gyros' parameters, before all others."""
+        return sum(part.degrees for part in self.layout if part.name.startswith("gyro"))
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
         """Name of every estimated parameter, one for each of its degrees of freedom."""
         names: list[str] = []

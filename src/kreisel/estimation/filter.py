@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import lapack
 
+from kreisel._kernels import triangular
 from kreisel.estimation.sigma_points import SigmaWeights
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
@@ -46,14 +47,11 @@ class Transition(Protocol):
     def propagate(self, points: Array) -> Array:
         """Return sigma points (size, 2 n + 1) at the update; parameters unchanged."""
 
-    def process_noise(self, centre: Array) -> Array:
-        """Return a factor (degrees, k) of the noise covariance at the update, about the centre."""
+    def process_noise(self) -> Array:
+        """Return a factor (changing, k) of the noise covariance at the update, about the centre."""
 
-    def observe(self, points: Array) -> Array:
-        """Return predicted measurements as distances (m, points) from that of the first point."""
-
-    def innovation(self, centre: Array) -> Array:
-        """Return the distance (m,) of the measurement from that predicted for a state (size,)."""
+    def observe(self, points: Array) -> tuple[Array, Array]:
+        """Return predicted measurements (m, points) and the measurement (m,), as distances from the first point's."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,12 @@ class Prediction:
 
     Attributes
     ----------
-    mean, columns
-        The predicted mean, and columns (degrees, k) whose outer products make up its covariance.
+    mean
+        The predicted mean.
+    prior : Belief
+        The belief before the step.
+    columns : (changing, n), (changing, k)
+        What has become of the changing degrees of freedom: first-order columns, and further ones.
     innovation, innovation_factor : (m,), (m, m)
         Measurement less its prediction, and the lower triangular factor of its covariance.
     gain_factor : (degrees, m)
@@ -73,7 +75,8 @@ class Prediction:
     """
 
     mean: Array
-    columns: Array
+    prior: Belief
+    columns: tuple[Array, Array]
     innovation: Array
     innovation_factor: Array
     gain_factor: Array
@@ -82,29 +85,34 @@ class Prediction:
     @property
     def belief(self) -> Belief:
         """The predicted belief, for when the measurement is not used."""
-        return Belief(self.mean, triangularise(self.columns))
+        first, further = self.columns
+        _, _, factor = _condition(first, self.prior.factor, np.ascontiguousarray(further.T), 0)
+        return Belief(self.mean, factor)
 
     @property
     def normalised_innovation(self) -> Array:
         """Innovation whitened by its covariance, (m,); its squared length is the NIS."""
-        return np.asarray(solve_triangular(self.innovation_factor, self.innovation, lower=True, check_finite=False))
+        x, _ = lapack.dtrtrs(self.innovation_factor, self.innovation, lower=1)
+        return np.asarray(x)
 
 
 def triangularise(columns: Array) -> Array:
     """Return the lower triangular L (n, n) with L L^T = columns columns^T, for columns (n, k)."""
-    n = columns.shape[0]
-    if columns.shape[1] < n:
-        columns = np.hstack([columns, np.zeros((n, n - columns.shape[1]))])
-    qr, _, _, _ = lapack.dgeqrf(columns.T)
-    upper = np.triu(qr[:n])
-    return np.asarray(upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0))
+    n, k = columns.shape
+    rows = np.zeros((max(n, k), n))
+    rows[:k] = columns.T
+    triangular.triangularise(rows)
+    return rows[:n].T.copy()
 
 
 def draw(layout: StateLayout, belief: Belief, w: SigmaWeights) -> Array:
     """Return the sigma points (size, 2 n + 1): centre, then all in plus, then all in minus direction."""
-    spread = w.spread * belief.factor
-    zero = np.zeros((layout.degrees, 1))
-    return layout.plus(belief.mean, np.hstack([zero, spread, -spread]))
+    n = layout.degrees
+    change = np.empty((n, 2 * n + 1))
+    change[:, 0] = 0.0
+    np.multiply(belief.factor, w.spread, out=change[:, 1 : n + 1])
+    np.negative(change[:, 1 : n + 1], out=change[:, n + 1 :])
+    return layout.plus(belief.mean, change)
 
 
 def predict(
@@ -127,40 +135,51 @@ def predict(
         Degrees of freedom, at the end of the layout, that change between updates.
     """
     n = layout.degrees
-    held = n - changing
+    moving = layout.tail(changing)
     points = transition.propagate(draw(layout, belief, w))
-    centre = points[:, 0].copy()
-    noise = transition.process_noise(centre)
-    distance = _changing_distance(layout, points, centre, held)
+    centre, at = points[:, 0].copy(), layout.size - moving.size
 
     # Process noise is put in as further, linearised sigma points.
+    noise = transition.process_noise()
     k = noise.shape[1]
-    seen = transition.observe(np.hstack([points, layout.plus(centre, np.hstack([noise, -noise]))]))
-    seen_noise = 0.5 * (seen[:, 2 * n + 1 : 2 * n + 1 + k] - seen[:, 2 * n + 1 + k :])
-    first, curved, shift = _recombine(np.vstack([seen[:, : 2 * n + 1], distance]), n, w)
+    all_points = np.empty((layout.size, 2 * n + 1 + 2 * k))
+    all_points[:, : 2 * n + 1] = points
+    all_points[:at, 2 * n + 1 :] = centre[:at, None]
+    all_points[at:, 2 * n + 1 :] = moving.plus(centre[at:], np.hstack([noise, -noise]))
+    seen, innovation = transition.observe(all_points)
     m = seen.shape[0]
-    curved = triangularise(curved)
+    distance = np.empty((m + changing, 2 * n + 1))
+    distance[:m] = seen[:, : 2 * n + 1]
+    distance[m:] = moving.minus(points[at:], centre[at:])
+    first, curved, shift = _recombine(distance, n, w)
 
-    linear = np.vstack([first[:m], belief.factor[:held], first[m:]])
-    further = np.zeros((m + n, curved.shape[1] + k))
-    further[:m, : curved.shape[1]] = curved[:m]
-    further[m + held :, : curved.shape[1]] = curved[m:]
-    further[:m, curved.shape[1] :] = seen_noise
-    further[m:, curved.shape[1] :] = noise
-    measured = np.zeros((m + n, measurement_factor.shape[1]))
-    measured[:m] = measurement_factor
-    lower = triangularise(np.hstack([measured, linear, further]))
-    mean_change = np.zeros((n, 1))
-    mean_change[held:, 0] = shift[m:]
-    mean = layout.plus(centre, mean_change)[:, 0].copy() if np.any(shift[m:]) else centre
+    c, r = curved.shape[1], measurement_factor.shape[1]
+    further = np.zeros((c + k + r, m + changing))
+    further[:c] = curved.T
+    further[c : c + k, :m] = 0.5 * (seen[:, 2 * n + 1 : 2 * n + 1 + k] - seen[:, 2 * n + 1 + k :]).T
+    further[c : c + k, m:] = noise.T
+    further[c + k :, :m] = measurement_factor.T
+    innovation_factor, gain, posterior = _condition(first, belief.factor, further, m)
+    mean = centre
+    if np.any(shift[m:]):
+        mean = centre.copy()
+        mean[at:] = moving.plus(centre[at:], shift[m:, None])[:, 0]
     return Prediction(
         mean=mean,
-        columns=np.hstack([linear[m:], further[m:]]),
-        innovation=transition.innovation(centre) - shift[:m],
-        innovation_factor=lower[:m, :m],
-        gain_factor=lower[m:, :m],
-        posterior_factor=lower[m:, m:],
+        prior=belief,
+        columns=(first[m:], further[: c + k, m:].T),
+        innovation=innovation - shift[:m],
+        innovation_factor=innovation_factor,
+        gain_factor=gain,
+        posterior_factor=posterior,
     )
+
+
+def _condition(first: Array, factor: Array, further: Array, m: int) -> tuple[Array, Array, Array]:
+    n = factor.shape[0]
+    innovation_factor, gain, posterior = np.empty((m, m)), np.empty((n, m)), np.empty((n, n))
+    triangular.condition(np.ascontiguousarray(first), factor, further, innovation_factor, gain, posterior)
+    return innovation_factor, gain, posterior
 
 
 def update(layout: StateLayout, prediction: Prediction, whitened: Array) -> Belief:
@@ -168,6 +187,14 @@ def update(layout: StateLayout, prediction: Prediction, whitened: Array) -> Beli
     change = prediction.gain_factor @ whitened
     mean = layout.plus(prediction.mean, change[:, None])[:, 0].copy()
     return Belief(mean, prediction.posterior_factor)
+
+
+def widen(layout: StateLayout, belief: Belief, name: str, deviation: float) -> Belief:
+    """Return the belief with a part's variances raised by the square of a deviation."""
+    d = layout[name]
+    more = np.zeros((layout.degrees, d.stop - d.start))
+    more[d] = deviation * np.eye(d.stop - d.start)
+    return replace(belief, factor=triangularise(np.hstack([belief.factor, more])))
 
 
 def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: Array) -> Belief:
@@ -188,14 +215,6 @@ def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviatio
     old = belief.factor.copy()
     old[d] = 0.0
     return replace(belief, mean=mean, factor=triangularise(np.hstack([old, fresh])))
-
-
-def _changing_distance(layout: StateLayout, points: Array, centre: Array, held: int) -> Array:
-    """Distances of the changing degrees of freedom alone, (changing, points)."""
-    parts = [part for part in layout if layout[part.name].start >= held]
-    changing = StateLayout(parts)
-    start = layout.stored(parts[0].name).start
-    return changing.minus(points[start:], centre[start:])
 
 
 def _recombine(distance: Array, n: int, w: SigmaWeights) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels import rotation
+from kreisel._kernels import manifold
 from kreisel.geometry.rotation import Array
 
 
@@ -59,6 +59,9 @@ class StateLayout:
             place += part.size
         self.degrees = degree
         self.size = place
+        rows = [(self[p.name].start, p.degrees, self.stored(p.name).start, int(p.rotation)) for p in self.parts]
+        self._table = np.array(rows, dtype=np.int64).reshape(-1, 4)
+        self._tails: dict[int, StateLayout] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self._degrees
@@ -73,28 +76,21 @@ class StateLayout:
         """Return the slice of a part in the stored state."""
         return self._stored[name]
 
+    def tail(self, degrees: int) -> StateLayout:
+        """Return the layout of the last parts alone, which have so many degrees of freedom together."""
+        if degrees not in self._tails:
+            parts = [part for part in self.parts if self[part.name].start >= self.degrees - degrees]
+            self._tails[degrees] = StateLayout(parts)
+        return self._tails[degrees]
+
     def plus(self, x: Array, change: Array) -> Array:
         """Return the states (size, m) that lie changes (degrees, m) away from the state x (size,)."""
         out = np.empty((self.size, change.shape[1]))
-        for part in self.parts:
-            d, s = self._degrees[part.name], self._stored[part.name]
-            if part.rotation:
-                theta = np.zeros((3, change.shape[1]))
-                theta[: part.degrees] = change[d]
-                rotation.plus(x[s, None], theta, out[s])
-            else:
-                out[s] = x[s, None] + change[d]
+        manifold.plus(self._table, x, change, out)
         return out
 
     def minus(self, states: Array, x: Array) -> Array:
         """Return the changes (degrees, m) that lead from the state x (size,) to states (size, m)."""
         out = np.empty((self.degrees, states.shape[1]))
-        for part in self.parts:
-            d, s = self._degrees[part.name], self._stored[part.name]
-            if part.rotation:
-                theta = np.empty((3, states.shape[1]))
-                rotation.minus(np.ascontiguousarray(states[s]), x[s, None], theta)
-                out[d] = theta[: part.degrees]
-            else:
-                out[d] = states[s] - x[s, None]
+        manifold.minus(self._table, np.ascontiguousarray(states), x, out)
         return out

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from kreisel._kernels import attitude, composition, preintegration, quadrature, rotation
+from kreisel._kernels import composition, preintegration, quadrature
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
+
+_NOISE_STEP = 0.02
+"""Seconds of readings whose noise is taken together."""
 
 
 @dataclass(frozen=True)
@@ -58,32 +60,34 @@ class InertialSignal:
 
 @dataclass(frozen=True)
 class SensorColumns:
-    """Sensor parameters for many sigma points; the last axis counts them. See `SensorParameters`."""
+    """Sensor parameters for many sigma points, as the coefficients the kernels work with.
 
+    `rate` (1 + 3 N, 3, m) and `force` (10 + 3 N, 3, m): see `_kernels.preintegration`. `force` may have
+    more columns: those beyond the m turn as the first does.
+    """
+
+    rate: Array
+    force: Array
     K_omega: Array
-    k_w: Array
     K_a: Array
-    k_a: Array
-    lever_arms: Array
-    axes: Array
 
     @classmethod
     def stack(
         cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
     ) -> SensorColumns:
-        """Return columns with the sensitive axes worked out (rows of the inverse of K_a)."""
-        if form.inside:
-            axes = np.moveaxis(np.linalg.inv(np.moveaxis(K_a, -1, 0)), 0, -1)
-        else:
-            axes = np.repeat(np.eye(3)[:, :, None], K_a.shape[-1], axis=2)
-        parts = (K_omega, k_w, K_a, k_a, lever_arms, axes)
-        return cls(*(np.array(part, order="C") for part in parts))
+        """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
+        order = k_w.shape[0]
+        rate = np.empty((1 + 3 * order, 3, K_omega.shape[-1]))
+        force = np.empty((1 + 3 * order + preintegration.QUADRATIC, 3, K_a.shape[-1]))
+        preintegration.rate_coefficients(K_omega, k_w, rate)
+        preintegration.force_coefficients(K_a, k_a, lever_arms, form.products, form.inside, force)
+        return cls(rate, force, K_omega[..., 0].copy(), K_a[..., 0].copy())
 
     @classmethod
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
         """Return one column."""
         parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
-        return cls.stack(form, *(part[..., None] for part in parts))
+        return cls.stack(form, *(np.ascontiguousarray(part[..., None]) for part in parts))
 
 
 @dataclass(frozen=True)
@@ -106,22 +110,6 @@ class Increment:
     u_path: Array
     q_path: Array
     low: int
-
-    def spread(self, which: Indices) -> Increment:
-        """Return the increment with the columns `which` selects, one as often as it is named."""
-
-        def take(columns: Array) -> Array:
-            return np.take(columns, which, axis=-1)
-
-        return replace(
-            self,
-            dq=take(self.dq),
-            dv=take(self.dv),
-            dp=take(self.dp),
-            omega_end=take(self.omega_end),
-            alpha_end=take(self.alpha_end),
-            u_end=take(self.u_end),
-        )
 
 
 def prepare(
@@ -206,10 +194,13 @@ def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
     return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + quadrature.POINTS - 1)
 
 
-def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns, form: SizeEffect) -> Increment:
+def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns) -> Increment:
     """Return the motion from sample `first` to sample `last` for every column of parameters."""
-    m = columns.K_omega.shape[-1]
+    turning, m = columns.rate.shape[-1], columns.force.shape[-1]
     low, high = reach(signal, first, last)
+    count = high - low + 1
+    weights = np.empty((2, count))
+    preintegration.outer_weights(first, last, signal.stamps, signal.base, signal.single, signal.double, low, weights)
     out = Increment(
         duration=float(signal.stamps[last] - signal.stamps[first]),
         dq=np.empty((4, m)),
@@ -218,18 +209,24 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         omega_end=np.empty((3, m)),
         alpha_end=np.empty((3, m)),
         u_end=np.empty((3, 3, m)),
-        u_path=np.empty((high - low + 1, 3)),
-        q_path=np.empty((high - low + 1, 4)),
+        u_path=np.empty((count, 3)),
+        q_path=np.empty((count, 4)),
         low=low,
     )
+    turns = np.empty((count, 6))
+    own = columns.force if turning == m else np.ascontiguousarray(columns.force[..., :turning])
     preintegration.preintegrate(
-        first, last, low, high,
-        signal.stamps, signal.base, signal.single, signal.double,
+        first, last, low, high, signal.stamps, weights,
         signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
-        columns.K_omega, columns.k_w, columns.K_a, columns.k_a, columns.axes, columns.lever_arms,
-        form.products, form.inside,
-        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path,
+        columns.rate, own,
+        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path, turns,
     )  # fmt: skip
+    if m > turning:
+        preintegration.share_path(
+            turning, last, low, weights, signal.force_powers, out.q_path, turns,
+            np.ascontiguousarray(columns.force[..., turning:]),
+            out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end,
+        )  # fmt: skip
     return out
 
 
@@ -240,10 +237,10 @@ def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increm
     at `first`; attitude errors as left perturbations there.
     """
     Q = np.empty((9, 9))
-    K_omega, K_a = (np.ascontiguousarray(K[..., 0]) for K in (columns.K_omega, columns.K_a))
+    every = max(1, int(_NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
     preintegration.noise_covariance(
-        first, last, step.low, signal.stamps, step.u_path, step.q_path,
-        signal.rate_variance, signal.force_variance, K_omega, K_a, Q,
+        first, last, step.low, every, signal.stamps, step.u_path, step.q_path,
+        signal.rate_variance, signal.force_variance, columns.K_omega, columns.K_a, Q,
     )  # fmt: skip
     return Q
 
@@ -278,41 +275,8 @@ def navigate(
     knots = [*range(0, last_sample, stride), last_sample]
     history = [[part[:, 0].copy() for part in state]]
     for first, last in pairwise(knots):
-        step = preintegrate(signal, first, last, columns, form)
-        composition.compose(step.duration, step.dq, step.dv, step.dp, g, w, *state)
+        step = preintegrate(signal, first, last, columns)
+        composition.compose(step.duration, np.zeros(1, dtype=np.int64), step.dq, step.dv, step.dp, g, w, *state)
         history.append([part[:, 0].copy() for part in state])
     qs, vs, ps = (np.array(column) for column in zip(*history, strict=True))
     return signal.stamps[knots], qs, vs, ps
-
-
-def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
-    """Compile every kernel, or load it from the cache, by a small problem; seconds the first time.
-
-    Parameters
-    ----------
-    progress
-        Called with the share done.
-    """
-    ideal = SensorParameters.ideal()
-    level = np.array([1.0, 0.0, 0.0, 0.0])
-    one = level[:, None].copy()
-    form = SizeEffect.COMPLETED
-    columns = SensorColumns.single(ideal, form)
-    vector = np.zeros((3, 1))
-    signal: list[InertialSignal] = []
-    steps: list[Callable[[], object]] = [
-        lambda: signal.append(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))),
-        lambda: navigate(signal[0], ideal, level, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)),
-        lambda: noise_covariance(signal[0], 2, 4, preintegrate(signal[0], 2, 4, columns, form), columns),
-        lambda: rotation.plus(one, np.zeros((3, 1)), one.copy()),
-        lambda: rotation.minus(one, one, np.zeros((3, 1))),
-        lambda: attitude.accumulate(np.zeros((2, 3)), np.tile(level, (3, 1))),
-        lambda: composition.pose_at(
-            np.zeros(1), 1.0, 1.0, one, vector, vector, np.zeros((3, 3, 1)), vector, vector, one, vector, vector,
-            one.copy(), vector.copy(),
-        ),
-    ]  # fmt: skip
-    for i, step in enumerate(steps):
-        step()
-        if progress is not None:
-            progress((i + 1) / len(steps))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from kreisel.errors import SettingsError
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds
-from kreisel.estimation.filter import Belief, draw, predict, renew, triangularise, update
+from kreisel.estimation.filter import Belief, draw, predict, renew, triangularise, update, widen
 from kreisel.estimation.sigma_points import WEIGHTS, weights
 from kreisel.estimation.state import Part, StateLayout
 
@@ -21,14 +21,11 @@ class Linear:
     def propagate(self, points):
         return self.F @ points
 
-    def process_noise(self, centre):
+    def process_noise(self):
         return self.noise
 
     def observe(self, points):
-        return self.H @ (points - points[:, :1])
-
-    def innovation(self, centre):
-        return self.z - self.H @ centre
+        return self.H @ (points - points[:, :1]), self.z - self.H @ points[:, 0]
 
 
 @pytest.mark.parametrize("name", list(WEIGHTS))
@@ -37,13 +34,14 @@ def test_linear_problems_give_the_kalman_filter(name):
     n, m, changing = 6, 3, 2
     F = np.eye(n)
     F[-changing:] += rng.normal(0, 0.3, (changing, n))
-    H, Q, R = rng.normal(size=(m, n)), np.zeros((n, 2)), np.diag(rng.uniform(0.1, 0.5, m))
-    Q[-changing:] = rng.normal(0, 0.2, (changing, 2))
+    H, R = rng.normal(size=(m, n)), np.diag(rng.uniform(0.1, 0.5, m))
+    noise = rng.normal(0, 0.2, (changing, 2))
+    Q = np.vstack([np.zeros((n - changing, 2)), noise])
     A = rng.normal(size=(n, n))
     P, x, z = A @ A.T, rng.normal(size=n), rng.normal(size=m)
     layout = StateLayout([Part("held", n - changing), Part("moving", changing)])
     belief = Belief(x, np.linalg.cholesky(P))
-    prediction = predict(layout, belief, Linear(F, H, Q, z), weights(name, n), R, changing)
+    prediction = predict(layout, belief, Linear(F, H, noise, z), weights(name, n), R, changing)
     posterior = update(layout, prediction, prediction.normalised_innovation)
 
     P1 = F @ P @ F.T + Q @ Q.T
@@ -53,6 +51,7 @@ def test_linear_problems_give_the_kalman_filter(name):
     np.testing.assert_allclose(prediction.innovation_factor @ prediction.innovation_factor.T, S, atol=1e-9)
     np.testing.assert_allclose(posterior.mean, F @ x + K @ (z - H @ F @ x), atol=1e-9)
     np.testing.assert_allclose(posterior.covariance, P1 - K @ S @ K.T, atol=1e-9)
+    assert np.all(np.triu(posterior.factor, 1) == 0.0)
 
 
 @given(st.integers(1, 8), st.integers(1, 20), st.integers(0, 2**32 - 1))
@@ -103,6 +102,13 @@ def test_renewed_part_is_independent():
     np.testing.assert_allclose(P[:3, :3], 4.0 * np.eye(3), atol=1e-12)
     np.testing.assert_allclose(P[:3, 3:], 0.0, atol=1e-12)
     np.testing.assert_allclose(P[3:, 3:], belief.covariance[3:, 3:], atol=1e-12)
+
+
+def test_widened_part_gains_variance():
+    layout = StateLayout([Part("x", 3), Part("y", 2)])
+    belief = Belief(np.zeros(5), np.linalg.cholesky(np.eye(5) + 0.3))
+    more = widen(layout, belief, "x", 2.0).covariance - belief.covariance
+    np.testing.assert_allclose(more, np.diag([4.0, 4.0, 4.0, 0.0, 0.0]), atol=1e-12)
 
 
 def test_unknown_weights_list_the_known_ones():
