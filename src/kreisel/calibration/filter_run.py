@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.linalg import lapack
 
 from kreisel.calibration.cell_model import CellModel
 from kreisel.calibration.parameters import CellParameters
 from kreisel.calibration.problem import Problem, Update
 from kreisel.errors import EstimationError
 from kreisel.estimation import filter as spkf
+from kreisel.estimation.consistency import chi_square
 from kreisel.estimation.filter import Belief
 from kreisel.estimation.sigma_points import weights
 from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
@@ -131,7 +131,7 @@ def run_filter(
     w = weights(problem.settings.weights, layout.degrees)
     belief = first_belief(problem, start) if belief is None else belief
     recorder = _Recorder(problem)
-    bounds = {degrees: float(chi2.ppf(GATE, degrees)) for degrees in range(1, 10)}
+    bounds = {degrees: float(chi_square(GATE, degrees)) for degrees in range(1, 10)}
     rejected_in_a_row = 0
     for i, item in enumerate(problem.updates):
         if item.new_segment or rejected_in_a_row >= MOST_IN_A_ROW:
@@ -223,7 +223,9 @@ class _Recorder:
         first = [problem.layout.stored(g) for g in problem.groups]
         self._stored = np.concatenate([np.arange(s.start, s.stop) for s in first]) if first else np.empty(0, dtype=int)
         reference = problem.reference
-        self._rows_present = np.repeat([reference.positions is not None, reference.quaternions is not None], 3)
+        given = [reference.positions is not None, reference.quaternions is not None]
+        self._present = [np.flatnonzero(np.repeat([*given, resting], 3)) for resting in (False, True)]
+        self._moving = np.r_[problem.layout["velocity"], problem.layout["attitude"]]
 
     def add(
         self,
@@ -235,11 +237,10 @@ class _Recorder:
         *,
         used: bool,
     ) -> None:
-        present = np.concatenate([self._rows_present, np.repeat(item.rest is not None, 3)])
+        present = self._present[item.rest is not None]
         R = factor @ factor.T
-        left = R @ solve_triangular(prediction.innovation_factor, whitened, lower=True, trans="T", check_finite=False)
-        moving = np.r_[self._problem.layout["velocity"], self._problem.layout["attitude"]]
-        gain = prediction.gain_factor[moving]
+        left = R @ lapack.dtrtrs(prediction.innovation_factor, whitened, lower=1, trans=1)[0]
+        gain = prediction.gain_factor[self._moving]
         wide = np.full((4, 9), np.nan)
         for row, value in zip(wide, (whitened, prediction.innovation, left, np.diag(R)), strict=True):
             row[present] = value

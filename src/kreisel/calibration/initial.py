@@ -89,9 +89,9 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
 def _unwrapped(theta: Array) -> Array:
     """Keep rotation vectors from jumping by a full turn as their angle passes pi."""
     out = theta.copy()
-    for k in range(1, len(out)):
-        angle = float(np.linalg.norm(out[k]))
-        if angle > 2.5 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
+    for k in np.flatnonzero(np.linalg.norm(theta, axis=1) > 2.5):
+        if k > 0 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
+            angle = float(np.linalg.norm(out[k]))
             out[k] *= (angle - 2.0 * np.pi) / angle
     return out
 

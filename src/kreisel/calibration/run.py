@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, run_filter
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold
-from kreisel.estimation.consistency import correlation_time, lag_one, mean_normalised
+from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
 from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding
@@ -185,7 +184,7 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
         return done < problem.settings.passes
     if done >= MOST_PASSES:
         return False
-    beyond = run.history.used * run.history.nis / chi2.ppf(GATE, run.history.degrees)
+    beyond = run.history.used * run.history.nis / chi_square(GATE, run.history.degrees)
     let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
     if done == 1 and (let_in or problem.settings.polynomial_order > 1):
         return True

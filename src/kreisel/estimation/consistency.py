@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import chi2
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri
 
 from kreisel.geometry.rotation import Array
+
+
+def chi_square(level: float, degrees: ArrayLike) -> Array:
+    """Return what a chi-square variable stays below with the probability `level`."""
+    return np.asarray(chdtri(degrees, 1.0 - level))
 
 
 def mean_normalised(nis: Array, degrees: Array) -> float:
@@ -18,7 +23,7 @@ def normalised_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float
     """Return the interval the mean NIS per degree of freedom lies in at the given level if consistent."""
     total = float(np.sum(degrees))
     tail = 0.5 * (1.0 - level)
-    return float(chi2.ppf(tail, total) / total), float(chi2.ppf(1.0 - tail, total) / total)
+    return float(chi_square(tail, total) / total), float(chi_square(1.0 - tail, total) / total)
 
 
 def autocorrelation(x: Array, lags: int) -> Array:

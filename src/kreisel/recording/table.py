@@ -201,8 +201,10 @@ def _parse_body(body: str, columns: tuple[Column, ...], path: Path) -> tuple[Sta
         )
     stamp_type = "i8" if unit == "ns" else "f8"
     dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
+    # a StringIO would keep four bytes a character and be read three times slower
+    text = io.TextIOWrapper(io.BytesIO(body.encode()), encoding="utf-8")
     try:
-        rows = np.atleast_1d(np.loadtxt(io.StringIO(body), delimiter=",", dtype=dtype))
+        rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
         raise _bad_row(body, columns, stamp_type, path, error) from error
     stamps = rows["stamp"] if unit == "ns" else _in_nanoseconds(rows["stamp"], unit, path)

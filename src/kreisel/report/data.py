@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from kreisel.calibration.calibrate import Outcome
 from kreisel.calibration.filter_run import History
 from kreisel.calibration.validation import CrossValidation, Drift, Injection, SplitHalves
-from kreisel.estimation.consistency import autocorrelation, mean_normalised, normalised_bounds
+from kreisel.estimation.consistency import autocorrelation, chi_square, mean_normalised, normalised_bounds
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.inertial.sensor_model import polynomial
 from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
@@ -326,7 +325,7 @@ def _residuals(h: History) -> Residuals:
         edges=_HISTOGRAM_EDGES,
         densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
         steps=steps,
-        normal=np.asarray(norm.pdf(steps)),
+        normal=np.exp(-0.5 * steps**2) / np.sqrt(2.0 * np.pi),
         lags=np.arange(1, lags + 1, dtype=np.int64),
         correlations={name: c for name, c in correlations.items() if c is not None},
         bound=float(1.96 / np.sqrt(3.0 * max(int(path.sum()), 1))),
@@ -336,7 +335,7 @@ def _residuals(h: History) -> Residuals:
 def _kind(name: str, h: History, which: Mask) -> Kind:
     used = h.used & which
     degrees = int(np.median(h.degrees[which]))
-    low, high = chi2.ppf([0.025, 0.975], degrees) / degrees
+    low, high = (chi_square(level, degrees) / degrees for level in (0.025, 0.975))
     return Kind(
         name=name,
         count=int(which.sum()),
