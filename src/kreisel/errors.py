@@ -7,6 +7,7 @@
     ├── SynchronizationError    reference and IMU cannot be brought onto one clock
     ├── ExcitationError         the motion does not show what is asked for
     ├── SettingsError           a setting that does not exist or makes no sense
+    ├── RobotError              an arm that cannot be read, or a pose it cannot reach
     └── EstimationError         the estimator could not continue, with advice
 """
 
@@ -20,6 +21,7 @@ __all__ = [
     "ExcitationError",
     "KreiselError",
     "RecordingError",
+    "RobotError",
     "SettingsError",
     "SynchronizationError",
     "unknown_name",
@@ -65,6 +67,10 @@ class ExcitationError(KreiselError):
 
 class SettingsError(KreiselError):
     """A setting that does not exist or makes no sense."""
+
+
+class RobotError(KreiselError):
+    """An arm that cannot be read, or a pose it cannot reach; the message names joint and limit."""
 
 
 class EstimationError(KreiselError):

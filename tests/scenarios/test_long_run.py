@@ -7,7 +7,8 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.simulation import simulate
+
+from ..small_cell import simulate
 
 
 @pytest.mark.parametrize("sigma_points", ["central-difference", "unscented"])

@@ -12,7 +12,8 @@ import pytest
 
 from kreisel.cli.main import run
 from kreisel.recording import Recording
-from kreisel.simulation import Truth, simulate
+
+from ..small_cell import Truth, simulate
 
 Break = Callable[[Recording], Recording]
 Damage = Callable[[Path], object]

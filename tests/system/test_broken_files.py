@@ -16,8 +16,8 @@ import pytest
 from kreisel.recording import Recording, RecordingSettings
 from kreisel.recording.settings import ImuTable
 from kreisel.recording.write import write, write_folder
-from kreisel.simulation import Truth
 
+from ..small_cell import Truth
 from .breaking import Break, Case, Command, Damage, assert_one_line, check, command, simulated
 
 Good = tuple[Truth, Recording, Path]

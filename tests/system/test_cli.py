@@ -10,7 +10,8 @@ import pytest
 
 import kreisel
 from kreisel.recording.write import write_folder
-from kreisel.simulation import simulate
+
+from ..small_cell import simulate
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.validation import cross_validate, inject, split_halves
 from kreisel.report import write_report
-from kreisel.simulation import simulate
+
+from ..small_cell import simulate
 
 playwright = pytest.importorskip("playwright.sync_api")
 NAMES = "chromium", "chromium-browser", "google-chrome"

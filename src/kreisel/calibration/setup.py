@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
-from kreisel.inertial.noise import GRADES, high_frequency_density
+from kreisel.inertial.noise import GRADES, Grade, equivalent_walk, high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import InertialSignal, prepare
 from kreisel.recording import Finding, ImuSamples, Recording, ReferencePoses
@@ -112,12 +113,23 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         accel=np.full(3, accel) if accel and given else np.maximum(shown_accel, accel or 0.0),
         gyro_bounds=_bounds(gyro, shown_gyro),
         accel_bounds=_bounds(accel, shown_accel),
-        gyro_walk=0.0 if sheet is None else sheet.gyro_random_walk,
-        accel_walk=0.0 if sheet is None else sheet.accel_random_walk,
+        gyro_walk=_walk(None if sheet is None else sheet.gyro_random_walk, grade, "gyro"),
+        accel_walk=_walk(None if sheet is None else sheet.accel_random_walk, grade, "accel"),
         given=given,
         gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
         accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
     )
+
+
+def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "accel"]) -> float:
+    """Return the density of the offset's random walk: as stated, by grade, or none."""
+    if stated is not None:
+        return stated
+    if grade is None:
+        return 0.0
+    if sensor == "gyro":
+        return equivalent_walk(grade.gyro_bias_instability, grade.gyro_rate_random_walk)
+    return equivalent_walk(grade.accel_bias_instability, grade.accel_random_walk)
 
 
 def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:

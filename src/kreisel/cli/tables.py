@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
-from kreisel.units import DEG_PER_HOUR, MG
-
 if TYPE_CHECKING:
     from kreisel.calibration.calibrate import Outcome
     from kreisel.calibration.validation import Injection
-    from kreisel.simulation import Truth
+    from kreisel.report import Device
 
 _ROWS = (
     ("gyro scale error", "gyro_scale_ppm", "ppm", ("x", "y", "z")),
@@ -85,40 +84,19 @@ def _print_verdict(console: Console, document: dict[str, Any]) -> None:
         console.print(f"verdict: rejected: {'; '.join(verdict['reasons'])}", markup=False)
 
 
-def print_truth(outcome: Outcome, truth: Truth) -> None:
-    """Print error, standard deviation and their ratio, rms over each group of parameters."""
-    import numpy as np
-
-    document = outcome.calibration.document
-    found, true = outcome.calibration.sensors, truth.sensors
-    sd = document["standard_deviation"]
-    rows = (
-        ("gyro cross-coupling", "ppm", 1e6, found.K_omega - true.K_omega, sd["gyroscope"]["cross_coupling"]),
-        ("gyro offset", "deg/h", 1.0 / DEG_PER_HOUR, found.k_w[0] - true.k_w[0], sd["gyroscope"]["offset"]),
-        ("accelerometer cross-coupling", "ppm", 1e6, found.K_a - true.K_a, sd["accelerometer"]["cross_coupling"]),
-        ("accelerometer offset", "mg", 1.0 / MG, found.k_a[0] - true.k_a[0], sd["accelerometer"]["offset"]),
-        ("lever arms", "mm", 1e3, found.lever_arms - true.lever_arms, sd["accelerometer"]["lever_arms"]),
-        (
-            "time offset",
-            "ms",
-            1e3,
-            np.array([document["timing"]["offset"] - truth.time_offset]),
-            [sd["timing"]["offset"]],
-        ),
-    )
-    table = Table(title="against the truth, rms", title_justify="left")
-    for name in ("group", "unit", "error", "standard deviation", "error / sd"):
-        table.add_column(name, justify="left" if name in ("group", "unit") else "right")
-    for name, unit, factor, error, deviation in rows:
-        spread = np.array(deviation)
-        table.add_row(
-            name,
-            unit,
-            f"{factor * np.sqrt(np.mean(error**2)):.4g}",
-            f"{factor * np.sqrt(np.mean(spread**2)):.4g}",
-            f"{np.sqrt(np.mean((error / spread) ** 2)):.2f}",
-        )
-    _console().print(table)
+def print_devices(devices: Sequence[Device]) -> None:
+    """Print error, standard deviation and their ratio, rms over each group, for every device."""
+    table = Table(title="rms error against the truth (standard deviation; error over it)", title_justify="left")
+    table.add_column("group")
+    table.add_column("unit")
+    for device in devices:
+        table.add_column(device.name, justify="right")
+    for name, group in devices[0].errors.items():
+        cells = [device.errors[name] for device in devices]
+        table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.believed:.3g}; {c.ratio:.1f})" for c in cells))
+    console = _console()
+    console.print(table)
+    console.print("the paper's accelerometer offsets were uncertain by up to 0.1 mg", markup=False)
 
 
 def print_injection(injection: Injection) -> None:

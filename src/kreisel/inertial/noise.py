@@ -1,57 +1,223 @@
-"""Noise of inertial sensors: grades of devices, and noise densities found in a recording."""
+"""Noise of inertial sensors: grades of devices, what their errors look like, and how they show in a recording."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.units import DEG_PER_HOUR, DEG_PER_ROOT_HOUR, MG
+from kreisel.units import DEG, DEG_PER_HOUR, DEG_PER_ROOT_HOUR, MG, STANDARD_GRAVITY
+
+_ASSUMED = "assumed, typical of data sheets"
+_TABLE = "Fox and Janocha (2005), table 1"
 
 
 @dataclass(frozen=True)
 class Grade:
-    """Noise and offset of a class of devices, SI (densities per root hertz); `source` for each number."""
+    """Errors of a class of devices, SI; standard deviations where they differ from device to device.
+
+    Attributes
+    ----------
+    gyro_noise_density, accel_noise_density
+        White noise, per root hertz (angle and velocity random walk N).
+    gyro_offset_sd, accel_offset_sd
+        Offsets from one switching-on to the next.
+    gyro_bias_instability, accel_bias_instability
+        Flicker noise B, as in IEEE 952: the Allan deviation's floor is 0.664 B.
+    gyro_rate_random_walk, accel_random_walk
+        K: white noise in the offset's derivative, per root hertz.
+    gyro_scale_sd, accel_scale_sd, misalignment_sd
+        Scale factors (relative) and directions (rad) of the sensitive axes before calibration.
+    gyro_range, accel_range, gyro_step, accel_step
+        Largest reading, and the step readings are rounded to (0: none).
+    bandwidth
+        Of the readings, Hz (0: not limited).
+    g_sensitivity
+        Of the gyros, rad/s per m/s^2.
+    rate
+        Samples a second.
+    sources
+        Where each number comes from; those not named are assumed.
+    """
 
     gyro_noise_density: float
     accel_noise_density: float
     gyro_offset_sd: float
     accel_offset_sd: float
-    source: str
+    gyro_bias_instability: float = 0.0
+    accel_bias_instability: float = 0.0
+    gyro_rate_random_walk: float = 0.0
+    accel_random_walk: float = 0.0
+    gyro_scale_sd: float = 1e-3
+    accel_scale_sd: float = 1e-3
+    misalignment_sd: float = 1e-3
+    gyro_range: float = 500.0 * DEG
+    accel_range: float = 10.0 * STANDARD_GRAVITY
+    gyro_step: float = 0.0
+    accel_step: float = 0.0
+    bandwidth: float = 0.0
+    g_sensitivity: float = 0.0
+    rate: float = 400.0
+    sources: dict[str, str] = field(default_factory=dict)
+
+    def source(self, name: str) -> str:
+        """Return where a number comes from."""
+        return self.sources.get(name, _ASSUMED)
 
 
 GRADES = {
     "ring-laser": Grade(
-        0.0035 * DEG_PER_ROOT_HOUR,
-        0.02 * MG,
-        0.03 * DEG_PER_HOUR,
-        0.1 * MG,
-        "offsets: Fox and Janocha (2005), table 1, LPA; gyro noise: GG1320 class, assumed; "
-        "accelerometer noise: QA-2000 class, assumed",
+        gyro_noise_density=0.0035 * DEG_PER_ROOT_HOUR,
+        accel_noise_density=0.02 * MG,
+        gyro_offset_sd=0.03 * DEG_PER_HOUR,
+        accel_offset_sd=0.1 * MG,
+        gyro_bias_instability=0.003 * DEG_PER_HOUR,
+        accel_bias_instability=0.001 * MG,
+        gyro_scale_sd=2e-4,
+        accel_scale_sd=5e-4,
+        misalignment_sd=5e-4,
+        sources={
+            "gyro_offset_sd": f"{_TABLE}, LPA (GG1320)",
+            "accel_offset_sd": f"{_TABLE}, LPA (QA-2000-10)",
+            "rate": f"{_TABLE}, LPA",
+            "gyro_noise_density": "class of the GG1320, assumed",
+            "accel_noise_density": "class of the QA-2000, assumed",
+            "accel_bias_instability": "class of the QA-2000, assumed",
+        },
     ),
     "fog": Grade(
-        0.02 * DEG_PER_ROOT_HOUR,
-        0.02 * MG,
-        1.0 * DEG_PER_HOUR,
-        1.0 * MG,
-        "offsets: Fox and Janocha (2005), table 1, iNAV-FMS; noise: assumed",
+        gyro_noise_density=0.02 * DEG_PER_ROOT_HOUR,
+        accel_noise_density=0.02 * MG,
+        gyro_offset_sd=1.0 * DEG_PER_HOUR,
+        accel_offset_sd=1.0 * MG,
+        gyro_bias_instability=0.05 * DEG_PER_HOUR,
+        accel_bias_instability=0.001 * MG,
+        gyro_scale_sd=5e-4,
+        accel_scale_sd=5e-4,
+        misalignment_sd=1e-3,
+        sources={
+            "gyro_offset_sd": f"{_TABLE}, iNAV-FMS",
+            "accel_offset_sd": f"{_TABLE}, iNAV-FMS (QA-2000-10)",
+            "rate": f"{_TABLE}, iNAV-FMS",
+            "accel_noise_density": "class of the QA-2000, assumed",
+        },
     ),
     "fog-mems": Grade(
-        0.15 * DEG_PER_ROOT_HOUR,
-        0.1 * MG,
-        20.0 * DEG_PER_HOUR,
-        25.0 * MG,
-        "offsets: Fox and Janocha (2005), table 1, iVRU-FC; noise: assumed",
+        gyro_noise_density=0.15 * DEG_PER_ROOT_HOUR,
+        accel_noise_density=0.1 * MG,
+        gyro_offset_sd=20.0 * DEG_PER_HOUR,
+        accel_offset_sd=25.0 * MG,
+        gyro_bias_instability=0.5 * DEG_PER_HOUR,
+        accel_bias_instability=0.01 * MG,
+        gyro_scale_sd=1e-3,
+        accel_scale_sd=2e-3,
+        misalignment_sd=1e-2,
+        rate=200.0,
+        sources={
+            "gyro_offset_sd": f"{_TABLE}, iVRU-FC (iOLFOG)",
+            "accel_offset_sd": f"{_TABLE}, iVRU-FC (Colibrys MS8010)",
+            "rate": f"{_TABLE}, iVRU-FC",
+            "misalignment_sd": "data sheet of the MS1010, successor of the MS8010",
+        },
     ),
     "industrial-mems": Grade(
-        0.3 * DEG_PER_ROOT_HOUR, 0.1 * MG, 400.0 * DEG_PER_HOUR, 10.0 * MG, "assumed, typical data sheets"
+        gyro_noise_density=0.3 * DEG_PER_ROOT_HOUR,
+        accel_noise_density=0.1 * MG,
+        gyro_offset_sd=400.0 * DEG_PER_HOUR,
+        accel_offset_sd=10.0 * MG,
+        gyro_bias_instability=5.0 * DEG_PER_HOUR,
+        accel_bias_instability=0.02 * MG,
+        gyro_scale_sd=5e-3,
+        accel_scale_sd=5e-3,
+        misalignment_sd=5e-3,
+        gyro_step=0.005 * DEG,
+        accel_step=0.1 * MG,
+        g_sensitivity=0.01 * DEG / STANDARD_GRAVITY,
+        rate=200.0,
     ),
     "consumer-mems": Grade(
-        0.6 * DEG_PER_ROOT_HOUR, 0.3 * MG, 3600.0 * DEG_PER_HOUR, 60.0 * MG, "assumed, typical data sheets"
+        gyro_noise_density=0.6 * DEG_PER_ROOT_HOUR,
+        accel_noise_density=0.3 * MG,
+        gyro_offset_sd=3600.0 * DEG_PER_HOUR,
+        accel_offset_sd=60.0 * MG,
+        gyro_bias_instability=20.0 * DEG_PER_HOUR,
+        accel_bias_instability=0.1 * MG,
+        gyro_scale_sd=2e-2,
+        accel_scale_sd=2e-2,
+        misalignment_sd=1e-2,
+        gyro_range=1000.0 * DEG,
+        accel_range=8.0 * STANDARD_GRAVITY,
+        gyro_step=0.03 * DEG,
+        accel_step=0.25 * MG,
+        g_sensitivity=0.1 * DEG / STANDARD_GRAVITY,
+        rate=200.0,
     ),
 }
-"""Presets for `recording.toml`'s ``grade``."""
+"""Presets for `recording.toml`'s ``grade`` and for simulated devices."""
+
+PAPER = {"LPA": "ring-laser", "iNAV-FMS": "fog", "iVRU-FC": "fog-mems"}
+"""The paper's three devices, and their grades."""
+
+_FLICKER_SPAN = 100.0
+
+
+def equivalent_walk(bias_instability: float, random_walk: float) -> float:
+    """Return the random walk's density that stands for flicker noise in a filter, per root hertz.
+
+    Flicker noise has no finite state. A random walk with the same Allan deviation at 100 s, the time over
+    which a calibration averages, takes its place; a random walk K has the Allan deviation K sqrt(tau / 3).
+    """
+    floor = np.sqrt(2.0 * np.log(2.0) / np.pi) * bias_instability
+    return float(np.hypot(floor * np.sqrt(3.0 / _FLICKER_SPAN), random_walk))
+
+
+def noise(
+    rng: np.random.Generator, n: int, rate: float, density: float, bias_instability: float, random_walk: float
+) -> Array:
+    """Return noise of three sensors, (n, 3): white, flicker, and the offset's random walk, mean included.
+
+    Parameters
+    ----------
+    n, rate
+        Samples, and samples a second.
+    density, bias_instability, random_walk
+        N, B and K of IEEE 952; see `Grade`.
+    """
+    out = rng.normal(0.0, density * np.sqrt(rate), size=(n, 3)) if density > 0.0 else np.zeros((n, 3))
+    if bias_instability > 0.0:
+        # One-sided spectral density B^2 / (2 pi f) down to one period, shaped from white noise.
+        length = 1 << (2 * n - 1).bit_length()
+        frequency = np.fft.rfftfreq(length, 1.0 / rate)[1:]
+        size = np.sqrt(bias_instability**2 / (2.0 * np.pi * frequency) * rate * length / 2.0)
+        spectrum = np.zeros((length // 2 + 1, 3), dtype=complex)
+        spectrum[1:] = size[:, None] * (rng.normal(size=(2, frequency.size, 3)).T @ [1.0, 1.0j]).T / np.sqrt(2.0)
+        out += np.fft.irfft(spectrum, length, axis=0)[:n]
+    if random_walk > 0.0:
+        out += np.cumsum(rng.normal(0.0, random_walk / np.sqrt(rate), size=(n, 3)), axis=0)
+    return out
+
+
+def allan_deviation(values: Array, interval: float, clusters: Array) -> Array:
+    """Return the overlapping Allan deviation (m, 3) of readings (n, 3).
+
+    Parameters
+    ----------
+    interval
+        Time between two readings, s.
+    clusters : (m,)
+        Readings averaged together; each at most half of all less one.
+
+    Notes
+    -----
+    IEEE 952-1997, annex C.
+    """
+    angle = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)]) * interval
+    out = np.empty((len(clusters), values.shape[1]))
+    for i, m in enumerate(clusters):
+        second = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+        out[i] = np.sqrt(np.mean(second**2, axis=0) / 2.0) / (m * interval)
+    return out
 
 
 def high_frequency_density(values: Array, interval: float) -> Array:

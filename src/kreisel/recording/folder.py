@@ -49,7 +49,8 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
     datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
     poses = _read_poses(root, reference, findings)
     joints = _read_joints(root / "joint0" / "data.csv", findings)
-    return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet)
+    urdf = _read_urdf(path, settings)
+    return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet, urdf)
 
 
 def _stands(path: Path) -> bool:
@@ -199,6 +200,25 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
             line=1,
         )
     return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
+
+
+def _read_urdf(path: Path, settings: RecordingSettings) -> str | None:
+    """Return the text of the robot's description, or None where there is none."""
+    file = path / (settings.robot.urdf or "robot.urdf")
+    if not _stands(file):
+        if settings.robot.urdf is None:
+            return None
+        raise RecordingError(
+            "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
+            file=file,
+        )
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            "cannot be read as text; expected a robot's description (URDF): copy it again, or delete robot.urdf",
+            file=file,
+        ) from error
 
 
 def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:

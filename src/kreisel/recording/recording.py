@@ -121,7 +121,7 @@ class Datasheet:
 
 @dataclass(frozen=True)
 class Recording:
-    """All that one run of the cell left behind."""
+    """All that one run of the cell left behind; `urdf` is the robot's description, its text."""
 
     path: Path
     imu: ImuSamples
@@ -130,6 +130,7 @@ class Recording:
     settings: RecordingSettings = field(default_factory=RecordingSettings)
     findings: tuple[Finding, ...] = ()
     datasheet: Datasheet | None = None
+    urdf: str | None = None
 
     @property
     def name(self) -> str:

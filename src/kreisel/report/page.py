@@ -53,26 +53,34 @@ def write_report(
 
 def render(data: ReportData) -> str:
     """Return the page."""
-    environment = Environment(
+    drawn = _figures(data)
+    return (
+        environment()
+        .get_template("report.html")
+        .render(
+            document=data.outcome.calibration.document,
+            findings=data.outcome.findings,
+            summary=summarise(data.outcome),
+            unobservable=tables.unobservable_by_group(data.outcome),
+            not_estimated=tables.not_estimated(data.outcome),
+            figures=drawn,
+            snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
+            plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
+            drawings=script({f.name: f.plot for part in drawn.values() for f in part}),
+            palettes=script(PALETTES),
+            **_tables(data),
+        )
+    )
+
+
+def environment() -> Environment:
+    """Return where templates come from."""
+    return Environment(
         loader=PackageLoader("kreisel.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-    )
-    drawn = _figures(data)
-    return environment.get_template("report.html").render(
-        document=data.outcome.calibration.document,
-        findings=data.outcome.findings,
-        summary=summarise(data.outcome),
-        unobservable=tables.unobservable_by_group(data.outcome),
-        not_estimated=tables.not_estimated(data.outcome),
-        figures=drawn,
-        snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
-        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
-        drawings=_script({f.name: f.plot for part in drawn.values() for f in part}),
-        palettes=_script(PALETTES),
-        **_tables(data),
     )
 
 
@@ -125,7 +133,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
     }
 
 
-def _script(content: object) -> Markup:
+def script(content: object) -> Markup:
     """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

@@ -25,7 +25,8 @@ from kreisel.report.page import snippet
 from kreisel.report.plots import PALETTES, packed
 from kreisel.report.tables import number, pair
 from kreisel.report.thinning import MOST_POINTS, thinned
-from kreisel.simulation import simulate
+
+from ...small_cell import simulate
 
 SECTIONS = {
     "excitation": "1 Excitation",

@@ -10,9 +10,10 @@ from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry import apply, conjugate, exp, multiply
 from kreisel.inertial.strapdown import InertialSignal, prepare
 from kreisel.recording import ReferencePoses
-from kreisel.simulation import simulate
 from kreisel.synchronization import Clock, better_reading, check_conventions
 from kreisel.synchronization.conventions import acceleration_share
+
+from ...small_cell import simulate
 
 CLOCK = Clock(0.05)
 TURN = exp(np.array([0.3, -0.5, 0.9]))

@@ -7,8 +7,9 @@ import pytest
 
 from kreisel.errors import SynchronizationError
 from kreisel.recording import ImuSamples, Recording, ReferencePoses
-from kreisel.simulation import simulate
 from kreisel.synchronization import Clock, correlate
+
+from ...small_cell import simulate
 
 TRUE_OFFSET = 0.0271
 

@@ -8,9 +8,10 @@ import pytest
 from kreisel.errors import SynchronizationError
 from kreisel.inertial.strapdown import InertialSignal, prepare
 from kreisel.recording import Recording
-from kreisel.simulation import Truth, simulate
 from kreisel.synchronization import Clock, RateFit, fit_rates
 from kreisel.synchronization.rate_fit import WANDER_PARTS, check_overlap, explained_share
+
+from ...small_cell import Truth, simulate
 
 START = 0.05
 """IMU seconds of the first pose."""

@@ -1,0 +1,52 @@
+"""How estimates come in over time, from nothing but the grade of the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.filter_run import first_belief, run_filter
+from kreisel.calibration.parameters import CellParameters
+from kreisel.estimation.filter import Belief
+from kreisel.geometry.rotation import Array
+
+_UNKNOWN_OFFSET = 0.3
+"""m/s^2; what an accelerometer's offset may be where no grade tells."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Estimates of the accelerometers' offsets over time: seconds (u,), offsets and deviations (u, 3), m/s^2."""
+
+    seconds: Array
+    offsets: Array
+    deviations: Array
+
+    def time_within(self, bound: float, truth: Array) -> float:
+        """Return the seconds after which every offset stays within `bound` of the truth (3,); nan if never."""
+        outside = np.flatnonzero(np.any(np.abs(self.offsets - truth) > bound, axis=1))
+        after = 0 if outside.size == 0 else int(outside[-1]) + 1
+        return float(self.seconds[after]) if after < self.seconds.size else float("nan")
+
+
+def offset_convergence(outcome: Outcome) -> Convergence:
+    """Return how the accelerometers' offsets come in when the filter begins knowing nothing of them.
+
+    The calibration itself begins from least squares over the whole recording; this run, made for the
+    picture, begins from zero offsets and the device's grade, as a filter does that runs with the motion.
+    """
+    problem = outcome.problem
+    layout, group = problem.layout, "accel_offset"
+    sensors = problem.start.sensors
+    k_a = sensors.k_a.copy()
+    k_a[0] = 0.0
+    start: CellParameters = replace(problem.start, sensors=replace(sensors, k_a=k_a))
+    known = outcome.preparation.imu_noise.accel_offset_sd or _UNKNOWN_OFFSET
+    belief = first_belief(problem, start)
+    factor = belief.factor.copy()
+    factor[layout[group], layout[group]] = known * np.eye(3)
+    run = run_filter(problem, start, belief=Belief(belief.mean, factor))
+    history, d = run.history, layout[group]
+    return Convergence(history.seconds, history.parameters[:, d], history.deviations[:, d])

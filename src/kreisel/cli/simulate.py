@@ -1,0 +1,51 @@
+"""`kreisel simulate`: the virtual cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def simulate(
+    cell: Path | None = typer.Argument(None, help="CELL.toml; the default cell without."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="Recording: a folder, or an .mcap file."),
+    seed: int | None = typer.Option(None, help="Another seed than the cell's."),
+    seconds: float | None = typer.Option(None, help="Another length than the cell's."),
+    example: bool = typer.Option(False, "--example", help="Print a CELL.toml with every key, and end."),
+    example_program: bool = typer.Option(False, "--example-program", help="Print a program of moves, and end."),
+) -> None:
+    """Simulate a robot that moves an IMU, and write the recording with its truth."""
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress import progress_bar
+    from kreisel.errors import SettingsError
+    from kreisel.simulation.settings import Cell, parse_cell, read_cell
+    from kreisel.simulation.settings import example as example_cell
+
+    if example or example_program:
+        from kreisel.robot.program import EXAMPLE
+
+        typer.echo(EXAMPLE if example_program else example_cell(), nl=False)
+        return
+    if output is None:
+        raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
+    check_output(output)
+    described = Cell() if cell is None else read_cell(cell)
+    changes = {name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None}
+    if changes:
+        described = parse_cell({**described.model_dump(), **changes}, cell or Path("CELL.toml"))
+    from kreisel.recording.write import write
+    from kreisel.simulation import simulate as simulate_cell
+    from kreisel.simulation import write_truth
+
+    with progress_bar() as show:
+        truth, recording = simulate_cell(described, output, show)
+        if show is not None:
+            show("write", 0.9)
+        write(recording, output)
+        write_truth(truth, output / "truth.json" if output.is_dir() else output.with_suffix(".truth.json"))
+    imu, poses = recording.imu, recording.reference
+    typer.echo(
+        f"{output}: {imu.seconds[-1]:.0f} s, {imu.stamps_ns.size} IMU samples, "
+        f"{0 if poses is None else poses.stamps_ns.size} poses; next: kreisel calibrate {output} -o OUT"
+    )

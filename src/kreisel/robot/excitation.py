@@ -1,0 +1,97 @@
+"""Motions that show an IMU's parameters: all six sensors excited between any two rests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import RobotError
+from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
+from kreisel.robot import kinematics
+from kreisel.robot.kinematics import Arm
+from kreisel.robot.motion import Limits, Move, Plan, plan
+
+_CANDIDATES = 12
+_WIDEST = np.pi
+"""Joints that turn further than this both ways are used no further."""
+
+
+def home(arm: Arm) -> Array:
+    """Return joint angles (joints,) well inside the ranges, wrist bent, from which motion begins."""
+    low, high = _ranges(arm, 1.0)
+    q = 0.5 * (low + high)
+    return np.where(high - low > 5.0, 0.3, q)
+
+
+def random_plan(
+    rng: np.random.Generator,
+    arm: Arm,
+    limits: Limits,
+    seconds: float,
+    *,
+    rest: float = 1.5,
+    first_rest: float = 4.0,
+    range_share: float = 0.7,
+    smoothing: float = 0.012,
+) -> Plan:
+    """Return random moves and rests that fill `seconds`.
+
+    Each target is the best of a dozen drawn from the middle `range_share` of the joints' ranges: the one
+    that turns most about the axes, and changes gravity most along the axes, that had least so far.
+
+    Raises
+    ------
+    RobotError
+        If the arm can hardly move within its ranges.
+    """
+    low, high = _ranges(arm, range_share)
+    q = home(arm)
+    moves: list[Move] = []
+    seen = np.zeros(6)
+    elapsed = first_rest
+    while elapsed < seconds:
+        target = _most_telling(rng, arm, q, low, high, seen)
+        move = Move(target, float(rest * rng.uniform(0.8, 1.2)), float(rng.uniform(0.7, 1.0)))
+        one = plan(arm, q, 0.0, [move], limits, smoothing)
+        if one.seconds > seconds:
+            raise RobotError(f"a single move takes {one.seconds:.0f} s, longer than the recording of {seconds:.0f} s")
+        seen += _shown(arm, q, target)
+        moves.append(move)
+        elapsed += one.seconds
+        q = target
+    return plan(arm, home(arm), first_rest, moves, limits, smoothing)
+
+
+def _ranges(arm: Arm, share: float) -> tuple[Array, Array]:
+    low, high = np.maximum(arm.lower, -_WIDEST), np.minimum(arm.upper, _WIDEST)
+    middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
+    return middle - half, middle + half
+
+
+def _most_telling(rng: np.random.Generator, arm: Arm, q: Array, low: Array, high: Array, seen: Array) -> Array:
+    best, score = q, -np.inf
+    for _ in range(_CANDIDATES):
+        target = rng.uniform(low, high)
+        if not _clear(arm, target):
+            continue
+        after = seen + _shown(arm, q, target)
+        worth = float(np.min(after / np.maximum(seen.mean(), 1.0)) + 0.1 * np.mean(after - seen))
+        if worth > score:
+            best, score = target, worth
+    if score == -np.inf:
+        raise RobotError(f"{arm.name}: no pose found clear of base and floor; give a program of poses instead")
+    return best
+
+
+def _clear(arm: Arm, q: Array) -> bool:
+    """Return whether the tool is well above the floor and away from the base's axis. Links are not looked at."""
+    position, _ = kinematics.poses(arm, q[None])
+    far = float(np.linalg.norm(position[0]))
+    return bool(position[0, 2] > 0.1 * far and np.hypot(*position[0, :2]) > 0.3 * far)
+
+
+def _shown(arm: Arm, q: Array, target: Array) -> Array:
+    """Return how much a move turns about each axis of the tool, and moves gravity along it, (6,)."""
+    _, quaternions = kinematics.poses(arm, np.linspace(q, target, 5))
+    turns = np.abs(log(multiply(conjugate(quaternions[:-1]), quaternions[1:]))).sum(axis=0)
+    down = matrix(quaternions)[:, 2, :]
+    return np.concatenate([turns, np.abs(np.diff(down, axis=0)).sum(axis=0)])

@@ -1,0 +1,314 @@
+"""Where an arm's tool stands and how it moves, for given joint angles, by pinocchio."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import RobotError, unknown_name
+from kreisel.geometry.rotation import Array, from_matrix, matrix
+
+MODELS = ("kr125", "ur10e")
+"""Arms that come with kreisel."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A serial arm from its base to the tool centre point.
+
+    Attributes
+    ----------
+    name, joints
+        Of the robot, and of the joints that move the tool, from the base on.
+    urdf
+        The description it was read from.
+    lower, upper, velocity : (n,)
+        Limits of the joints, rad and rad/s.
+    model, frame
+        pinocchio's, of the chain alone.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    urdf: str
+    lower: Array
+    upper: Array
+    velocity: Array
+    model: Any
+    frame: int
+
+    @property
+    def tcp(self) -> str:
+        """Name of the tool's frame."""
+        return str(self.model.frames[self.frame].name)
+
+
+@dataclass(frozen=True)
+class ToolMotion:
+    """Motion of the tool, one row for each moment.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : (n, 3)
+        In the base's frame.
+    quaternions : (n, 4)
+        q_rb, without jumps of sign.
+    rates, angular_accelerations : (n, 3)
+        Against the base, in the tool's frame.
+    """
+
+    positions: Array
+    quaternions: Array
+    velocities: Array
+    accelerations: Array
+    rates: Array
+    angular_accelerations: Array
+
+
+def pinocchio() -> Any:
+    """Return the library, or say how to get it."""
+    try:
+        import pinocchio as pin
+    except ImportError as error:
+        raise RobotError("robot kinematics need pinocchio: pip install 'kreisel[robot]'") from error
+    return pin
+
+
+def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
+    """Return an arm from a URDF file, or one of `MODELS` by name; meshes are not looked at.
+
+    Parameters
+    ----------
+    tcp
+        Frame of the tool; the last link by default.
+
+    Raises
+    ------
+    RobotError
+        If it cannot be read, has no such frame, or no joint moves the tool.
+    """
+    if str(source) in MODELS:
+        text = resources.files("kreisel.robot").joinpath("models", f"{source}.urdf").read_text(encoding="utf-8")
+        return parse_arm(text, tcp, str(source))
+    path = Path(source)
+    if path.suffix.lower() not in (".urdf", ".xml"):
+        raise RobotError(f"{unknown_name('robot', str(source), MODELS)}; or give a .urdf file")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise RobotError(f"{path}: cannot be read: {reason}; expected a robot's description (URDF)") from error
+    return parse_arm(text, tcp, str(path))
+
+
+def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> Arm:
+    """Return an arm from the text of a URDF; see `load_arm`. `source` is named in messages."""
+    pin = pinocchio()
+    try:
+        model = pin.buildModelFromXML(_plain(urdf, source))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(f"{source}: not a robot description pinocchio can read: {error}") from error
+    frames = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    if tcp is None:
+        tcp = max(frames, key=lambda name: len(_chain(model, model.getFrameId(name)))) if frames else ""
+        deepest = len(_chain(model, model.getFrameId(tcp)))
+        tcp = [name for name in frames if len(_chain(model, model.getFrameId(name))) == deepest][-1]
+    if not model.existFrame(tcp):
+        raise RobotError(f"{source}: {unknown_name('frame', tcp, frames)}")
+    chain = _chain(model, model.getFrameId(tcp))
+    if not chain:
+        raise RobotError(f"{source}: no joint moves '{tcp}'; name the tool's frame, one of {', '.join(frames)}")
+    others = [j for j in range(1, model.njoints) if j not in chain]
+    model = pin.buildReducedModel(model, others, pin.neutral(model))
+    if model.nq != model.nv:
+        raise RobotError(f"{source}: joints must each have one angle; {tcp} hangs on others")
+    names = tuple(model.names[1:])
+    lower, upper = (np.array(limit, dtype=float) for limit in (model.lowerPositionLimit, model.upperPositionLimit))
+    return Arm(str(model.name), names, urdf, lower, upper, np.array(model.velocityLimit), model, model.getFrameId(tcp))
+
+
+def _plain(urdf: str, source: str) -> str:
+    """Return the description without meshes, its endless joints with (wide) limits."""
+    try:
+        root = ElementTree.fromstring(urdf)
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{source}: not XML: {error}; expected a robot's description (URDF)") from error
+    for link in root.iter("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    for joint in root.iter("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+            limit.set("lower", "-100.0")
+            limit.set("upper", "100.0")
+            limit.set("velocity", limit.get("velocity", "3.0"))
+            limit.set("effort", limit.get("effort", "1000"))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _chain(model: Any, frame: int) -> list[int]:
+    """Return the joints from the base to a frame."""
+    joint = model.frames[frame].parentJoint
+    return [int(j) for j in model.supports[joint]][1:]
+
+
+def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
+    """Return positions (n, 3) and quaternions (n, 4) of the tool for joint angles (n, joints)."""
+    pin = pinocchio()
+    model, data, frame = arm.model, arm.model.createData(), arm.frame
+    angles = np.ascontiguousarray(angles, dtype=float)
+    p, C = np.empty((len(angles), 3)), np.empty((len(angles), 3, 3))
+    for k in _changed(angles):
+        pin.forwardKinematics(model, data, angles[k])
+        placement = pin.updateFramePlacement(model, data, frame)
+        p[k], C[k] = placement.translation, placement.rotation
+    same = _last_changed(angles)
+    return p[same], continuous(from_matrix(C[same]))
+
+
+def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolMotion:
+    """Return the tool's motion for joint angles, rates and accelerations, (n, joints) each."""
+    pin = pinocchio()
+    model, data, frame = arm.model, arm.model.createData(), arm.frame
+    everything = np.hstack([angles, rates, accelerations])
+    n, joints = angles.shape
+    p, C, twist = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 2, 6))
+    local = pin.LOCAL
+    for k in _changed(everything):
+        row = everything[k]
+        pin.forwardKinematics(model, data, row[:joints], row[joints : 2 * joints], row[2 * joints :])
+        placement = pin.updateFramePlacement(model, data, frame)
+        p[k], C[k] = placement.translation, placement.rotation
+        twist[k, 0] = pin.getFrameVelocity(model, data, frame, local).vector
+        # the acceleration an accelerometer feels; pinocchio's plain one is the spatial vector's
+        twist[k, 1] = pin.getFrameClassicalAcceleration(model, data, frame, local).vector
+    same = _last_changed(everything)
+    p, C, twist = p[same], C[same], twist[same]
+    v, a = (np.einsum("nij,nj->ni", C, twist[:, i, :3]) for i in range(2))
+    return ToolMotion(p, continuous(from_matrix(C)), v, a, twist[:, 0, 3:], twist[:, 1, 3:])
+
+
+def _changed(rows: Array) -> list[int]:
+    """Return the rows that differ from the one before; an arm at rest need be computed once."""
+    changed = np.ones(len(rows), dtype=bool)
+    changed[1:] = np.any(rows[1:] != rows[:-1], axis=1)
+    return list(np.flatnonzero(changed))
+
+
+def _last_changed(rows: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    changed = np.zeros(len(rows), dtype=np.int64)
+    places = _changed(rows)
+    changed[places] = places
+    return np.maximum.accumulate(changed)
+
+
+def continuous(q: Array) -> Array:
+    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
+    sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
+    return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
+
+
+def regressor(arm: Arm, angles: Array) -> Array:
+    """Return what small errors of the joint placements do to the tool's pose, (n, 6, 6 joints).
+
+    An error of joint i is a small motion (position, then rotation) of its placement in the frame of the
+    link before, seen from the placement itself. Rows: position in the base's frame, rotation as a right
+    perturbation (in the tool's frame).
+    """
+    pin = pinocchio()
+    model, data, frame = arm.model, arm.model.createData(), arm.frame
+    J = np.empty((len(angles), 6, 6 * model.nv))
+    angles = np.ascontiguousarray(angles, dtype=float)
+    for k in range(len(angles)):
+        pin.forwardKinematics(model, data, angles[k])
+        placement = pin.updateFramePlacement(model, data, frame)
+        local = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL)
+        J[k, :3] = placement.rotation @ local[:3]
+        J[k, 3:] = local[3:]
+    return J
+
+
+def joint_jacobian(arm: Arm, angles: Array) -> Array:
+    """Return what small changes of the joint angles do to the tool's pose, (n, 6, joints); rows as `regressor`."""
+    pin = pinocchio()
+    model, data, frame = arm.model, arm.model.createData(), arm.frame
+    J = np.empty((len(angles), 6, model.nv))
+    angles = np.ascontiguousarray(angles, dtype=float)
+    for k in range(len(angles)):
+        pin.computeJointJacobians(model, data, angles[k])
+        placement = pin.updateFramePlacement(model, data, frame)
+        local = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+        J[k, :3] = placement.rotation @ local[:3]
+        J[k, 3:] = local[3:]
+    return J
+
+
+def gravity_torques(arm: Arm, angles: Array) -> Array:
+    """Return the torques that hold the arm against gravity, (n, joints), N m."""
+    pin = pinocchio()
+    data = arm.model.createData()
+    angles = np.ascontiguousarray(angles, dtype=float)
+    return np.array([pin.computeGeneralizedGravity(arm.model, data, q) for q in angles])
+
+
+def with_placement_errors(arm: Arm, errors: Array) -> Arm:
+    """Return the arm with its joint placements moved by errors (joints, 6); see `regressor`."""
+    pin = pinocchio()
+    model = pin.Model(arm.model)
+    for j, error in enumerate(errors, start=1):
+        model.jointPlacements[j] = model.jointPlacements[j] * pin.exp6(pin.Motion(error[:3], error[3:]))
+    return replace(arm, model=model)
+
+
+def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array:
+    """Return joint angles (joints,) that bring the tool to a pose, near `start`.
+
+    Raises
+    ------
+    RobotError
+        If none are found; says how far the arm comes, or which joint stands in the way.
+    """
+    pin = pinocchio()
+    model, data, frame = arm.model, arm.model.createData(), arm.frame
+    target = pin.SE3(matrix(quaternion), np.asarray(position, dtype=float))
+    q = np.array(start, dtype=float)
+    error = np.full(6, np.inf)
+    for _ in range(300):
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacement(model, data, frame)
+        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+        error = pin.log6(data.oMf[frame].actInv(target)).vector
+        if np.linalg.norm(error) < 1e-10:
+            break
+        damping = 1e-6 + 0.01 * min(float(error @ error), 1.0)
+        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+        q = q + step * min(1.0, 0.3 / max(float(np.max(np.abs(step))), 1e-12))
+    if np.linalg.norm(error) >= 1e-6:
+        raise RobotError(f"out of reach: the nearest pose found is {np.linalg.norm(error[:3]):.3f} m away")
+    return np.asarray(np.where(np.abs(arm.upper - arm.lower) > 6.2, _within(q, arm.lower, arm.upper), q))
+
+
+def _within(q: Array, lower: Array, upper: Array) -> Array:
+    """Return angles moved by full turns into their limits where that is possible."""
+    turned = q - 2.0 * np.pi * np.round(q / (2.0 * np.pi))
+    return np.where((q >= lower) & (q <= upper), q, turned)
+
+
+def check_range(arm: Arm, angles: Sequence[float] | Array) -> None:
+    """Raise RobotError if an angle is beyond its joint's limit; name joint and limit."""
+    if len(angles) != len(arm.joints):
+        raise RobotError(f"{len(angles)} joint angles, expected {len(arm.joints)}: {', '.join(arm.joints)}")
+    for name, angle, low, high in zip(arm.joints, angles, arm.lower, arm.upper, strict=True):
+        if not low - 1e-9 <= angle <= high + 1e-9:
+            raise RobotError(
+                f"{name} at {np.degrees(angle):.2f} deg is beyond its range, {np.degrees(low):.1f} to "
+                f"{np.degrees(high):.1f} deg"
+            )

@@ -1,0 +1,128 @@
+"""Programs: poses and rests in a file, as an operator writes them down."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import RobotError, SettingsError, unknown_name
+from kreisel.geometry.rotation import Array, exp, multiply
+from kreisel.robot.excitation import home
+from kreisel.robot.kinematics import Arm, check_range, inverse
+from kreisel.robot.motion import Move
+from kreisel.units import DEG
+
+EXAMPLE = """\
+# A program: moves from rest to rest. Targets are joint angles, or poses of the tool in the base's frame.
+start_deg = [0, -90, 90, 0, 30, 0]     # where the arm stands at the beginning
+
+[[move]]
+joints_deg = [30, -70, 80, 20, 50, 40]
+rest = 1.5                             # s at rest at the target
+speed = 0.8                            # share of the limits
+
+[[move]]
+position = [1.5, 0.4, 1.6]             # m
+abc_deg = [20, 70, 10]                 # KUKA's A, B, C: turns about Z, Y', X''
+rest = 2.0
+"""
+
+_KEYS = ("joints_deg", "position", "abc_deg", "rest", "speed")
+
+
+@dataclass(frozen=True)
+class Program:
+    """Where the arm stands at first (joints,), and the moves it makes."""
+
+    start: Array
+    moves: tuple[Move, ...]
+
+
+def read_program(path: Path, arm: Arm) -> Program:
+    """Return the program in a TOML file, its poses as joint angles of an arm.
+
+    Raises
+    ------
+    SettingsError
+        If the file cannot be read, or has unknown keys.
+    RobotError
+        If a pose is out of reach or range; names the move, the joint and the limit.
+    """
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SettingsError(
+            f"{path}: not valid TOML: {error}; `kreisel simulate --example-program` prints one"
+        ) from error
+    for key in content:
+        if key not in ("start_deg", "move"):
+            raise SettingsError(f"{path}: {unknown_name('key', key, ('start_deg', 'move'))}")
+    moves = content.get("move", [])
+    if not isinstance(moves, list) or not moves:
+        raise SettingsError(f"{path}: no moves; write at least one [[move]]")
+    start = home(arm)
+    if "start_deg" in content:
+        start = DEG * _numbers(content["start_deg"], len(arm.joints), f"{path}: start_deg")
+    _checked(arm, start, f"{path}: start_deg")
+    out: list[Move] = []
+    at = start
+    for number, table in enumerate(moves, start=1):
+        place = f"{path}: move {number}"
+        at = _target(table, arm, at, place)
+        _checked(arm, at, place)
+        rest, speed = (
+            _number(table.get("rest", 1.5), f"{place}: rest"),
+            _number(table.get("speed", 1.0), f"{place}: speed"),
+        )
+        if not (0.0 <= rest <= 3600.0 and 0.01 <= speed <= 1.0):
+            raise SettingsError(f"{place}: rest {rest:g} s, speed {speed:g}; expected 0 to 3600 s, and 0.01 to 1")
+        out.append(Move(at, rest, speed))
+    return Program(start, tuple(out))
+
+
+def _target(table: Any, arm: Arm, near: Array, place: str) -> Array:
+    if not isinstance(table, dict):
+        raise SettingsError(f"{place}: expected a table: write [[move]]")
+    for key in table:
+        if key not in _KEYS:
+            raise SettingsError(f"{place}: {unknown_name('key', key, _KEYS)}")
+    if "joints_deg" in table:
+        return np.asarray(DEG * _numbers(table["joints_deg"], len(arm.joints), f"{place}: joints_deg"))
+    if "position" not in table or "abc_deg" not in table:
+        raise SettingsError(f"{place}: expected joints_deg, or position with abc_deg")
+    position = _numbers(table["position"], 3, f"{place}: position")
+    try:
+        return inverse(arm, position, from_abc(DEG * _numbers(table["abc_deg"], 3, f"{place}: abc_deg")), near)
+    except RobotError as error:
+        raise RobotError(f"{place}: {error}") from error
+
+
+def from_abc(abc: Array) -> Array:
+    """Return the quaternion (4,) of KUKA's A, B, C (3,), rad: R = Rz(A) Ry(B) Rx(C)."""
+    a, b, c = (exp(angle * axis) for angle, axis in zip(abc, np.eye(3)[::-1], strict=True))
+    return multiply(multiply(a, b), c)
+
+
+def _checked(arm: Arm, angles: Array, place: str) -> None:
+    try:
+        check_range(arm, angles)
+    except RobotError as error:
+        raise RobotError(f"{place}: {error}") from error
+
+
+def _numbers(value: Any, count: int, place: str) -> Array:
+    if not isinstance(value, list) or len(value) != count:
+        raise SettingsError(f"{place}: {value!r}; expected {count} numbers in brackets")
+    return np.array([_number(v, place) for v in value])
+
+
+def _number(value: Any, place: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise SettingsError(f"{place}: {value!r} is not a number")
+    return float(value)

@@ -1,0 +1,131 @@
+"""A simulated controller: what it reports of an arm that is not quite as it believes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from kreisel._kernels import oscillator
+from kreisel.geometry.rotation import Array, exp, multiply
+from kreisel.robot import kinematics
+from kreisel.robot.kinematics import Arm
+from kreisel.robot.motion import Plan
+from kreisel.simulation.settings import Errors
+
+_FADE = 0.05
+"""m/s of the tool at which half of the path error is there."""
+
+
+@dataclass(frozen=True)
+class ArmErrors:
+    """One arm's own errors, drawn once.
+
+    Attributes
+    ----------
+    placement : (joints, 6)
+        See `kinematics.regressor`.
+    eccentricity, phase : (joints,)
+        Of the gears, rad: a joint stands amplitude * sin(angle + phase) beyond what its motor shows.
+    compliance, lag : (joints,)
+        rad/(N m), and s.
+    """
+
+    placement: Array
+    eccentricity: Array
+    phase: Array
+    compliance: Array
+    lag: Array
+
+
+def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors:
+    """Return the errors of one arm."""
+    n = len(arm.joints)
+    sd = np.repeat([errors.geometry_length_sd, errors.geometry_angle_sd], 3)
+    placement = rng.normal(size=(n, 6)) * sd
+    eccentricity, phase = rng.normal(size=n) * errors.gear_eccentricity_sd, rng.uniform(0.0, 2.0 * np.pi, n)
+    size = rng.normal(size=n) * errors.sag_sd
+    if errors.sag_sd > 0.0:
+        drawn = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), size=(200, n))
+        largest = np.abs(kinematics.gravity_torques(arm, drawn)).max(axis=0)
+        size = np.where(largest > 1.0, size / np.maximum(largest, 1.0), 0.0)
+    lag = errors.servo_lag * rng.uniform(0.7, 1.3, n)
+    return ArmErrors(placement, eccentricity, phase, size, lag)
+
+
+def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
+    """Return how far elastic joints stand from their motors: angle, rate and acceleration, (n, joints).
+
+    Each joint is a damped spring driven by its motor's acceleration, which is taken as linear between
+    the moments t; exact for that.
+    """
+    q, _, ddq = plan.at(t)
+    if errors.oscillation_frequency <= 0.0:
+        zero = np.zeros_like(q)
+        return zero, zero, zero
+    omega, damping = 2.0 * np.pi * errors.oscillation_frequency, errors.oscillation_damping
+    h = float(t[1] - t[0])
+    # x' = A x - B (u_k + s (u_k+1 - u_k)), the input a ramp: a matrix exponential of the augmented system
+    A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
+    M = np.zeros((4, 4))
+    M[:2, :2], M[1, 2], M[2, 3] = A * h, -h, 1.0
+    E = expm(M)
+    now, later = E[:2, 2] - E[:2, 3], E[:2, 3]
+    x = np.zeros((2, *q.shape))
+    oscillator.drive(np.ascontiguousarray(E[:2, :2]), now.copy(), later.copy(), ddq, x)
+    return x[0], x[1], -ddq - 2.0 * damping * omega * x[1] - omega**2 * x[0]
+
+
+def reported(
+    rng: np.random.Generator, nominal: Arm, plan: Plan, t: Array, own: ArmErrors, errors: Errors
+) -> tuple[Array, Array, Array]:
+    """Return positions, quaternions and joint angles the controller reports at times t (n,).
+
+    Poses are those of the *nominal* arm at the motors' angles, and carry what is not a function of them:
+    repeatability, and the path's own error.
+    """
+    motor, rate = motor_angles(nominal, plan, t, own)
+    motor = motor + own.lag * rate
+    if errors.encoder_step > 0.0:
+        motor = np.round(motor / errors.encoder_step) * errors.encoder_step
+    p, q = kinematics.poses(nominal, motor)
+    moved = np.hstack([np.zeros((1, 3)).repeat(len(t), axis=0)] * 2)
+    moved += _repeatability(rng, plan, t, errors) + _path(rng, plan, t, p, errors)
+    return p + moved[:, :3], multiply(q, exp(moved[:, 3:])), motor
+
+
+def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Array, Array]:
+    """Return the angles and rates the motors show, (n, joints), where the joints follow the plan."""
+    angle, rate, _ = plan.at(t)
+    motor = angle - own.eccentricity * np.sin(angle + own.phase)
+    if np.any(own.compliance != 0.0):
+        motor = motor + own.compliance * kinematics.gravity_torques(nominal, angle)
+    return motor, rate
+
+
+def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Errors) -> Array:
+    """Return one draw for each rest, and a smooth passage from one to the next, (n, 6)."""
+    sd = np.repeat([errors.repeatability_position_sd, errors.repeatability_orientation_sd], 3)
+    draws = rng.normal(size=(len(plan.rests), 6)) * sd
+    k = np.clip(np.searchsorted(plan.rests[:, 0], t, side="right") - 1, 0, len(draws) - 1)
+    after = np.minimum(k + 1, len(draws) - 1)
+    begin, end = plan.rests[k, 1], plan.rests[after, 0]
+    x = np.clip((t - begin) / np.where(end > begin, end - begin, 1.0), 0.0, 1.0)
+    share = (x**3 * (10.0 - 15.0 * x + 6.0 * x**2))[:, None]
+    return np.asarray((1.0 - share) * draws[k] + share * draws[after])
+
+
+def _path(rng: np.random.Generator, plan: Plan, t: Array, p: Array, errors: Errors) -> Array:
+    """Return the path's error, (n, 6): a Gauss-Markov process that fades away at rest."""
+    sd = np.repeat([errors.path_position_sd, errors.path_orientation_sd], 3)
+    white = rng.normal(size=(len(t), 6))
+    if errors.path_correlation_time > 0.0:
+        keep = np.exp(-np.diff(t) / errors.path_correlation_time)
+        process = np.empty_like(white)
+        oscillator.gauss_markov(keep, white, process)
+    else:
+        process = white
+    speed = np.linalg.norm(np.gradient(p, t, axis=0), axis=1)
+    moving = np.where(plan.at_rest(t), 0.0, speed / (speed + _FADE))
+    return process * sd * moving[:, None]

@@ -1,0 +1,181 @@
+"""CELL.toml: everything a virtual cell may be told, with its defaults."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from kreisel.errors import SettingsError, unknown_name
+from kreisel.inertial.noise import GRADES
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _key(default: Any, text: str, **bounds: Any) -> Any:
+    return Field(default, description=text, **bounds)
+
+
+class Robot(_Table):
+    """The arm as its controller believes it to be."""
+
+    model: str = _key("kr125", "kr125, ur10e, or a .urdf file (meshes are not looked at)")
+    tcp: str | None = _key(None, "frame of the tool; the last link by default")
+
+
+class Motion(_Table):
+    """What the arm does: random moves that excite all six sensors, or a program."""
+
+    program: str | None = _key(None, "a file of moves (see --example-program); random moves by default")
+    first_rest: float = _key(4.0, "s at rest before the first move", ge=1.0, le=600.0)
+    rest: float = _key(1.5, "s at rest between moves, on average", ge=0.1, le=600.0)
+    range_share: float = _key(0.7, "share of the joints' ranges that random moves use", gt=0.0, le=1.0)
+    tool_speed: float = _key(1.5, "largest speed of the tool, m/s", gt=0.0, le=20.0)
+    tool_acceleration: float = _key(6.0, "largest acceleration of the tool, m/s^2", gt=0.0, le=100.0)
+    smoothing: float = _key(0.012, "time over which the controller averages its set points, s", ge=0.0, le=0.5)
+
+
+class Errors(_Table):
+    """What separates the arm from what its controller reports; standard deviations, words of ISO 9283."""
+
+    geometry_length_sd: float = _key(3e-4, "AP: every joint placement, each direction, m", ge=0.0, le=0.05)
+    geometry_angle_sd: float = _key(3e-4, "AP: every joint placement, about each axis, rad", ge=0.0, le=0.05)
+    gear_eccentricity_sd: float = _key(0.0, "AP: once per turn of each joint, rad", ge=0.0, le=0.01)
+    sag_sd: float = _key(0.0, "AP: elastic sag of each joint at its largest gravity torque, rad", ge=0.0, le=0.01)
+    repeatability_position_sd: float = _key(1e-4, "RP: one draw for each rest, m", ge=0.0, le=0.05)
+    repeatability_orientation_sd: float = _key(1e-4, "RP: one draw for each rest, rad", ge=0.0, le=0.05)
+    path_position_sd: float = _key(5e-4, "AT: while moving, m", ge=0.0, le=0.05)
+    path_orientation_sd: float = _key(4e-4, "AT: while moving, rad", ge=0.0, le=0.05)
+    path_correlation_time: float = _key(0.15, "AT: how long such an error lasts, s; 0: a new one for each pose", ge=0.0)
+    servo_lag: float = _key(
+        0.0, "AT: joints follow their set points by about this, each differently, s", ge=0.0, le=0.2
+    )
+    oscillation_frequency: float = _key(0.0, "Hz: elastic joints swing after each stop; 0: stiff", ge=0.0, le=100.0)
+    oscillation_damping: float = _key(0.05, "share of critical damping of that swing", gt=0.0, lt=1.0)
+    encoder_step: float = _key(0.0, "rad: joint angles are rounded to this", ge=0.0, le=0.01)
+
+
+class Reference(_Table):
+    """How the controller records its poses, on its own clock."""
+
+    kind: Literal["robot", "mocap"] = _key("robot", "robot, or mocap: then no joint angles are written")
+    measures: Literal["pose", "position", "orientation"] = _key("pose", "pose, position or orientation")
+    joints: bool = _key(True, "write joint angles and the robot's description too")
+    interval: float = _key(0.012, "s between two poses", gt=0.0005, le=1.0)
+    clock_offset: float = _key(0.0371, "t_imu - t_ref at the first pose, s", ge=-100.0, le=100.0)
+    clock_drift_ppm: float = _key(0.0, "the IMU's clock against the reference's", ge=-10000.0, le=10000.0)
+    jitter: float = _key(0.0, "s: a pose is taken so much beside its stamp", ge=0.0, le=0.1)
+    drop_share: float = _key(0.0, "share of poses that are lost", ge=0.0, le=0.9)
+
+
+class Imu(_Table):
+    """The device under test; what its grade says, unless said otherwise here."""
+
+    grade: str = _key("fog-mems", f"one of {', '.join(sorted(GRADES))}")
+    rate: float | None = _key(None, "samples a second", gt=10.0, le=10000.0)
+    noise: bool = _key(True, "white noise, bias instability, random walks and rounding of the grade")
+    errors: bool = _key(True, "scale, misalignment and offsets of the grade; without: a faultless device")
+    mounting_deg: tuple[float, float, float] = _key((0.0, 0.0, 0.0), "rotation vector of the IMU in the tool's frame")
+    lever_arm: tuple[float, float, float] = _key((0.02, 0.03, 0.08), "of the IMU in the tool's frame, m")
+    lever_arm_spread: float = _key(0.02, "standard deviation of the accelerometers about it, m", ge=0.0, le=1.0)
+    quadratic_gyro_sd: float = _key(0.0, "k_w2, per rad/s", ge=0.0, le=0.1)
+    quadratic_accel_sd: float = _key(0.0, "k_a2, per m/s^2", ge=0.0, le=0.01)
+    averaged: bool = _key(False, "readings are means over the sample before, not values at its end")
+    bandwidth: float | None = _key(None, "Hz: second-order low-pass, with its group delay; 0: none", ge=0.0, le=5000.0)
+    drop_share: float = _key(0.0, "share of samples that are lost", ge=0.0, le=0.5)
+    gyro_temperature_drift: float = _key(0.0, "change of each gyro offset over the recording, rad/s", ge=-1.0, le=1.0)
+    accel_temperature_drift: float = _key(0.0, "the same for accelerometers, m/s^2", ge=-1.0, le=1.0)
+
+
+class Site(_Table):
+    """Where on Earth the cell stands, and how."""
+
+    latitude_deg: float = _key(49.2571, "by default Saarbruecken, where the paper was written", ge=-90.0, le=90.0)
+    height_m: float = _key(200.0, "above the ellipsoid", ge=-500.0, le=9000.0)
+    heading_deg: float = _key(30.0, "the base's x axis, from north to east", ge=-360.0, le=360.0)
+    tilt_sd: float = _key(2e-3, "rad: the base is level only so well", ge=0.0, le=0.5)
+
+
+class Cell(_Table):
+    """A virtual cell."""
+
+    seed: int = _key(1, "all randomness follows from it", ge=0)
+    seconds: float = _key(600.0, "length of the recording", ge=10.0, le=100_000.0)
+    robot: Robot = Robot()
+    motion: Motion = Motion()
+    errors: Errors = Errors()
+    reference: Reference = Reference()
+    imu: Imu = Imu()
+    site: Site = Site()
+
+
+def read_cell(path: Path) -> Cell:
+    """Return the cell a TOML file describes; a program or a URDF it names is looked for beside it.
+
+    Raises
+    ------
+    SettingsError
+        If it cannot be read, has an unknown key (the known ones are listed) or an impossible value.
+    """
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SettingsError(f"{path}: not valid TOML: {error}; `kreisel simulate --example` prints a cell") from error
+    return parse_cell(content, path)
+
+
+def parse_cell(content: dict[str, Any], path: Path) -> Cell:
+    """Return the cell of a parsed file; see `read_cell`."""
+    fields = Cell.model_fields
+    for name, value in content.items():
+        if name not in fields:
+            raise SettingsError(f"{path}: {unknown_name('key', name, fields)}")
+        table = fields[name].annotation
+        if isinstance(table, type) and issubclass(table, BaseModel):
+            if not isinstance(value, dict):
+                raise SettingsError(f"{path}: '{name}' must be a table: write [{name}]")
+            for key in value:
+                if key not in table.model_fields:
+                    raise SettingsError(f"{path}: {unknown_name('key', f'{name}.{key}', table.model_fields)}")
+    for section, key in (("robot", "model"), ("motion", "program")):
+        named = content.get(section, {}).get(key)
+        if isinstance(named, str) and (path.parent / named).is_file():
+            content[section][key] = str(path.parent / named)
+    try:
+        cell = Cell.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(f"{path}: {place} = {first['input']!r} is not accepted: {first['msg']}") from error
+    if cell.imu.grade not in GRADES:
+        raise SettingsError(f"{path}: {unknown_name('grade', cell.imu.grade, GRADES)}")
+    return cell
+
+
+def example() -> str:
+    """Return a CELL.toml with every key, its default and what it means."""
+    lines = ["# A virtual cell for `kreisel simulate CELL.toml -o RECORDING`. Every key is optional.", ""]
+    tables = []
+    for name, info in Cell.model_fields.items():
+        table = info.annotation
+        if isinstance(table, type) and issubclass(table, BaseModel):
+            tables.append((name, table))
+        else:
+            lines.append(_line(name, info.default, info.description))
+    for name, table in tables:
+        lines += ["", f"# {table.__doc__}", f"[{name}]"]
+        lines += [_line(key, info.default, info.description) for key, info in table.model_fields.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _line(key: str, default: Any, description: str | None) -> str:
+    unset = default is None
+    value = "" if unset else json.dumps(list(default) if isinstance(default, tuple) else default)
+    return f"{'# ' if unset else ''}{key} = {value:<{max(1, 34 - len(key) - 2 * unset)}} # {description}"
