@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels import composition, rotation
-from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, Update
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices
@@ -31,6 +31,7 @@ class CellModel:
         self._gyro = _Rows(self, [g for g in GROUPS if g.startswith("gyro")])
         self._accel = _Rows(self, [g for g in GROUPS if g.startswith("accel") or g == "lever_arms"])
         self._surroundings = _Rows(self, ["alignment", "north", "gravity", "time_offset", "time_skew"])
+        self._robot = _Rows(self, list(ROBOT_GROUPS))
         n, g, s = self.layout.degrees, problem.gyro_degrees, problem.sensor_degrees
         # Sigma points that do not touch the gyros' parameters turn as the centre does.
         turning = [0, *range(1, g + 1), *range(n + 1, n + g + 1)]
@@ -38,6 +39,10 @@ class CellModel:
         self._turning, self._distinct = np.array(turning), np.array(turning + sharing)
         self._which = np.zeros(2 * n + 1, dtype=np.int64)
         self._which[self._distinct] = np.arange(self._distinct.size)
+        self._regressor: dict[int, Array] = {}
+        if problem.robot is not None:
+            poses = np.array([update.pose for update in problem.updates])
+            self._regressor = dict(zip(poses.tolist(), problem.robot.regressor(poses), strict=True))
         self._update: Update
         self._columns: SensorColumns
         self._increment: Increment
@@ -136,6 +141,12 @@ class CellModel:
             p_out += points[self.layout.stored("rest_position")]
             turned = points[self.layout.stored("rest_orientation")]
             rotation.plus(q_out.copy(), turned, q_out)
+        if self.problem.robot is not None:
+            # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
+            errors = self._robot.of(points, np.arange(m))
+            added = self._regressor[self._update.pose] @ errors
+            p_out -= added[:3]
+            rotation.plus(q_out.copy(), -added[3:], q_out)
         return q_out, p_out, v
 
     def measurement_factor(self, centre: Array) -> Array:

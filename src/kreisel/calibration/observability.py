@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.calibration.filter_run import FilterRun
-from kreisel.calibration.parameters import GROUPS, parameter_names
+from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.calibration.problem import Problem
 from kreisel.geometry.rotation import Array
 
@@ -78,7 +78,7 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
     unshown: list[str] = []
     order = problem.settings.polynomial_order
     for group in GROUPS:
-        own = parameter_names(group, order)
+        own = parameter_names(group, order, problem.joints)
         if group not in problem.layout:
             if group in problem.held:
                 unobservable += own
@@ -94,7 +94,7 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             prior.append(float(before))
             posterior.append(float(after))
             lost = after > UNSHOWN * before
-            if group in ("alignment", "north", "gravity") or (lost and group in problem.given_priors):
+            if group in ("alignment", "north", "gravity", *ROBOT_GROUPS) or (lost and group in problem.given_priors):
                 lost = False  # believed from the start, and needed by nobody
             if lost:
                 unshown.append(name)

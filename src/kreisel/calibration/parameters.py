@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,6 +23,9 @@ GROUPS = {
     "gravity": "magnitude of gravity, where neither it nor the latitude is given",
     "time_offset": "offset of the reference's clock",
     "time_skew": "ratio of the clocks, less one",
+    "robot_placement": "errors of the robot's joint placements: lengths and angles",
+    "robot_gears": "gear eccentricity: sine and cosine of each joint angle, rad",
+    "robot_compliance": "elastic sag: compliance of each joint against gravity's torque, rad/(N m)",
 }
 """All groups of parameters a calibration may estimate, as `--fix` names them."""
 
@@ -36,6 +39,44 @@ SENSOR_GROUPS = (
     "lever_arms",
 )
 """Groups every sensor parameter belongs to. They come first in the state; see `estimation.filter`."""
+
+
+ROBOT_GROUPS = ("robot_placement", "robot_gears", "robot_compliance")
+"""Groups of the robot's errors. They enter what the reference shows, linearly, and move nothing."""
+
+
+@dataclass(frozen=True)
+class RobotParameters:
+    """Errors of an arm of n joints: the real one against what its controller believes.
+
+    Attributes
+    ----------
+    placement : (n, 6)
+        Small motions of the joint placements; see `robot.kinematics.regressor`.
+    gears : (n, 2)
+        A joint stands gears[:, 0] sin(angle) + gears[:, 1] cos(angle) beyond what its motor shows, rad.
+    compliance : (n,)
+        It gives way to gravity's torque by so much, rad/(N m).
+    """
+
+    placement: Array
+    gears: Array
+    compliance: Array
+
+    @classmethod
+    def none(cls, joints: int = 0) -> RobotParameters:
+        """Return a faultless arm of so many joints."""
+        return cls(np.zeros((joints, 6)), np.zeros((joints, 2)), np.zeros(joints))
+
+    @property
+    def joints(self) -> int:
+        """Number of joints; 0 where the reference is no robot, or nothing is known of its joints."""
+        return self.compliance.size
+
+    @property
+    def vector(self) -> Array:
+        """All errors (9 n,), in the order of `ROBOT_GROUPS`."""
+        return np.concatenate([self.placement.ravel(), self.gears.ravel(), self.compliance])
 
 
 @dataclass(frozen=True)
@@ -64,6 +105,7 @@ class CellParameters:
     gravity: float
     start: float
     skew: float
+    robot: RobotParameters = field(default_factory=RobotParameters.none)
 
     def stored(self, group: str) -> Array:
         """Return a group's numbers as they are stored in the state."""
@@ -81,6 +123,9 @@ class CellParameters:
             "gravity": np.array([self.gravity]),
             "time_offset": np.array([self.start]),
             "time_skew": np.array([self.skew]),
+            "robot_placement": self.robot.placement.ravel(),
+            "robot_gears": self.robot.gears.ravel(),
+            "robot_compliance": self.robot.compliance,
         }
         return np.asarray(values[group], dtype=float)
 
@@ -101,11 +146,16 @@ class CellParameters:
             float(values["gravity"][0]),
             float(values["time_offset"][0]),
             float(values["time_skew"][0]),
+            RobotParameters(
+                values["robot_placement"].reshape(-1, 6),
+                values["robot_gears"].reshape(-1, 2),
+                values["robot_compliance"],
+            ),
         )
 
 
-def group_part(group: str, order: int) -> Part:
-    """Return a group's part of the state."""
+def group_part(group: str, order: int, joints: int = 0) -> Part:
+    """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints."""
     degrees = {
         "gyro_cross_coupling": 9,
         "gyro_polynomial": 3 * (order - 1),
@@ -117,12 +167,22 @@ def group_part(group: str, order: int) -> Part:
         "gravity": 1,
         "time_offset": 1,
         "time_skew": 1,
+        "robot_placement": 6 * joints,
+        "robot_gears": 2 * joints,
+        "robot_compliance": joints,
     }
     return Part(group, degrees.get(group, 3), rotation=group == "alignment")
 
 
-def parameter_names(group: str, order: int) -> tuple[str, ...]:
-    """Return the names of a sensor or timing group's parameters: their paths in the result file."""
+def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:
+    """Return the names of a group's parameters: their paths in the result file."""
+    if group in ROBOT_GROUPS:
+        entries = {"robot_placement": 6, "robot_gears": 2, "robot_compliance": 0}[group]
+        stem = f"robot.{group.removeprefix('robot_')}"
+        indices = [f"{j}" for j in range(joints)]
+        if entries:
+            indices = [f"{j},{i}" for j in indices for i in range(entries)]
+        return tuple(f"{stem}[{index}]" for index in indices)
     sensor = "gyroscope" if group.startswith("gyro") else "accelerometer"
     matrix = [f"[{i},{j}]" for i in range(3) for j in range(3)]
     if group.endswith("cross_coupling"):

@@ -6,10 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.parameters import GROUPS, SENSOR_GROUPS, CellParameters, group_part, parameter_names
+from kreisel.calibration.parameters import (
+    GROUPS,
+    ROBOT_GROUPS,
+    SENSOR_GROUPS,
+    CellParameters,
+    group_part,
+    parameter_names,
+)
 from kreisel.calibration.reference_noise import ReferenceNoise
 from kreisel.calibration.rests import Rest
-from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.robot_errors import RobotModel
+from kreisel.calibration.settings import BY_CHOICE, CalibrationSettings
 from kreisel.estimation.state import Part, StateLayout
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.strapdown import InertialSignal
@@ -72,6 +80,8 @@ class Problem:
         Groups whose prior is the user's word.
     nominal, held
         Values for groups the motion does not show, and the groups held there for that reason.
+    robot
+        The arm, where its errors are estimated.
     """
 
     signal: InertialSignal
@@ -95,6 +105,7 @@ class Problem:
     updates: tuple[Update, ...]
     update_interval: float
     held: tuple[str, ...] = ()
+    robot: RobotModel | None = None
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -112,6 +123,11 @@ class Problem:
         return sum(part.degrees for part in self.layout if part.name in SENSOR_GROUPS)
 
     @property
+    def joints(self) -> int:
+        """Joints of the robot whose errors are estimated; 0 without one."""
+        return 0 if self.robot is None else self.robot.joints
+
+    @property
     def gyro_degrees(self) -> int:
         """Degrees of freedom of the gyros' parameters, before all others."""
         return sum(part.degrees for part in self.layout if part.name.startswith("gyro"))
@@ -121,7 +137,7 @@ class Problem:
         """Name of every estimated parameter, one for each of its degrees of freedom."""
         names: list[str] = []
         for group in self.groups:
-            own = parameter_names(group, self.settings.polynomial_order)
+            own = parameter_names(group, self.settings.polynomial_order, self.joints)
             names.extend(own[: self.layout[group].stop - self.layout[group].start])
         return tuple(names)
 
@@ -144,10 +160,12 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
 
 
 def build_layout(
-    settings: CalibrationSettings, *, north: bool, gravity: bool, skew: bool, rest_error: bool
+    settings: CalibrationSettings, *, north: bool, gravity: bool, skew: bool, rest_error: bool, joints: int = 0
 ) -> StateLayout:
-    """Return the layout: sensor parameters, cell parameters, rest error, navigation."""
-    absent = set(settings.fixed)
+    """Return the layout: sensor parameters, cell parameters, the robot's errors, rest error, navigation."""
+    absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated))
+    if joints == 0:
+        absent |= set(ROBOT_GROUPS)
     if settings.polynomial_order == 1:
         absent |= {"gyro_polynomial", "accel_polynomial"}
     if not north:
@@ -156,7 +174,7 @@ def build_layout(
         absent.add("gravity")
     if not skew:
         absent.add("time_skew")
-    parts = [group_part(g, settings.polynomial_order) for g in GROUPS if g not in absent]
+    parts = [group_part(g, settings.polynomial_order, joints) for g in GROUPS if g not in absent]
     if rest_error:
         parts += REST_ERROR
     return StateLayout([*parts, *NAVIGATION])

@@ -12,6 +12,9 @@ from kreisel.inertial.sensor_model import SizeEffect
 ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
 """Estimators and the sigma points each uses by default."""
 
+BY_CHOICE = ("robot_gears", "robot_compliance")
+"""Groups that are estimated only if asked for."""
+
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -29,6 +32,8 @@ class CalibrationSettings:
         N of equations (1) and (2); 1 is offset and scale, 2 adds a quadratic term.
     fixed
         Groups of parameters that are not estimated.
+    estimated
+        Groups of `BY_CHOICE` that are estimated too.
     skew
         Whether the clocks' ratio is estimated; decided by the correlation if None.
     size_effect
@@ -42,6 +47,7 @@ class CalibrationSettings:
     update_interval: float | None = None
     polynomial_order: int = 1
     fixed: tuple[str, ...] = ()
+    estimated: tuple[str, ...] = ()
     skew: bool | None = None
     size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
     passes: int | None = None
@@ -57,6 +63,9 @@ class CalibrationSettings:
         for group in self.fixed:
             if group not in GROUPS:
                 raise SettingsError(unknown_name("group", group, GROUPS))
+        for group in self.estimated:
+            if group not in BY_CHOICE:
+                raise SettingsError(unknown_name("group that is estimated by choice", group, BY_CHOICE))
         if not 1 <= self.polynomial_order <= 5:
             raise SettingsError(f"polynomial order {self.polynomial_order}; expected 1 to 5")
         if self.update_interval is not None and not 0.005 <= self.update_interval <= 10.0:

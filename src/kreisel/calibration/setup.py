@@ -16,10 +16,11 @@ from kreisel.calibration.initial import (
     fit_forces,
     reference_attitude,
 )
-from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.calibration.problem import Problem, Site, build_layout, schedule
 from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
 from kreisel.calibration.rests import OutsideRest, Rest, find_rests, rest_outside
+from kreisel.calibration.robot_errors import RobotModel, robot_model
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
@@ -83,6 +84,7 @@ class Preparation:
     attitude: Array
     rests: tuple[Rest, ...]
     outside_rest: OutsideRest | None
+    robot: RobotModel | None
     findings: tuple[Finding, ...]
 
 
@@ -227,9 +229,11 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
                 "taken as noise along the motion",
             )
         )
+    robot, said = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
+    findings += said
     return Preparation(
         recording, reference, site, imu_noise, noise, signal, correlation, fit, force, attitude, rests, outside,
-        tuple(findings),
+        robot, tuple(findings),
     )  # fmt: skip
 
 
@@ -306,6 +310,8 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
         gyro_offset_sd = np.maximum(gyro_offset_sd, np.minimum(noise.gyro_offset_sd or np.inf, _BENT_GYRO))
         accel_offset_sd = np.maximum(accel_offset_sd, np.minimum(noise.accel_offset_sd or np.inf, _BENT_ACCEL))
     least = 1e-3 if order == 1 else _BENT_CROSS_COUPLING
+    turned = _turned_by_robot(preparation.robot)
+    least = max(least, turned)
     K_omega, K_omega_covariance = _nearly_orthogonal(
         fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, least, _CROSS_COUPLING_SD)
     )
@@ -314,9 +320,10 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, least, _CROSS_COUPLING_SD))
     sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
     start = CellParameters(
-        sensors, alignment_from_gravity(force.gravity), np.zeros(2), site.gravity, fit.clock.start, fit.clock.skew
-    )
-    tilt = float(np.clip(_DOUBT * force.tilt_sd, 1e-4, 0.05))
+        sensors, alignment_from_gravity(force.gravity), np.zeros(2), site.gravity, fit.clock.start, fit.clock.skew,
+        RobotParameters.none(0 if preparation.robot is None else preparation.robot.joints),
+    )  # fmt: skip
+    tilt = float(np.clip(_DOUBT * force.tilt_sd, max(1e-4, turned), 0.05))
     deviation = {
         "gyro_offset": gyro_offset_sd,
         "gyro_polynomial": np.full(3 * (order - 1), 0.02),
@@ -331,7 +338,17 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     }
     covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
     covariance |= {"gyro_cross_coupling": K_omega_covariance, "accel_cross_coupling": K_a_covariance}
+    if preparation.robot is not None:
+        covariance |= preparation.robot.covariance
     return start, covariance
+
+
+def _turned_by_robot(robot: RobotModel | None) -> float:
+    """Return how far a robot's errors may turn its tool, rad: the least squares fits take them for noise."""
+    if robot is None:
+        return 0.0
+    angles = np.diag(robot.covariance["robot_placement"]).reshape(-1, 6)[:, 3:]
+    return 2.0 * float(np.sqrt(angles.sum() / 3.0))
 
 
 def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
@@ -404,6 +421,7 @@ def _nominal(preparation: Preparation, order: int) -> CellParameters:
         preparation.site.gravity,
         preparation.rate_fit.clock.start,
         preparation.rate_fit.clock.skew,
+        RobotParameters.none(0 if preparation.robot is None else preparation.robot.joints),
     )
 
 
@@ -451,6 +469,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         gravity=site.gravity_sd > 0.0,
         skew=skewed,
         rest_error=any(u.rest is not None for u in updates),
+        joints=0 if preparation.robot is None else preparation.robot.joints,
     )
     return Problem(
         signal=preparation.signal,
@@ -467,10 +486,16 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         start=start,
         prior=start,
         prior_covariance={group: covariance[group] for group in GROUPS if group in layout},
-        prior_width={**_WIDTH, **given, "gravity": np.array([max(site.gravity_sd, 1e-9)])},
+        prior_width={
+            **_WIDTH,
+            **given,
+            "gravity": np.array([max(site.gravity_sd, 1e-9)]),
+            **{g: np.sqrt(np.diag(covariance[g])) for g in ROBOT_GROUPS if g in covariance},
+        },
         given_priors=tuple(given),
         nominal=_nominal(preparation, settings.polynomial_order),
         rests=preparation.rests,
         updates=updates,
         update_interval=interval,
+        robot=preparation.robot,
     )

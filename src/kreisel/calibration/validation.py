@@ -80,8 +80,9 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     cut = int(TRAINING * count)
     trained = _run(problem, slice(0, cut), found.run.parameters, progress, "train")
     nominal = replace(
-        problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn
-    )
+        problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn,
+        robot=trained.parameters.robot,
+    )  # fmt: skip
     unseen = _navigation_only(_part(problem, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.signal.stamps[problem.updates[cut].last]),

@@ -1,0 +1,155 @@
+"""The robot's own errors as part of the problem: what they do to the reported poses, and what is believed of them.
+
+A controller computes the pose it reports by the kinematics it believes in, from the angles its motors
+show. The tool stands elsewhere, by something that is nearly linear in a few dozen small errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.calibration.parameters import RobotParameters
+from kreisel.errors import RobotError
+from kreisel.geometry.rotation import Array, Indices, conjugate, log, multiply
+from kreisel.recording import Finding, Recording, ReferencePoses
+from kreisel.robot import kinematics
+from kreisel.robot.kinematics import Arm, parse_arm
+
+LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
+"""m and rad; how far a joint's placement is from the model, where the user does not say."""
+
+_GEAR_SD = 2e-4
+_SAG_SD = 5e-4
+"""rad; eccentricity, and sag under the largest torque met."""
+
+_ANOTHER_FRAME = (5e-3, 5e-3)
+"""m and rad; reported poses this far from the nominal kinematics use another base or tool frame."""
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """An arm and what its errors do.
+
+    Attributes
+    ----------
+    arm
+        As its controller believes it to be.
+    angles : (m, n)
+        Joint angles at every pose of the reference.
+    covariance
+        Of each robot group, before any look at the data.
+    """
+
+    arm: Arm
+    angles: Array
+    covariance: dict[str, Array]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.arm.joints)
+
+    def regressor(self, which: Indices) -> Array:
+        """Return what the robot's errors (9 n) do to chosen poses, (k, 6, 9 n): actual less reported.
+
+        Rows: position in r, rotation as a right perturbation. Columns: `RobotParameters.vector`.
+        """
+        return pose_regressor(self.arm, self.angles[which])
+
+
+def pose_regressor(arm: Arm, angles: Array) -> Array:
+    """Return what the errors of an arm (9 n) do to its tool's pose at joint angles (k, n), (k, 6, 9 n)."""
+    placement = kinematics.regressor(arm, angles)
+    J = kinematics.joint_jacobian(arm, angles)
+    gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
+    sag = -J * kinematics.gravity_torques(arm, angles)[:, None]
+    return np.concatenate([placement, gears, sag], axis=2)
+
+
+def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[Finding]]:
+    """Return the robot of a recording, or None and why it cannot be used.
+
+    Raises
+    ------
+    RobotError
+        If joint angles and description do not belong together.
+    """
+    joints, table = recording.joints, recording.settings.robot
+    if joints is None or recording.urdf is None:
+        return None, []
+    try:
+        kinematics.pinocchio()
+    except RobotError as error:
+        return None, [Finding("robot", f"{error}; without it, the robot's geometric errors are taken for noise")]
+    arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
+    if joints.angles.shape[1] != len(arm.joints):
+        raise RobotError(
+            f"{joints.source}: {joints.angles.shape[1]} joint angles, but {len(arm.joints)} joints of {arm.name} move "
+            f"'{arm.tcp}': {', '.join(arm.joints)}; correct robot.urdf, or robot.tcp in recording.toml"
+        )
+    angles = np.column_stack(
+        [np.interp(reference.stamps_ns, joints.stamps_ns, joints.angles[:, j]) for j in range(joints.angles.shape[1])]
+    )
+    far = _mismatch(arm, angles, reference)
+    if any(d > limit for d, limit in zip(far, _ANOTHER_FRAME, strict=True)):
+        return None, [
+            Finding(
+                "robot",
+                f"reported poses stand {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of {arm.name} "
+                f"at the recorded joint angles, so base or tool frame differ; its errors are taken for noise. Add the "
+                "frames to robot.urdf and name the tool in recording.toml: robot.tcp",
+            )
+        ]
+    length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
+    angle = ANGLE_SD if table.angle_sd is None else max(table.angle_sd, 1e-9)
+    n = len(arm.joints)
+    torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
+    covariance = {
+        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n) ** 2),
+        "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
+        "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
+    }
+    return RobotModel(arm, angles, covariance), []
+
+
+def _mismatch(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float, float]:
+    """Return the median distance of reported poses from the nominal kinematics, m and rad."""
+    some = slice(None, None, max(1, len(angles) // 500))
+    p, q = kinematics.poses(arm, angles[some])
+    apart, turned = 0.0, 0.0
+    if reference.positions is not None:
+        apart = float(np.median(np.linalg.norm(p - reference.positions[some], axis=1)))
+    if reference.quaternions is not None:
+        turned = float(np.median(np.linalg.norm(log(multiply(conjugate(q), reference.quaternions[some])), axis=1)))
+    return apart, turned
+
+
+@dataclass(frozen=True)
+class PoseAccuracy:
+    """How far the tool stands from its reported poses, rms over poses: m and rad."""
+
+    position: float
+    orientation: float
+
+
+def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
+    """Return the rms pose error a covariance (9 n, 9 n) of the robot's errors stands for, over the motion's poses."""
+    which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
+    J = model.regressor(which)
+    variance = np.einsum("kij,jl,kil->ki", J, covariance, J)
+    return PoseAccuracy(
+        float(np.sqrt(np.mean(np.sum(variance[:, :3], axis=1)))),
+        float(np.sqrt(np.mean(np.sum(variance[:, 3:], axis=1)))),
+    )
+
+
+def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseAccuracy:
+    """Return how far errors of the robot move its tool, rms over the motion's poses."""
+    which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
+    moved = model.regressor(which) @ errors.vector
+    return PoseAccuracy(
+        float(np.sqrt(np.mean(np.sum(moved[:, :3] ** 2, axis=1)))),
+        float(np.sqrt(np.mean(np.sum(moved[:, 3:] ** 2, axis=1)))),
+    )
