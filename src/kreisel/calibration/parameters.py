@@ -51,8 +51,8 @@ class RobotParameters:
 
     Attributes
     ----------
-    placement : (n, 6)
-        Small motions of the joint placements; see `robot.kinematics.regressor`.
+    placement : (n + 1, 6)
+        Small motions of the placements of joints and tool; see `robot.kinematics.regressor`.
     gears : (n, 2)
         A joint stands gears[:, 0] sin(angle) + gears[:, 1] cos(angle) beyond what its motor shows, rad.
     compliance : (n,)
@@ -66,7 +66,7 @@ class RobotParameters:
     @classmethod
     def none(cls, joints: int = 0) -> RobotParameters:
         """Return a faultless arm of so many joints."""
-        return cls(np.zeros((joints, 6)), np.zeros((joints, 2)), np.zeros(joints))
+        return cls(np.zeros((joints + 1 if joints else 0, 6)), np.zeros((joints, 2)), np.zeros(joints))
 
     @property
     def joints(self) -> int:
@@ -75,7 +75,7 @@ class RobotParameters:
 
     @property
     def vector(self) -> Array:
-        """All errors (9 n,), in the order of `ROBOT_GROUPS`."""
+        """All errors (9 n + 6,), in the order of `ROBOT_GROUPS`."""
         return np.concatenate([self.placement.ravel(), self.gears.ravel(), self.compliance])
 
 
@@ -167,7 +167,7 @@ def group_part(group: str, order: int, joints: int = 0) -> Part:
         "gravity": 1,
         "time_offset": 1,
         "time_skew": 1,
-        "robot_placement": 6 * joints,
+        "robot_placement": 6 * (joints + 1),
         "robot_gears": 2 * joints,
         "robot_compliance": joints,
     }
@@ -179,7 +179,7 @@ def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:
     if group in ROBOT_GROUPS:
         entries = {"robot_placement": 6, "robot_gears": 2, "robot_compliance": 0}[group]
         stem = f"robot.{group.removeprefix('robot_')}"
-        indices = [f"{j}" for j in range(joints)]
+        indices = [f"{j}" for j in range(joints + (group == "robot_placement"))]
         if entries:
             indices = [f"{j},{i}" for j in indices for i in range(entries)]
         return tuple(f"{stem}[{index}]" for index in indices)

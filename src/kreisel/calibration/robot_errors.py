@@ -52,7 +52,7 @@ class RobotModel:
         return len(self.arm.joints)
 
     def regressor(self, which: Indices) -> Array:
-        """Return what the robot's errors (9 n) do to chosen poses, (k, 6, 9 n): actual less reported.
+        """Return what the robot's errors (9 n + 6) do to chosen poses, (k, 6, 9 n + 6): actual less reported.
 
         Rows: position in r, rotation as a right perturbation. Columns: `RobotParameters.vector`.
         """
@@ -60,7 +60,7 @@ class RobotModel:
 
 
 def pose_regressor(arm: Arm, angles: Array) -> Array:
-    """Return what the errors of an arm (9 n) do to its tool's pose at joint angles (k, n), (k, 6, 9 n)."""
+    """Return what the errors of an arm (9 n + 6) do to its tool's pose at joint angles (k, n), (k, 6, 9 n + 6)."""
     placement = kinematics.regressor(arm, angles)
     J = kinematics.joint_jacobian(arm, angles)
     gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
@@ -107,7 +107,7 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     n = len(arm.joints)
     torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
     covariance = {
-        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n) ** 2),
+        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n + 1) ** 2),
         "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
         "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
     }
@@ -135,7 +135,7 @@ class PoseAccuracy:
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
-    """Return the rms pose error a covariance (9 n, 9 n) of the robot's errors stands for, over the motion's poses."""
+    """Return the rms pose error a covariance (9 n + 6, 9 n + 6) of the robot's errors stands for, over the motion's poses."""
     which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
     J = model.regressor(which)
     variance = np.einsum("kij,jl,kil->ki", J, covariance, J)

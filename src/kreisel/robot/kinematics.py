@@ -217,22 +217,25 @@ def continuous(q: Array) -> Array:
 
 
 def regressor(arm: Arm, angles: Array) -> Array:
-    """Return what small errors of the joint placements do to the tool's pose, (n, 6, 6 joints).
+    """Return what small errors of the placements of joints and tool do to the tool's pose, (n, 6, 6 (joints + 1)).
 
     An error of joint i is a small motion (position, then rotation) of its placement in the frame of the
-    link before, seen from the placement itself. Rows: position in the base's frame, rotation as a right
-    perturbation (in the tool's frame).
+    link before, seen from the placement itself; the last six are the same for the tool on the last link.
+    Rows: position in the base's frame, rotation as a right perturbation (in the tool's frame).
     """
     pin = pinocchio()
     model, data, frame = arm.model, arm.model.createData(), arm.frame
-    J = np.empty((len(angles), 6, 6 * model.nv))
+    joints = 6 * model.nv
+    J = np.zeros((len(angles), 6, joints + 6))
     angles = np.ascontiguousarray(angles, dtype=float)
     for k in range(len(angles)):
         pin.forwardKinematics(model, data, angles[k])
-        placement = pin.updateFramePlacement(model, data, frame)
+        C = pin.updateFramePlacement(model, data, frame).rotation
         local = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL)
-        J[k, :3] = placement.rotation @ local[:3]
-        J[k, 3:] = local[3:]
+        J[k, :3, :joints] = C @ local[:3]
+        J[k, 3:, :joints] = local[3:]
+        J[k, :3, joints : joints + 3] = C
+    J[:, 3:, joints + 3 :] = np.eye(3)
     return J
 
 
@@ -260,11 +263,13 @@ def gravity_torques(arm: Arm, angles: Array) -> Array:
 
 
 def with_placement_errors(arm: Arm, errors: Array) -> Arm:
-    """Return the arm with its joint placements moved by errors (joints, 6); see `regressor`."""
+    """Return the arm with the placements of joints and tool moved by errors (joints + 1, 6); see `regressor`."""
     pin = pinocchio()
     model = pin.Model(arm.model)
-    for j, error in enumerate(errors, start=1):
-        model.jointPlacements[j] = model.jointPlacements[j] * pin.exp6(pin.Motion(error[:3], error[3:]))
+    steps = [pin.exp6(pin.Motion(error[:3], error[3:])) for error in errors]
+    for j, step in enumerate(steps[:-1], start=1):
+        model.jointPlacements[j] = model.jointPlacements[j] * step
+    model.frames[arm.frame].placement = model.frames[arm.frame].placement * steps[-1]
     return replace(arm, model=model)
 
 

@@ -24,8 +24,8 @@ class ArmErrors:
 
     Attributes
     ----------
-    placement : (joints, 6)
-        See `kinematics.regressor`.
+    placement : (joints + 1, 6)
+        Of joints and tool; see `kinematics.regressor`.
     eccentricity, phase : (joints,)
         Of the gears, rad: a joint stands amplitude * sin(angle + phase) beyond what its motor shows.
     compliance, lag : (joints,)
@@ -43,7 +43,7 @@ def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors
     """Return the errors of one arm."""
     n = len(arm.joints)
     sd = np.repeat([errors.geometry_length_sd, errors.geometry_angle_sd], 3)
-    placement = rng.normal(size=(n, 6)) * sd
+    placement = rng.normal(size=(n + 1, 6)) * sd
     eccentricity, phase = rng.normal(size=n) * errors.gear_eccentricity_sd, rng.uniform(0.0, 2.0 * np.pi, n)
     size = rng.normal(size=n) * errors.sag_sd
     if errors.sag_sd > 0.0:

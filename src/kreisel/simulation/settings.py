@@ -43,8 +43,10 @@ class Motion(_Table):
 class Errors(_Table):
     """What separates the arm from what its controller reports; standard deviations, words of ISO 9283."""
 
-    geometry_length_sd: float = _key(3e-4, "AP: every joint placement, each direction, m", ge=0.0, le=0.05)
-    geometry_angle_sd: float = _key(3e-4, "AP: every joint placement, about each axis, rad", ge=0.0, le=0.05)
+    geometry_length_sd: float = _key(
+        3e-4, "AP: placement of every joint and of the tool, each direction, m", ge=0.0, le=0.05
+    )
+    geometry_angle_sd: float = _key(3e-4, "AP: the same about each axis, rad", ge=0.0, le=0.05)
     gear_eccentricity_sd: float = _key(0.0, "AP: once per turn of each joint, rad", ge=0.0, le=0.01)
     sag_sd: float = _key(0.0, "AP: elastic sag of each joint at its largest gravity torque, rad", ge=0.0, le=0.01)
     repeatability_position_sd: float = _key(1e-4, "RP: one draw for each rest, m", ge=0.0, le=0.05)
