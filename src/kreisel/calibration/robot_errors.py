@@ -97,9 +97,9 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         return None, [
             Finding(
                 "robot",
-                f"reported poses stand {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of {arm.name} "
-                f"at the recorded joint angles, so base or tool frame differ; its errors are taken for noise. Add the "
-                "frames to robot.urdf and name the tool in recording.toml: robot.tcp",
+                f"reported poses stand {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
+                f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are taken for noise. "
+                "Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
             )
         ]
     length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
@@ -135,7 +135,7 @@ class PoseAccuracy:
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
-    """Return the rms pose error a covariance (9 n + 6, 9 n + 6) of the robot's errors stands for, over the motion's poses."""
+    """Return the rms pose error a covariance of the robot's errors (9 n + 6) stands for, over the motion's poses."""
     which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
     J = model.regressor(which)
     variance = np.einsum("kij,jl,kil->ki", J, covariance, J)

@@ -84,6 +84,16 @@ def _print_verdict(console: Console, document: dict[str, Any]) -> None:
         console.print(f"verdict: rejected: {'; '.join(verdict['reasons'])}", markup=False)
 
 
+def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table of text, numbers to the right."""
+    table = Table(title=title, title_justify="left")
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="left" if i < 2 else "right")
+    for row in rows:
+        table.add_row(*row)
+    _console().print(table)
+
+
 def print_devices(devices: Sequence[Device]) -> None:
     """Print error, standard deviation and their ratio, rms over each group, for every device."""
     table = Table(title="rms error against the truth (standard deviation; error over it)", title_justify="left")

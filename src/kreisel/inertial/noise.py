@@ -159,17 +159,17 @@ GRADES = {
 PAPER = {"LPA": "ring-laser", "iNAV-FMS": "fog", "iVRU-FC": "fog-mems"}
 """The paper's three devices, and their grades."""
 
-_FLICKER_SPAN = 100.0
+_FLICKER_PERIOD = 1000.0
+"""s; as long as a calibration lasts."""
 
 
 def equivalent_walk(bias_instability: float, random_walk: float) -> float:
     """Return the random walk's density that stands for flicker noise in a filter, per root hertz.
 
-    Flicker noise has no finite state. A random walk with the same Allan deviation at 100 s, the time over
-    which a calibration averages, takes its place; a random walk K has the Allan deviation K sqrt(tau / 3).
+    Flicker noise has no finite state. A random walk takes its place that has the same spectral density at
+    one cycle in the length of a calibration: K^2 / (2 pi f)^2 = B^2 / (2 pi f).
     """
-    floor = np.sqrt(2.0 * np.log(2.0) / np.pi) * bias_instability
-    return float(np.hypot(floor * np.sqrt(3.0 / _FLICKER_SPAN), random_walk))
+    return float(np.hypot(bias_instability * np.sqrt(2.0 * np.pi / _FLICKER_PERIOD), random_walk))
 
 
 def noise(

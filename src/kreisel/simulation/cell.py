@@ -58,13 +58,17 @@ class Truth:
     actual: Arm
 
 
-def simulate(cell: Cell, path: Path, progress: Progress | None = None) -> tuple[Truth, Recording]:
+def simulate(
+    cell: Cell, path: Path, progress: Progress | None = None, trial: int | None = None
+) -> tuple[Truth, Recording]:
     """Return the recording of a virtual cell, and the truth behind it; nothing is written.
 
     Parameters
     ----------
     path
         The recording's name.
+    trial
+        Number of a trial of a study: its randomness is that child of the cell's seed.
 
     Raises
     ------
@@ -72,7 +76,8 @@ def simulate(cell: Cell, path: Path, progress: Progress | None = None) -> tuple[
         If the arm, or a pose of the program, is not possible.
     """
     # Independent streams: switching one error on leaves all else as it was.
-    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(cell.seed).spawn(6)]
+    root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
+    streams = [np.random.default_rng(child) for child in root.spawn(6)]
     motion_rng, sensor_rng, imu_rng, arm_rng, path_rng, site_rng = streams
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
@@ -89,7 +94,7 @@ def simulate(cell: Cell, path: Path, progress: Progress | None = None) -> tuple[
     truth = Truth(
         sensors, cell.reference.clock_offset, cell.reference.clock_drift_ppm * 1e-6, gravity, earth, own, actual
     )
-    settings = _settings(cell, nominal)
+    settings = recording_settings(cell, nominal)
     urdf = nominal.urdf if joints is not None else None
     return truth, Recording(path, imu, reference, joints, settings, urdf=urdf)
 
@@ -174,7 +179,7 @@ def _reference(
     return reference, joints
 
 
-def _settings(cell: Cell, arm: Arm) -> RecordingSettings:
+def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
     """Return what the cell's owner would write into recording.toml."""
     errors, r = cell.errors, cell.reference
 

@@ -1,0 +1,189 @@
+"""`kreisel study`: Monte-Carlo in the virtual cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.simulation import Cell
+    from kreisel.study.bound import Bound
+    from kreisel.study.monte_carlo import Trial
+    from kreisel.study.summary import Summary
+
+app = typer.Typer(no_args_is_help=True, help="Monte-Carlo studies in the virtual cell.", rich_markup_mode=None)
+
+_CELL = typer.Argument(None, help="CELL.toml; the default cell without.")
+_TRIALS = typer.Option(100, "--trials", help="Trials, those already there included.", min=1)
+_OUTPUT = typer.Option(Path("study"), "-o", "--output", help="Folder for the trials; one with trials goes on.")
+_SCHEDULER = typer.Option(None, help="A running dask scheduler, tcp://host:port.")
+_WORKERS = typer.Option(2, help="Local processes, where no scheduler is given.", min=1)
+_JSON = typer.Option(False, "--json", help="Print the summary as one JSON object.")
+
+
+@app.command()
+def consistency(
+    cell: Path | None = _CELL,
+    trials: int = _TRIALS,
+    output: Path = _OUTPUT,
+    scheduler: str | None = _SCHEDULER,
+    workers: int = _WORKERS,
+    json: bool = _JSON,
+) -> None:
+    """Are standard deviations honest? Error over standard deviation, NEES and coverage over many trials."""
+    summary = _study(cell, trials, output, scheduler, workers, "Consistency")
+    columns, rows = _ratios(summary)
+    _say(summary, rows, columns, output, as_json=json)
+
+
+@app.command()
+def accuracy(
+    cell: Path | None = _CELL,
+    trials: int = _TRIALS,
+    output: Path = _OUTPUT,
+    scheduler: str | None = _SCHEDULER,
+    workers: int = _WORKERS,
+    bounds: int = typer.Option(3, help="Trials whose Cramer-Rao bound is computed too.", min=0),
+    json: bool = _JSON,
+) -> None:
+    """How good are calibrations? Rms errors over many trials, against the best possible."""
+    summary = _study(cell, trials, output, scheduler, workers, "Accuracy")
+    best = _bounds(_described(cell), bounds)
+    rows = []
+    for g in summary.groups:
+        least = best.get(g.title)
+        rows.append(
+            [
+                g.title,
+                g.unit,
+                f"{g.error:.3g}",
+                *(["", ""] if not least else [f"{least:.3g}", f"{g.error / least:.2f}"]),
+            ]
+        )
+    _say(summary, rows, ["group", "unit", "rms error", "bound", "error / bound"], output, as_json=json)
+
+
+@app.command()
+def bound(
+    cell: Path | None = _CELL,
+    trials: int = typer.Option(3, "--trials", help="Motions the bound is computed for, and averaged over.", min=1),
+    json: bool = _JSON,
+) -> None:
+    """Print the best that is possible: the posterior Cramer-Rao bound along the true motion."""
+    import json as json_module
+
+    from kreisel.cli.tables import print_rows
+    from kreisel.study.summary import GROUPS
+
+    best = _bounds(_described(cell), trials)
+    if json:
+        typer.echo(json_module.dumps({"trials": trials, "bound": best}))
+        return
+    rows = [[title, unit, f"{best[title]:.3g}"] for _, title, unit, _ in GROUPS if title in best]
+    print_rows("posterior Cramer-Rao bound, rms over each group", ["group", "unit", "bound"], rows)
+
+
+def _described(cell: Path | None) -> Cell:
+    from kreisel.simulation.settings import Cell, read_cell
+
+    return Cell() if cell is None else read_cell(cell)
+
+
+def _study(cell: Path | None, trials: int, output: Path, scheduler: str | None, workers: int, title: str) -> Summary:
+    """Run what is missing, write the report, and return the summary."""
+    from kreisel.calibration.settings import CalibrationSettings
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress import progress_bar
+    from kreisel.errors import EstimationError
+    from kreisel.report.study import write_study
+    from kreisel.study.dask import dask_map
+    from kreisel.study.monte_carlo import run_trial
+    from kreisel.study.results import Results
+    from kreisel.study.summary import GROUPS, scores_of, summarise
+
+    described, settings = _described(cell), CalibrationSettings()
+    check_output(output)
+    results = Results(output, described, settings)
+    missing = [k for k in range(trials) if k not in results.done]
+    with progress_bar() as show:
+        if missing:
+            work: Callable[[int], Trial] = partial(run_trial, described, settings)
+            for trial in dask_map(work, missing, scheduler=scheduler, workers=workers):
+                results.add(trial)
+                if show is not None:
+                    show(f"{len(results.done)} of {trials} trials", len(results.done) / trials)
+    counted = [trial for trial in results.trials() if trial.number < trials]
+    summary = summarise(counted)
+    if summary is None:
+        raise EstimationError(f"all {trials} trials failed; the first: {counted[0].failure}")
+    scores = [(title, own) for stem, title, _, _ in GROUPS if (own := scores_of(counted, stem))]
+    columns, rows = _ratios(summary)
+    lead = f"{described.imu.grade} on {described.robot.model}, {described.seconds:g} s, {summary.trials} trials"
+    write_study(title, lead, rows, columns, _facts(summary), scores, output / "report.html")
+    return summary
+
+
+def _bounds(cell: Cell, trials: int) -> dict[str, float]:
+    """Return the rms bound of every group, by its title, in its unit."""
+    import numpy as np
+
+    from kreisel.calibration.settings import CalibrationSettings
+    from kreisel.cli.progress import progress_bar
+    from kreisel.study.bound import cramer_rao_bound
+    from kreisel.study.summary import GROUPS
+
+    found: list[Bound] = []
+    with progress_bar() as show:
+        for k in range(trials):
+            if show is not None:
+                show("bound", k / trials)
+            found.append(cramer_rao_bound(cell, CalibrationSettings(), k))
+    out = {}
+    for stem, title, _, factor in GROUPS:
+        own = [b.deviation[i] for b in found for i, name in enumerate(b.names) if name.startswith(stem)]
+        if own:
+            out[title] = factor * float(np.sqrt(np.mean(np.square(own))))
+    return out
+
+
+def _ratios(summary: Summary) -> tuple[list[str], list[list[str]]]:
+    """Return columns and rows of the table of groups."""
+    columns = ["group", "unit", "rms error", "rms sd", "error / sd", "its 95 % interval", "within 68 %", "within 95 %"]
+    rows = []
+    for g in summary.groups:
+        low, high = g.ratio_bounds
+        shares = [f"{100.0 * share:.1f} %" for share in g.coverage.values()]
+        values = [f"{g.error:.3g}", f"{g.deviation:.3g}", f"{g.ratio:.2f}", f"{low:.2f} to {high:.2f}"]
+        rows.append([g.title, g.unit, *values, *shares])
+    return columns, rows
+
+
+def _facts(summary: Summary) -> list[str]:
+    low, high = summary.nees_bounds
+    return [
+        f"NEES per degree of freedom {summary.nees:.3f}; a consistent one lies within {low:.3f} to {high:.3f} (95 %)",
+        f"NIS per degree of freedom: path {summary.nis_path:.2f}, standstill {summary.nis_standstill:.2f}",
+        f"{summary.trials} trials, {summary.failed} failed, {summary.rejected} rejected by their own verdict and left "
+        f"out; {summary.seconds:.1f} s each",
+    ]
+
+
+def _say(summary: Summary, rows: list[list[str]], columns: list[str], output: Path, *, as_json: bool) -> None:
+    import json
+    from dataclasses import asdict
+
+    if as_json:
+        document: dict[str, Any] = asdict(summary)
+        document["output"] = str(output)
+        typer.echo(json.dumps(document))
+        return
+    from kreisel.cli.tables import print_rows
+
+    print_rows("error against what the calibration says of it", columns, rows)
+    for fact in _facts(summary):
+        typer.echo(fact)
+    typer.echo(f"written: {output}/trials.csv, parameters.csv, report.html")

@@ -1,0 +1,70 @@
+"""A Monte-Carlo study on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from kreisel._version import __version__
+from kreisel.report import plots
+from kreisel.report.figures import Figure
+from kreisel.report.page import environment, script
+from kreisel.report.plots import PALETTES, Plot
+from kreisel.report.tables import Row, Table, number
+
+
+def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str], facts: list[str],
+                scores: list[tuple[str, list[float]]], path: Path) -> None:  # fmt: skip
+    """Write the page of a study as one HTML file that works offline.
+
+    Parameters
+    ----------
+    rows, columns
+        The table of groups.
+    facts
+        Sentences on all trials together.
+    scores
+        For each group its name and all errors over their standard deviations.
+    """
+    figures = [_scores(scores)] if scores else []
+    table = Table(
+        "Error against what the calibration says of it", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=2
+    )
+    page = environment().get_template("study.html").render(
+        version=__version__, title=title, lead=lead, table_of_groups=table, facts=facts, figures=figures,
+        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
+        drawings=script({f.name: f.plot for f in figures}),
+        palettes=script(PALETTES),
+    )  # fmt: skip
+    path.write_text(page, encoding="utf-8")
+
+
+def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
+    """Return the distribution of scores: share within so many standard deviations, against the normal one."""
+    x = np.linspace(0.0, 4.0, 81)
+    data: list[Plot] = []
+    for i, (name, values) in enumerate(scores):
+        ordered = np.sort(np.abs(values))
+        share = np.searchsorted(ordered, x, side="right") / ordered.size
+        curve = plots.Curve(x.astype(np.float32), share.astype(np.float32))
+        dash = ("solid", "dash", "dot")[i // 3 % 3]
+        data.append(plots.line(curve, name, "xyz"[i % 3], dash=dash, hovertemplate="%{y:.3f} within %{x:.2f} sd"))
+    # error function by its series in numpy's own terms: share of a normal variable within x
+    fine = np.linspace(0.0, 4.0, 4001)
+    density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * fine**2)
+    normal = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
+    data.append(plots.line(plots.Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "honest",
+                           "muted", width=2.0, hovertemplate=None, hoverinfo="skip"))  # fmt: skip
+    return Figure(
+        "scores",
+        "Share of errors within so many standard deviations",
+        "Good: every line runs along the grey one. Above it deviations are too large, below it too small.",
+        plots.plot(data, plots.layout_of("standard deviations", "share of errors", height=360)),
+        shape="wide",
+    )
+
+
+__all__ = ["number", "write_study"]

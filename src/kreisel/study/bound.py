@@ -1,0 +1,55 @@
+"""The best any estimator can do: the posterior Cramer-Rao bound along the true motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.calibration.filter_run import first_belief, run_filter
+from kreisel.calibration.kernels import compile_kernels
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.setup import build_problem, prepare_recording
+from kreisel.geometry.rotation import Array
+from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import recording_settings
+from kreisel.simulation.settings import Errors
+from kreisel.study.monte_carlo import JUDGED, true_parameters
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Smallest possible standard deviations (n,) of the parameters named, SI."""
+
+    names: tuple[str, ...]
+    deviation: Array
+
+
+def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> Bound:
+    """Return the bound for one trial's motion and parameters.
+
+    The motion is simulated without errors and noise; the information of readings and poses, with the
+    noise the cell has, is then gathered by a linearisation about the truth itself. For errors as small
+    as these the bound is that of the linear problem (Tichavsky, Muravchik and Nehorai 1998, section III).
+    """
+    compile_kernels()
+    silent = cell.model_copy(
+        update={
+            "imu": cell.imu.model_copy(update={"noise": False}),
+            "errors": Errors.model_validate(
+                {name: 0.0 for name in Errors.model_fields if name.endswith(("_sd", "_lag"))}
+            ),
+            "reference": cell.reference.model_copy(update={"jitter": 0.0}),
+        }
+    )
+    truth, recording = simulate(silent, Path(f"bound {number}"), trial=number)
+    recording = replace(recording, settings=recording_settings(cell, truth.actual))
+    settings = replace(settings, sigma_points="linear")
+    problem = build_problem(prepare_recording(recording, settings), settings)
+    true = true_parameters(truth, recording, problem, problem.start)
+    run = run_filter(problem, true, gate=np.inf, belief=first_belief(problem, true))
+    names = problem.parameter_names
+    judged = np.array([name.startswith(JUDGED) for name in names])
+    deviation = run.belief.standard_deviation[: len(names)][judged]
+    return Bound(tuple(name for name, use in zip(names, judged, strict=True) if use), deviation)

@@ -1,0 +1,56 @@
+"""Trials spread over processes, here or on other machines, by dask.distributed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
+
+from kreisel.errors import SettingsError
+
+Result = TypeVar("Result")
+
+_RETRIES = 3
+
+
+def dask_map(
+    function: Callable[[int], Result], numbers: Iterable[int], *, scheduler: str | None, workers: int
+) -> Iterator[Result]:
+    """Yield the results of function(number) as they come in, in any order.
+
+    Parameters
+    ----------
+    scheduler
+        Address of a running scheduler, tcp://host:port; a cluster of local processes without.
+    workers
+        Local processes.
+
+    Raises
+    ------
+    SettingsError
+        If dask.distributed is not installed, or the scheduler does not answer.
+
+    Notes
+    -----
+    A worker that dies takes nothing along: its trials are given to another.
+    """
+    try:
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError as error:
+        raise SettingsError("studies need dask.distributed: pip install 'kreisel[study]'") from error
+    if scheduler is None:
+        cluster = LocalCluster(
+            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+        )
+    try:
+        client = Client(cluster if scheduler is None else scheduler, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise SettingsError(f"no scheduler answers at {scheduler}: {error}") from error
+    try:
+        futures = client.map(function, list(numbers), pure=False, retries=_RETRIES)
+        for future in as_completed(futures):
+            yield future.result()
+            future.release()
+    finally:
+        client.close()
+        if scheduler is None:
+            cluster.close()
