@@ -47,6 +47,8 @@ class Calibration:
     prior_deviation : (n,)
     estimates : (updates, 1 + 2 n)
         IMU seconds, estimates, standard deviations.
+    robot_urdf
+        The robot's description with the errors found, where they were estimated.
     """
 
     document: dict[str, Any]
@@ -54,6 +56,7 @@ class Calibration:
     covariance: Array
     prior_deviation: Array
     estimates: Array
+    robot_urdf: str | None = None
 
     @property
     def accepted(self) -> bool:
@@ -92,7 +95,7 @@ class Calibration:
         return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:
-        """Write `calibration.yaml`, `estimates.csv` and `covariance.npz` into a folder."""
+        """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         yaml = YAML()
@@ -106,6 +109,8 @@ class Calibration:
             covariance=self.covariance,
             prior_deviation=self.prior_deviation,
         )
+        if self.robot_urdf is not None:
+            (folder / "robot_calibrated.urdf").write_text(self.robot_urdf, encoding="utf-8")
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
         np.savetxt(
             folder / "estimates.csv",

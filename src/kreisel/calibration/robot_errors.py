@@ -126,30 +126,43 @@ def _mismatch(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float
     return apart, turned
 
 
+NOT_SEPARABLE = 0.9
+"""A standard deviation still above this share of the prior's: the motion does not tell this error from others."""
+
+
 @dataclass(frozen=True)
 class PoseAccuracy:
-    """How far the tool stands from its reported poses, rms over poses: m and rad."""
+    """How far the tool stands from its reported poses, rms over poses: m and rad.
+
+    Apart from where base and tool frame lie: those the user sets, and no IMU sees.
+    """
 
     position: float
     orientation: float
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
-    """Return the rms pose error a covariance of the robot's errors (9 n + 6) stands for, over the motion's poses."""
-    which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
-    J = model.regressor(which)
-    variance = np.einsum("kij,jl,kil->ki", J, covariance, J)
-    return PoseAccuracy(
-        float(np.sqrt(np.mean(np.sum(variance[:, :3], axis=1)))),
-        float(np.sqrt(np.mean(np.sum(variance[:, 3:], axis=1)))),
-    )
+    """Return the accuracy a covariance of the robot's errors (9 n + 6) stands for, over the motion's poses."""
+    J = _within_frames(model, poses)
+    return _accuracy(np.einsum("kij,jl,kil->ki", J, covariance, J))
 
 
 def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseAccuracy:
-    """Return how far errors of the robot move its tool, rms over the motion's poses."""
+    """Return how far errors of the robot move its tool."""
+    return _accuracy((_within_frames(model, poses) @ errors.vector) ** 2)
+
+
+def _within_frames(model: RobotModel, poses: int) -> Array:
+    """Return regressors of evenly chosen poses without what another base or tool frame would do as well."""
     which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
-    moved = model.regressor(which) @ errors.vector
-    return PoseAccuracy(
-        float(np.sqrt(np.mean(np.sum(moved[:, :3] ** 2, axis=1)))),
-        float(np.sqrt(np.mean(np.sum(moved[:, 3:] ** 2, axis=1)))),
-    )
+    J = model.regressor(which)
+    last = 6 * model.joints
+    frames = np.concatenate([J[:, :, :6], J[:, :, last : last + 6]], axis=2).reshape(-1, 12)
+    flat = J.reshape(len(frames), -1)
+    return np.asarray((flat - frames @ np.linalg.lstsq(frames, flat, rcond=None)[0]).reshape(J.shape))
+
+
+def _accuracy(square: Array) -> PoseAccuracy:
+    """Return the accuracy from squared pose errors (k, 6)."""
+    position, orientation = (float(np.sqrt(np.mean(np.sum(part, axis=1)))) for part in (square[:, :3], square[:, 3:]))
+    return PoseAccuracy(position, orientation)

@@ -13,7 +13,8 @@ from kreisel.report import plots
 from kreisel.report.figures import Figure
 from kreisel.report.page import environment, script
 from kreisel.report.plots import PALETTES, Plot
-from kreisel.report.tables import Row, Table, number
+from kreisel.report.tables import Row, Table
+from kreisel.report.thinning import Curve
 
 
 def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str], facts: list[str],
@@ -49,14 +50,14 @@ def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
     for i, (name, values) in enumerate(scores):
         ordered = np.sort(np.abs(values))
         share = np.searchsorted(ordered, x, side="right") / ordered.size
-        curve = plots.Curve(x.astype(np.float32), share.astype(np.float32))
+        curve = Curve(x.astype(np.float32), share.astype(np.float32))
         dash = ("solid", "dash", "dot")[i // 3 % 3]
         data.append(plots.line(curve, name, "xyz"[i % 3], dash=dash, hovertemplate="%{y:.3f} within %{x:.2f} sd"))
     # error function by its series in numpy's own terms: share of a normal variable within x
     fine = np.linspace(0.0, 4.0, 4001)
     density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * fine**2)
     normal = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
-    data.append(plots.line(plots.Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "honest",
+    data.append(plots.line(Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "honest",
                            "muted", width=2.0, hovertemplate=None, hoverinfo="skip"))  # fmt: skip
     return Figure(
         "scores",
@@ -65,6 +66,3 @@ def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
         plots.plot(data, plots.layout_of("standard deviations", "share of errors", height=360)),
         shape="wide",
     )
-
-
-__all__ = ["number", "write_study"]
