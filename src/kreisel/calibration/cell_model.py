@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel._kernels import composition, rotation
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.calibration.problem import Problem, Update
+from kreisel.calibration.problem import LASTING, PATH_ERROR, Problem, Update
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial import strapdown
@@ -83,7 +83,15 @@ class CellModel:
         self._q_first = q.copy()
         gravity, earth_rate, _ = self._environment(points)
         composition.compose(step.duration, self._which, step.dq, step.dv, step.dp, gravity, earth_rate, q, v, r)
+        for part in PATH_ERROR:
+            if part.name in self.layout:
+                out[self.layout.stored(part.name)] *= self._kept
         return out
+
+    @property
+    def _kept(self) -> float:
+        """What is left of a lasting error from the update before."""
+        return float(np.exp(-self._increment.duration / self.problem.correlation_time))
 
     def _environment(self, points: Array) -> tuple[Array, Array, Array]:
         """Return gravity and Earth rate in r, (3, points) each, and where the reference's stamp lies, IMU seconds."""
@@ -96,12 +104,21 @@ class CellModel:
         return gravity, earth_rate, values[7] + (1.0 + values[8]) * self._update.tau
 
     def process_noise(self) -> Array:
-        """Return the factor of sensor noise in velocity, position and attitude."""
+        """Return the factor of noise in velocity, position and attitude, and in lasting errors of the reference."""
         u, step = self._update, self._increment
         Q = strapdown.noise_covariance(self.problem.signal, u.first, u.last, step, self._columns)
         factor = np.empty((9, 9))
         composition.navigation_noise(Q, self._q_first[:, 0].copy(), step.dq[:, 0].copy(), factor)
-        return factor
+        lasting = [part.name for part in PATH_ERROR if part.name in self.layout]
+        if not lasting:
+            return factor
+        fresh = np.sqrt(LASTING * (1.0 - self._kept**2))
+        both = np.zeros((3 * len(lasting) + 9,) * 2)
+        for i, name in enumerate(lasting):
+            size = self.problem.noise.position if name == "path_position" else self.problem.noise.orientation
+            both[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = fresh * size * np.eye(3)
+        both[-9:, -9:] = factor
+        return both
 
     def observe(self, points: Array) -> tuple[Array, Array]:
         """Return the poses the points predict, and the reference's, as distances from that of the first point."""
@@ -141,6 +158,10 @@ class CellModel:
             p_out += points[self.layout.stored("rest_position")]
             turned = points[self.layout.stored("rest_orientation")]
             rotation.plus(q_out.copy(), turned, q_out)
+        if self._update.rest is None and "path_position" in self.layout:
+            p_out += points[self.layout.stored("path_position")]
+        if self._update.rest is None and "path_orientation" in self.layout:
+            rotation.plus(q_out.copy(), points[self.layout.stored("path_orientation")], q_out)
         if self.problem.robot is not None:
             # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
             errors = self._robot.of(points, np.arange(m))
@@ -156,11 +177,12 @@ class CellModel:
         """
         noise, reference = self.problem.noise, self.problem.reference
         at_rest = self._update.rest is not None
+        fresh = np.sqrt(1.0 - LASTING) if self.problem.correlation_time > 0.0 else 1.0
         deviation: list[float] = []
         if reference.positions is not None:
-            deviation += 3 * [noise.jitter_position if at_rest else noise.position]
+            deviation += 3 * [noise.jitter_position if at_rest else fresh * noise.position]
         if reference.quaternions is not None:
-            deviation += 3 * [noise.jitter_orientation if at_rest else noise.orientation]
+            deviation += 3 * [noise.jitter_orientation if at_rest else fresh * noise.orientation]
         if at_rest:
             return np.diag([*deviation, *(3 * [noise.velocity])])
         if noise.stamp == 0.0:

@@ -10,7 +10,7 @@ from scipy.linalg import lapack
 
 from kreisel.calibration.cell_model import CellModel
 from kreisel.calibration.parameters import CellParameters
-from kreisel.calibration.problem import Problem, Update
+from kreisel.calibration.problem import LASTING, Problem, Update
 from kreisel.errors import EstimationError
 from kreisel.estimation import filter as spkf
 from kreisel.estimation.consistency import chi_square
@@ -48,6 +48,8 @@ class History:
         Kind of update, and whether it passed the gate.
     nis, degrees
         Normalised innovation squared, and the degrees of freedom it is expected to equal.
+    log_likelihood
+        Of each innovation.
     whitened, innovation, residual : (u, 9)
         Innovation divided by its factor; innovation; innovation left after the update. Position,
         orientation, velocity; nan where there is no such measurement.
@@ -64,6 +66,7 @@ class History:
     used: np.ndarray[tuple[int], np.dtype[np.bool_]]
     nis: Array
     degrees: Array
+    log_likelihood: Array
     whitened: Array
     innovation: Array
     residual: Array
@@ -96,6 +99,9 @@ def first_belief(problem: Problem, start: CellParameters) -> Belief:
     if "rest_position" in layout:
         others["rest_position"] = problem.noise.standstill_position
         others["rest_orientation"] = problem.noise.standstill_orientation
+    if problem.correlation_time > 0.0:
+        lasting = {"path_position": problem.noise.position, "path_orientation": problem.noise.orientation}
+        others |= {name: LASTING**0.5 * size for name, size in lasting.items() if name in layout}
     for name, deviation in others.items():
         factor[layout[name], layout[name]] = deviation * np.eye(3)
     mean[layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
@@ -253,6 +259,7 @@ class _Recorder:
                 used,
                 float(whitened @ whitened),
                 whitened.size,
+                -0.5 * float(whitened @ whitened) - float(np.sum(np.log(np.diag(prediction.innovation_factor)))),
                 *wide,
                 gain @ whitened,
                 np.sum(gain**2, axis=1),

@@ -30,6 +30,13 @@ REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
 """The reference's error at the present rest: one draw for each stop."""
 
 
+PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
+"""The part of the reference's error on the path that lasts from one update to the next."""
+
+LASTING = 0.9
+"""Its share of the variance, where there is such a part."""
+
+
 @dataclass(frozen=True)
 class Site:
     """Where the cell stands: gravity (m/s^2), and Earth rate in north, east, down (rad/s) or None if not known."""
@@ -82,6 +89,8 @@ class Problem:
         Values for groups the motion does not show, and the groups held there for that reason.
     robot
         The arm, where its errors are estimated.
+    correlation_time
+        How long the reference's errors on the path last, s; 0 where each update's are new.
     """
 
     signal: InertialSignal
@@ -106,6 +115,7 @@ class Problem:
     update_interval: float
     held: tuple[str, ...] = ()
     robot: RobotModel | None = None
+    correlation_time: float = 0.0
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -115,7 +125,7 @@ class Problem:
     @property
     def changing(self) -> int:
         """Degrees of freedom that change between updates."""
-        return sum(part.degrees for part in NAVIGATION)
+        return sum(part.degrees for part in (*PATH_ERROR, *NAVIGATION) if part.name in self.layout)
 
     @property
     def sensor_degrees(self) -> int:
@@ -157,6 +167,14 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
         prior_covariance={g: P for g, P in problem.prior_covariance.items() if g not in groups},
         held=(*problem.held, *groups),
     )
+
+
+def with_lasting_errors(problem: Problem, correlation_time: float) -> Problem:
+    """Return the problem with the reference's errors on the path as a process that lasts so long, s."""
+    given = (problem.reference.positions is not None, problem.reference.quaternions is not None)
+    kept = [part for part in problem.layout if part not in (*PATH_ERROR, *NAVIGATION)]
+    lasting = [part for part, there in zip(PATH_ERROR, given, strict=True) if there]
+    return replace(problem, layout=StateLayout([*kept, *lasting, *NAVIGATION]), correlation_time=correlation_time)
 
 
 def build_layout(

@@ -10,10 +10,10 @@ import numpy as np
 from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, run_filter
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
-from kreisel.calibration.problem import Problem, hold
+from kreisel.calibration.problem import Problem, hold, with_lasting_errors
 from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.recording import Finding
 
 FIRST_GATE = 100.0
@@ -33,6 +33,12 @@ MOST_PASSES = 4
 CURVATURE = 0.2
 
 _AGREEMENT = 1.2
+
+LONGEST = 40.0
+"""Update intervals errors of the reference may last; what lasts longer is no error of the path."""
+
+MOST_LUCK = 5.0
+"""Log-likelihood a lasting error must bring before it is believed."""
 
 Progress = Callable[[str, float], None]
 
@@ -95,6 +101,7 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
     """
     given = problem
     problem, run, done, changed = _passes(problem, 0, reference_given, imu_given, progress)
+    problem, run, done = _lasting_errors(problem, run, done, progress)
     factor = correlation_factor(run.history)
     unshown = unshown_groups(problem, factor * run.belief.standard_deviation)
     findings: list[Finding] = []
@@ -109,6 +116,10 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
         )
     if changed:
         findings.append(_noise_finding(problem, given=reference_given and imu_given))
+    if problem.correlation_time > 0.0:
+        findings.append(
+            Finding("whiteness", f"the reference's errors on the path last for about {problem.correlation_time:.2g} s")
+        )
     if factor > 1.0:
         findings.append(
             Finding(
@@ -140,7 +151,9 @@ def _passes(
     run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=_named(progress, f"pass {done + 1}"))
     done, changed = done + 1, False
     while True:
-        factors = noise_factors(run.history).contradicted(reference=reference_given, imu=imu_given)
+        factors = noise_factors(run.history, lasting=problem.correlation_time > 0.0).contradicted(
+            reference=reference_given, imu=imu_given
+        )
         factors = _within_bounds(problem, factors)
         settled = factors.agree() or done - first >= MOST_NOISE_PASSES
         if settled and not _another_pass(problem, run, done - first):
@@ -150,6 +163,45 @@ def _passes(
         done += 1
         belief = narrowed_belief(problem, run)
         run = run_filter(problem, run.parameters, belief=belief, progress=_named(progress, f"pass {done}"))
+
+
+def _lasting_errors(
+    problem: Problem, run: FilterRun, done: int, progress: Progress | None
+) -> tuple[Problem, FilterRun, int]:
+    """Return problem and run with the reference's errors as a process in time, if innovations are coloured.
+
+    How long they last is found by likelihood, doubling it from the update interval as long as that pays.
+    """
+    if problem.settings.passes is not None or not _coloured(run.history):
+        return problem, run, done
+    best, best_run = problem, run
+    reference = run_filter(problem, run.parameters, belief=narrowed_belief(problem, run))
+    likelihood = float(reference.history.log_likelihood.sum()) + MOST_LUCK
+    time = 0.5 * problem.update_interval
+    while time < LONGEST * problem.update_interval:
+        trial = with_lasting_errors(problem, time)
+        done += 1
+        belief = narrowed_belief(trial, run)
+        trial_run = run_filter(trial, run.parameters, belief=belief, progress=_named(progress, f"pass {done}"))
+        found = float(trial_run.history.log_likelihood.sum())
+        if found > likelihood:
+            best, best_run, likelihood = trial, trial_run, found
+        elif best is not problem:
+            break
+        time *= 2.0
+    return best, best_run, done
+
+
+def _coloured(history: History) -> bool:
+    """Return whether innovations on the path are correlated from one update to the next."""
+    path = history.used & ~history.at_rest
+    return path.sum() >= 20 and float(np.nanmax(_lag_one_by_kind(history, path), initial=0.0)) > COLOURED
+
+
+def _lag_one_by_kind(history: History, path: Mask) -> Array:
+    """Return the mean correlation of neighbouring innovations of position and of orientation."""
+    lags = lag_one(history.whitened[:, :6], path)
+    return np.array([np.mean(lags[:3]), np.mean(lags[3:])])
 
 
 def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
@@ -218,8 +270,11 @@ def correlation_factor(history: History) -> float:
     return float(np.sqrt(max(1.0, size * max(times, default=1.0))))
 
 
-def noise_factors(history: History) -> NoiseFactors:
+def noise_factors(history: History, *, lasting: bool = False) -> NoiseFactors:
     """Return how far believed and shown noise differ.
+
+    Where the reference's errors last, innovations and what is left of them no longer tell their size: the
+    mean NIS then stands for both position and orientation.
 
     Notes
     -----
@@ -243,9 +298,10 @@ def noise_factors(history: History) -> NoiseFactors:
     if at_rest.sum() >= 6:
         ratio = float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
         standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
+    size = float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path]))) if lasting and path.any() else None
     return NoiseFactors(
-        position=reference(slice(0, 3)),
-        orientation=reference(slice(3, 6)),
+        position=reference(slice(0, 3)) if size is None else size,
+        orientation=reference(slice(3, 6)) if size is None else size,
         standstill=standstill,
         gyro=imu(slice(3, 6)),
         accel=imu(slice(0, 3)),
