@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 
 demo: $(VENV)/.ready
 	$(BIN)/kreisel demo -o demo
-	@echo "the report: demo/result/report.html"
+	@echo "the report: demo/report.html"
 
 test: $(VENV)/.ready
 	$(BIN)/python -m pytest -n 2 --dist loadfile

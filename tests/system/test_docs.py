@@ -29,6 +29,10 @@ def test_every_command_has_help_and_documentation():
     for command in app.registered_commands:
         assert command.callback.__doc__, command.name
         assert f"## kreisel {command.name}" in text
+    for group in app.registered_groups:
+        for command in group.typer_instance.registered_commands:
+            assert command.callback.__doc__, command.name
+            assert f"`kreisel {group.name} {command.callback.__name__}" in text
 
 
 def test_every_group_is_documented():

@@ -22,6 +22,9 @@ def calibrate(
     update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
     fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
+    estimate: list[str] = typer.Option(
+        [], help="Group to estimate too: robot_gears or robot_compliance; may be repeated."
+    ),
     skew: bool | None = typer.Option(None, help="Estimate the clocks' ratio; by itself where it shows."),
     size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
     passes: int | None = typer.Option(None, help="Passes over the data; as many as pay by default."),
@@ -46,6 +49,7 @@ def calibrate(
         update_interval=update_interval,
         polynomial_order=polynomial_order,
         fixed=tuple(fix),
+        estimated=tuple(estimate),
         skew=skew,
         size_effect=size_effect,  # type: ignore[arg-type]  # settings know the names
         passes=passes,

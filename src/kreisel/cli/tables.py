@@ -63,7 +63,21 @@ def print_result(outcome: Outcome) -> None:
     if timing_sd["skew"]:
         table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 1e6 * timing_sd["skew"]), "", "")
     console.print(table)
+    _print_robot(console, document)
     _print_verdict(console, document)
+
+
+def _print_robot(console: Console, document: dict[str, Any]) -> None:
+    robot = document.get("robot")
+    if robot is None:
+        return
+    before, after = (robot["pose_error"][key] for key in ("believed_before", "believed_after"))
+    console.print(
+        f"robot {robot['name']}: pose error {1e3 * before['position_rms']:.2g} mm, "
+        f"{1e3 * before['orientation_rms']:.2g} mrad before, {1e3 * after['position_rms']:.2g} mm, "
+        f"{1e3 * after['orientation_rms']:.2g} mrad once its errors are known (base and tool frames apart)",
+        markup=False,
+    )
 
 
 def _print_verdict(console: Console, document: dict[str, Any]) -> None:

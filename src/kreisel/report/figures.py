@@ -29,6 +29,9 @@ GROUP_LABELS = {
     "gravity": "g",
     "time_offset": "t<sub>0</sub>",
     "time_skew": "s",
+    "robot_placement": "robot",
+    "robot_gears": "gears",
+    "robot_compliance": "sag",
 }
 
 _TIME = "IMU time (s)"

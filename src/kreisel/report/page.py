@@ -125,6 +125,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
         "nis_table": tables.nis_table(data.residuals),
         "noise_table": tables.noise_table(outcome),
         "cause_table": tables.cause_table(data.difference),
+        "robot_tables": tables.robot_tables(outcome),
         "parameter_table": tables.parameter_table(data),
         "drift_table": None if data.unseen is None else tables.drift_table(data.unseen),
         "unseen": data.unseen,

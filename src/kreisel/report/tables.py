@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.parameters import GROUPS, parameter_names
+from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.calibration.validation import Injection, SplitHalves
 from kreisel.geometry.rotation import Array
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
@@ -34,6 +34,9 @@ UNITS: dict[str, tuple[str, float]] = {
     "gravity": ("m/s²", 1.0),
     "time_offset": ("ms", MS),
     "time_skew": ("ppm", PPM),
+    "robot_placement": ("mm, mrad", 1e-3),
+    "robot_gears": ("mrad", MRAD),
+    "robot_compliance": ("rad/(N m)", 1.0),
 }
 """Unit a group of parameters is shown in, and its size in SI."""
 
@@ -319,6 +322,8 @@ def parameter_table(data: ReportData) -> Table:
         values.extend(stored[: part.stop - part.start])
     rows: list[Row] = []
     for name, group, value, before, after in zip(u.names, u.groups, values, u.prior, u.posterior, strict=True):
+        if group in ROBOT_GROUPS:
+            continue  # they have a table of their own
         unit, size = UNITS.get(group, ("SI", 1.0))
         gain = float(before / after) if after > 0.0 else math.inf
         word = support.of_name(name)
@@ -338,7 +343,46 @@ def parameter_table(data: ReportData) -> Table:
             )
         )
     columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Shown", "Prior / posterior")
-    return Table("Every estimated parameter", columns, tuple(rows), 2, broad=True)
+    return Table("Every estimated parameter of IMU and cell", columns, tuple(rows), 2, broad=True)
+
+
+def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
+    """Return the robot's errors joint by joint, and what they do to its poses; None where none were estimated."""
+    robot = outcome.calibration.document.get("robot")
+    if robot is None:
+        return None
+    names = [*robot["joints"], f"{robot['tcp']} (tool)"]
+    lost = set(robot["not_separable"])
+    rows = []
+    for j, (name, values, sds) in enumerate(
+        zip(names, robot["placement"], robot["placement_standard_deviation"], strict=True)
+    ):
+        own = [f"robot.placement[{j},{i}]" in lost for i in range(6)]
+        cells = tuple(
+            NOTHING if gone else pair(1e3 * value, 1e3 * sd) for value, sd, gone in zip(values, sds, own, strict=True)
+        )
+        rows.append(Row((name, *cells), weak=all(own)))
+    placements = Table(
+        f"Errors of {robot['name']}: how far each placement lies from the model's",
+        ("Joint", "x (mm)", "y (mm)", "z (mm)", "about x (mrad)", "about y (mrad)", "about z (mrad)"),
+        tuple(rows),
+        broad=True,
+    )
+    error = robot["pose_error"]
+
+    def row(title: str, key: str) -> Row:
+        return Row((title, number(1e3 * error[key]["position_rms"]), number(1e3 * error[key]["orientation_rms"])))
+
+    poses = Table(
+        "Pose error, rms over the motion's poses, apart from where base and tool frames lie",
+        ("", "Position (mm)", "Orientation (mrad)"),
+        (
+            row("Believed before", "believed_before"),
+            row("Taken away by the errors found", "found"),
+            row("Believed to be left", "believed_after"),
+        ),
+    )
+    return poses, placements
 
 
 def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
