@@ -159,17 +159,19 @@ GRADES = {
 PAPER = {"LPA": "ring-laser", "iNAV-FMS": "fog", "iVRU-FC": "fog-mems"}
 """The paper's three devices, and their grades."""
 
-_FLICKER_PERIOD = 1000.0
-"""s; as long as a calibration lasts."""
+_CALIBRATION, _AVERAGED = 600.0, 100.0
+"""s: how long a calibration lasts, and over how much of it an offset is averaged before it shows."""
 
 
 def equivalent_walk(bias_instability: float, random_walk: float) -> float:
     """Return the random walk's density that stands for flicker noise in a filter, per root hertz.
 
-    Flicker noise has no finite state. A random walk takes its place that has the same spectral density at
-    one cycle in the length of a calibration: K^2 / (2 pi f)^2 = B^2 / (2 pi f).
+    Flicker noise has no finite state. A random walk takes its place under which the offset, averaged over
+    100 s, changes as much in ten minutes: K^2 T = B^2 / pi (ln(2 pi T / 100 s) + 0.577), the structure
+    function of flicker noise of limited bandwidth.
     """
-    return float(np.hypot(bias_instability * np.sqrt(2.0 * np.pi / _FLICKER_PERIOD), random_walk))
+    change = (np.log(2.0 * np.pi * _CALIBRATION / _AVERAGED) + np.euler_gamma) / np.pi
+    return float(np.hypot(bias_instability * np.sqrt(change / _CALIBRATION), random_walk))
 
 
 def noise(
