@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -51,6 +52,8 @@ def _move(joint: ElementTree.Element, error: Array) -> None:
     step = pin.exp6(pin.Motion(error[:3], error[3:]))
     C = Rotation.from_euler("xyz", rpy).as_matrix()
     moved = xyz + C @ step.translation
-    turned = Rotation.from_matrix(C @ step.rotation).as_euler("xyz")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # at pitch 90 deg one of the angles is free
+        turned = Rotation.from_matrix(C @ step.rotation).as_euler("xyz")
     origin.set("xyz", " ".join(f"{v:.12g}" for v in moved))
     origin.set("rpy", " ".join(f"{v:.12g}" for v in turned))
