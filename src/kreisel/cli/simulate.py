@@ -29,7 +29,7 @@ def simulate(
         return
     if output is None:
         raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
-    check_output(output)
+    check_output(output.parent if output.suffix else output)
     described = Cell() if cell is None else read_cell(cell)
     changes = {name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None}
     if changes:

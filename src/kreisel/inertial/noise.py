@@ -167,10 +167,10 @@ def equivalent_walk(bias_instability: float, random_walk: float) -> float:
     """Return the random walk's density that stands for flicker noise in a filter, per root hertz.
 
     Flicker noise has no finite state. A random walk takes its place under which the offset, averaged over
-    100 s, changes as much in ten minutes: K^2 T = B^2 / pi (ln(2 pi T / 100 s) + 0.577), the structure
+    100 s, changes as much in ten minutes: K^2 T = 2 B^2 / pi (ln(2 pi T / 100 s) + 0.577), the structure
     function of flicker noise of limited bandwidth.
     """
-    change = (np.log(2.0 * np.pi * _CALIBRATION / _AVERAGED) + np.euler_gamma) / np.pi
+    change = 2.0 * (np.log(2.0 * np.pi * _CALIBRATION / _AVERAGED) + np.euler_gamma) / np.pi
     return float(np.hypot(bias_instability * np.sqrt(change / _CALIBRATION), random_walk))
 
 
@@ -188,10 +188,10 @@ def noise(
     """
     out = rng.normal(0.0, density * np.sqrt(rate), size=(n, 3)) if density > 0.0 else np.zeros((n, 3))
     if bias_instability > 0.0:
-        # One-sided spectral density B^2 / (2 pi f) down to one period, shaped from white noise.
+        # Two-sided spectral density B^2 / (2 pi f) down to one period, shaped from white noise.
         length = 1 << (2 * n - 1).bit_length()
         frequency = np.fft.rfftfreq(length, 1.0 / rate)[1:]
-        size = np.sqrt(bias_instability**2 / (2.0 * np.pi * frequency) * rate * length / 2.0)
+        size = np.sqrt(bias_instability**2 / (2.0 * np.pi * frequency) * rate * length)
         spectrum = np.zeros((length // 2 + 1, 3), dtype=complex)
         spectrum[1:] = size[:, None] * (rng.normal(size=(2, frequency.size, 3)).T @ [1.0, 1.0j]).T / np.sqrt(2.0)
         out += np.fft.irfft(spectrum, length, axis=0)[:n]

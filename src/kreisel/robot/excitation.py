@@ -19,7 +19,7 @@ def home(arm: Arm) -> Array:
     """Return joint angles (joints,) well inside the ranges, wrist bent, from which motion begins."""
     low, high = _ranges(arm, 1.0)
     q = 0.5 * (low + high)
-    return np.where(high - low > 5.0, 0.3, q)
+    return np.where(high - low > 4.0, 0.3, q)
 
 
 def random_plan(

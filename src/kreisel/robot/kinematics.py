@@ -17,6 +17,9 @@ from kreisel.geometry.rotation import Array, from_matrix, matrix
 MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
 
+_ATTEMPTS = 16
+"""Joint angles an inverse is begun from: those asked for, then others drawn from the ranges."""
+
 
 @dataclass(frozen=True)
 class Arm:
@@ -116,12 +119,11 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
         raise RobotError(f"{source}: not a robot description pinocchio can read: {error}") from error
     frames = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
     if tcp is None:
-        tcp = max(frames, key=lambda name: len(_chain(model, model.getFrameId(name)))) if frames else ""
-        deepest = len(_chain(model, model.getFrameId(tcp)))
-        tcp = [name for name in frames if len(_chain(model, model.getFrameId(name))) == deepest][-1]
-    if not model.existFrame(tcp):
+        depth = {name: len(_chain(model, model.getFrameId(name, pin.FrameType.BODY))) for name in frames}
+        tcp = [name for name in frames if depth[name] == max(depth.values())][-1] if frames else ""
+    if tcp not in frames:
         raise RobotError(f"{source}: {unknown_name('frame', tcp, frames)}")
-    chain = _chain(model, model.getFrameId(tcp))
+    chain = _chain(model, model.getFrameId(tcp, pin.FrameType.BODY))
     if not chain:
         raise RobotError(f"{source}: no joint moves '{tcp}'; name the tool's frame, one of {', '.join(frames)}")
     others = [j for j in range(1, model.njoints) if j not in chain]
@@ -130,7 +132,16 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
         raise RobotError(f"{source}: joints must each have one angle; {tcp} hangs on others")
     names = tuple(model.names[1:])
     lower, upper = (np.array(limit, dtype=float) for limit in (model.lowerPositionLimit, model.upperPositionLimit))
-    return Arm(str(model.name), names, urdf, lower, upper, np.array(model.velocityLimit), model, model.getFrameId(tcp))
+    return Arm(
+        str(model.name),
+        names,
+        urdf,
+        lower,
+        upper,
+        np.array(model.velocityLimit),
+        model,
+        model.getFrameId(tcp, pin.FrameType.BODY),
+    )
 
 
 def _plain(urdf: str, source: str) -> str:
@@ -274,13 +285,35 @@ def with_placement_errors(arm: Arm, errors: Array) -> Arm:
 
 
 def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array:
-    """Return joint angles (joints,) that bring the tool to a pose, near `start`.
+    """Return joint angles (joints,) that bring the tool to a pose, within the ranges, near `start` if possible.
 
     Raises
     ------
     RobotError
         If none are found; says how far the arm comes, or which joint stands in the way.
     """
+    rng = np.random.default_rng(0)
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    nearest, beyond = np.inf, None
+    for attempt in range(_ATTEMPTS):
+        q, error, apart = _approach(arm, position, quaternion, start if attempt == 0 else rng.uniform(low, high))
+        nearest = min(nearest, apart)
+        if error >= 1e-6:
+            continue
+        q = _within(q, arm.lower, arm.upper)
+        try:
+            check_range(arm, q)
+        except RobotError as problem:
+            beyond = beyond or problem
+            continue
+        return q
+    if beyond is not None:
+        raise beyond
+    raise RobotError(f"out of reach: the arm comes no nearer than {nearest:.3f} m")
+
+
+def _approach(arm: Arm, position: Array, quaternion: Array, start: Array) -> tuple[Array, float, float]:
+    """Return the angles reached from `start` by damped least squares, the error left, and the distance left, m."""
     pin = pinocchio()
     model, data, frame = arm.model, arm.model.createData(), arm.frame
     target = pin.SE3(matrix(quaternion), np.asarray(position, dtype=float))
@@ -296,9 +329,8 @@ def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array
         damping = 1e-6 + 0.01 * min(float(error @ error), 1.0)
         step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
         q = q + step * min(1.0, 0.3 / max(float(np.max(np.abs(step))), 1e-12))
-    if np.linalg.norm(error) >= 1e-6:
-        raise RobotError(f"out of reach: the nearest pose found is {np.linalg.norm(error[:3]):.3f} m away")
-    return np.asarray(np.where(np.abs(arm.upper - arm.lower) > 6.2, _within(q, arm.lower, arm.upper), q))
+    apart = float(np.linalg.norm(np.asarray(data.oMf[frame].translation) - position))
+    return q, float(np.linalg.norm(error)), apart
 
 
 def _within(q: Array, lower: Array, upper: Array) -> Array:

@@ -123,6 +123,6 @@ def _numbers(value: Any, count: int, place: str) -> Array:
 
 
 def _number(value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise SettingsError(f"{place}: {value!r} is not a number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
+        raise SettingsError(f"{place}: {repr(value)[:40]} is not a number, or beyond a million")
     return float(value)

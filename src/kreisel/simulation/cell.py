@@ -77,8 +77,8 @@ def simulate(
     """
     # Independent streams: switching one error on leaves all else as it was.
     root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
-    streams = [np.random.default_rng(child) for child in root.spawn(6)]
-    motion_rng, sensor_rng, imu_rng, arm_rng, path_rng, site_rng = streams
+    streams = [np.random.default_rng(child) for child in root.spawn(7)]
+    motion_rng, sensor_rng, imu_rng, arm_rng, path_rng, site_rng, jitter_rng = streams
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
     nominal = load_arm(cell.robot.model, cell.robot.tcp)
@@ -90,7 +90,7 @@ def simulate(
     say("move the IMU", 0.2)
     imu = _imu(cell, planned, actual, sensors, gravity, earth, imu_rng, path)
     say("report poses", 0.8)
-    reference, joints = _reference(cell, planned, nominal, own, path_rng, path)
+    reference, joints = _reference(cell, planned, nominal, own, path_rng, jitter_rng, path)
     truth = Truth(
         sensors, cell.reference.clock_offset, cell.reference.clock_drift_ppm * 1e-6, gravity, earth, own, actual
     )
@@ -117,7 +117,7 @@ def _site(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     # base: x along the heading, z up
     c, s = np.cos(heading), np.sin(heading)
     C_rn = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
-    q_rn = multiply(from_matrix(C_rn), exp(rng.normal(0.0, cell.site.tilt_sd, size=3) if cell.site.tilt_sd else 0.0))
+    q_rn = multiply(from_matrix(C_rn), exp(cell.site.tilt_sd * rng.normal(size=3)))
     down = np.array([0.0, 0.0, normal_gravity(latitude, cell.site.height_m)])
     return apply(q_rn, down), apply(q_rn, earth_rate_n(latitude))
 
@@ -152,19 +152,25 @@ def _imu(
 
 
 def _reference(
-    cell: Cell, planned: Plan, nominal: Arm, own: ArmErrors, rng: np.random.Generator, path: Path
+    cell: Cell,
+    planned: Plan,
+    nominal: Arm,
+    own: ArmErrors,
+    rng: np.random.Generator,
+    jitter_rng: np.random.Generator,
+    path: Path,
 ) -> tuple[ReferencePoses, JointAngles | None]:
     """Return poses and joint angles on the reference's own clock."""
     r = cell.reference
     skew = r.clock_drift_ppm * 1e-6
     last = min(cell.seconds, planned.seconds)
     tau = np.arange(0.0, (last - 2.0 * _MARGIN) / (1.0 + skew), r.interval)
-    kept = rng.uniform(size=tau.size) >= r.drop_share
+    kept = jitter_rng.uniform(size=tau.size) >= r.drop_share
     kept[[0, -1]] = True
     tau = tau[kept]
     t = _MARGIN + (1.0 + skew) * tau
-    taken = t + rng.normal(0.0, r.jitter, size=t.size) if r.jitter > 0.0 else t
-    p, q, angles = reported(rng, nominal, planned, taken, own, cell.errors)
+    jitter = r.jitter * jitter_rng.normal(size=t.size)
+    p, q, angles = reported(rng, nominal, planned, t, jitter, own, cell.errors)
     stamps = _START_NS + np.round((tau + _MARGIN - r.clock_offset) * 1e9).astype(np.int64)
     name = "pose0"
     reference = ReferencePoses(
@@ -184,7 +190,7 @@ def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
     errors, r = cell.errors, cell.reference
 
     def sd(value: float) -> float:
-        return max(value, 1e-7)
+        return max(float(value), 1e-7)
 
     robot = RobotTable()
     if r.joints and r.kind == "robot":
@@ -196,16 +202,17 @@ def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
         imu=ImuTable(grade=cell.imu.grade)
         if cell.imu.noise
         else ImuTable(
-            gyro_noise_density=1e-9,
-            accel_noise_density=1e-8,
+            gyro_noise_density=1e-7,
+            accel_noise_density=1e-5,
             gyro_offset_sd=grade.gyro_offset_sd,
             accel_offset_sd=grade.accel_offset_sd,
         ),
         site=SiteTable(latitude_deg=cell.site.latitude_deg, height_m=cell.site.height_m),
         reference=ReferenceTable(
             kind=r.kind,
-            position_sd=sd(errors.path_position_sd),
-            orientation_sd=sd(errors.path_orientation_sd),
+            # between rests the error of the one passes into that of the other
+            position_sd=sd(np.hypot(errors.path_position_sd, errors.repeatability_position_sd)),
+            orientation_sd=sd(np.hypot(errors.path_orientation_sd, errors.repeatability_orientation_sd)),
             standstill_position_sd=sd(errors.repeatability_position_sd),
             standstill_orientation_sd=sd(errors.repeatability_orientation_sd),
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.inertial.noise import Grade, noise
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
@@ -14,9 +15,13 @@ from kreisel.units import DEG
 _FINER = 8
 """Points for each sample where readings are filtered."""
 
+_SLOWEST = 0.1
+"""Hz; smallest bandwidth."""
+
 
 def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorParameters:
     """Return the parameters of one device of a grade on its mount."""
+    bend_rng = rng.spawn(1)[0]  # a stream of its own, so that all else is drawn alike
     order = 2 if imu.quadratic_gyro_sd > 0.0 or imu.quadratic_accel_sd > 0.0 else 1
     mount = matrix(exp(DEG * np.array(imu.mounting_deg)))
     scale_sds = (grade.gyro_scale_sd, grade.accel_scale_sd)
@@ -30,8 +35,7 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
         matrices.append(mount @ (np.eye(3) + share * error))
         k = np.zeros((order, 3))
         k[0] = share * rng.normal(0.0, offset_sd, size=3)
-        if order == 2:
-            k[1] = rng.normal(0.0, bend, size=3) if bend > 0.0 else 0.0
+        k[1:] = bend * bend_rng.normal(size=(order - 1, 3))
         coefficients.append(k)
     arms = np.array(imu.lever_arm) + share * rng.normal(0.0, imu.lever_arm_spread, size=(3, 3))
     return SensorParameters(matrices[0], coefficients[0], matrices[1], coefficients[1], arms)
@@ -55,13 +59,17 @@ def _solve(y: Array, k: Array) -> Array:
     x = y - k[0]
     if k.shape[0] == 1:
         return x
-    for _ in range(50):
+    for _ in range(100):
         value = x + k[0] + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
         slope = 1.0 + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0]))
         step = value / slope
         x = x - step
-        if np.max(np.abs(step)) < 1e-15:
+        if not np.max(np.abs(step)) > 1e-14 * max(1.0, float(np.max(np.abs(y)))):
             break
+    else:
+        step = np.full(1, np.nan)
+    if not np.isfinite(step).all() or not (1.0 + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0])) > 0.1).all():
+        raise SettingsError("imu.quadratic_…: no reading corresponds to some of the motion; take smaller coefficients")
     return np.asarray(x)
 
 
@@ -77,6 +85,8 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
     """
     if bandwidth <= 0.0 and not averaged:
         return values
+    if 0.0 < bandwidth < _SLOWEST:
+        raise SettingsError(f"imu.bandwidth {bandwidth:g} Hz; expected 0 (none), or {_SLOWEST:g} Hz and above")
     n = values.shape[0]
     spline = CubicSpline(np.arange(n) / rate, values)
     if bandwidth > 0.0:

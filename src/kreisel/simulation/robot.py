@@ -45,11 +45,10 @@ def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors
     sd = np.repeat([errors.geometry_length_sd, errors.geometry_angle_sd], 3)
     placement = rng.normal(size=(n + 1, 6)) * sd
     eccentricity, phase = rng.normal(size=n) * errors.gear_eccentricity_sd, rng.uniform(0.0, 2.0 * np.pi, n)
-    size = rng.normal(size=n) * errors.sag_sd
-    if errors.sag_sd > 0.0:
-        drawn = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), size=(200, n))
-        largest = np.abs(kinematics.gravity_torques(arm, drawn)).max(axis=0)
-        size = np.where(largest > 1.0, size / np.maximum(largest, 1.0), 0.0)
+    size = np.abs(rng.normal(size=n)) * errors.sag_sd
+    drawn = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), size=(200, n))
+    largest = np.abs(kinematics.gravity_torques(arm, drawn)).max(axis=0)
+    size = np.where(largest > 1.0, size / np.maximum(largest, 1.0), 0.0)
     lag = errors.servo_lag * rng.uniform(0.7, 1.3, n)
     return ArmErrors(placement, eccentricity, phase, size, lag)
 
@@ -78,20 +77,19 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
 
 
 def reported(
-    rng: np.random.Generator, nominal: Arm, plan: Plan, t: Array, own: ArmErrors, errors: Errors
+    rng: np.random.Generator, nominal: Arm, plan: Plan, t: Array, jitter: Array, own: ArmErrors, errors: Errors
 ) -> tuple[Array, Array, Array]:
-    """Return positions, quaternions and joint angles the controller reports at times t (n,).
+    """Return positions, quaternions and joint angles the controller reports at times t (n,), taken `jitter` later.
 
     Poses are those of the *nominal* arm at the motors' angles, and carry what is not a function of them:
     repeatability, and the path's own error.
     """
-    motor, rate = motor_angles(nominal, plan, t, own)
+    motor, rate = motor_angles(nominal, plan, t + jitter, own)
     motor = motor + own.lag * rate
     if errors.encoder_step > 0.0:
         motor = np.round(motor / errors.encoder_step) * errors.encoder_step
     p, q = kinematics.poses(nominal, motor)
-    moved = np.hstack([np.zeros((1, 3)).repeat(len(t), axis=0)] * 2)
-    moved += _repeatability(rng, plan, t, errors) + _path(rng, plan, t, p, errors)
+    moved = _repeatability(rng, plan, t, errors) + _path(rng, plan, t, p, errors)
     return p + moved[:, :3], multiply(q, exp(moved[:, 3:])), motor
 
 

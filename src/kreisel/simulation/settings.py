@@ -14,7 +14,7 @@ from kreisel.inertial.noise import GRADES
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _key(default: Any, text: str, **bounds: Any) -> Any:

@@ -328,7 +328,11 @@ MOVE = "[[move]]\njoints_deg = [0, -90, 90, 0, 30, 0]\n"
 @pytest.mark.parametrize(
     ("text", "kind", "telling"),
     [
-        ("[[move]]\nposition = [5, 0, 1]\nabc_deg = [0, 0, 0]\n", RobotError, "move 1: out of reach: the nearest pose"),
+        (
+            "[[move]]\nposition = [5, 0, 1]\nabc_deg = [0, 0, 0]\n",
+            RobotError,
+            "move 1: out of reach: the arm comes no nearer",
+        ),
         (
             f"{MOVE}[[move]]\njoints_deg = [0, 10, 90, 0, 30, 0]\n",
             RobotError,
