@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
 
+from kreisel._kernels import attitude
 from kreisel.calibration.cell_model import CellModel
 from kreisel.calibration.parameters import CellParameters
 from kreisel.calibration.problem import LASTING, Problem, Update
@@ -16,7 +17,8 @@ from kreisel.estimation import filter as spkf
 from kreisel.estimation.consistency import chi_square
 from kreisel.estimation.filter import Belief
 from kreisel.estimation.sigma_points import weights
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
+from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
 GATE = 1.0 - 1e-6
@@ -28,8 +30,11 @@ MOST_IN_A_ROW = 6
 _FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
 """Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
 
-_BLIND_ATTITUDE, _BLIND_VELOCITY = 0.2, 1.0
-"""The same where the reference does not show them."""
+_BLIND_VELOCITY = 1.0
+"""m/s; where the reference does not show it."""
+
+_LOOKED_BACK = 0.01
+"""rad; how well attitudes are known once the rates are integrated back from the end of a run."""
 
 Progress = Callable[[float], None]
 
@@ -176,12 +181,39 @@ def _navigation_from_reference(problem: Problem, model: CellModel, belief: Belie
     q, p, v = pose_near(reference, problem.tau, tau)
     turned, blind = reference.quaternions is not None, reference.positions is None
     for name, value, deviation in (
-        ("attitude", q if turned else problem.attitude[item.first], _FIRST_ATTITUDE if turned else _BLIND_ATTITUDE),
+        ("attitude", q if turned else problem.attitude[item.first], _FIRST_ATTITUDE if turned else problem.attitude_sd),
         ("velocity", v, _BLIND_VELOCITY if blind else _FIRST_VELOCITY),
         ("position", p, _FIRST_POSITION),
     ):
         belief = spkf.renew(layout, belief, name, value, np.full(3, deviation))
     return belief
+
+
+def look_back(problem: Problem, run: FilterRun) -> Problem:
+    """Return the problem with attitudes integrated back from the end of a run, where the reference shows none.
+
+    A run that begins with a guess of the attitude is nonlinear until it has found it; the next one need not
+    guess. With gaps in the readings nothing can be carried over, and the problem is returned as it is.
+    """
+    signal = problem.signal
+    if problem.reference.quaternions is not None or len(signal.segments) > 1:
+        return problem
+    p, last = run.parameters, problem.updates[-1].last
+    columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
+    values = signal.rate_powers.reshape(len(signal.stamps), -1)[:, 2:]  # one of the three ones, then the powers
+    integrals = signal.rate_integrals.reshape(len(signal.stamps) - 1, -1)[:, 2:]
+    omega, steps = values @ columns.rate[..., 0], integrals @ columns.rate[..., 0]
+    steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
+    free = np.empty((signal.stamps.size, 4))
+    free[0] = (1.0, 0.0, 0.0, 0.0)
+    attitude.accumulate(steps, free)
+    earth = np.zeros(3)
+    if problem.site.earth_rate_n is not None:
+        level, _, down = problem.site.earth_rate_n
+        earth = apply(p.q_rn, np.array([*(level * p.north), down]))
+    turned = exp(-(signal.stamps - signal.stamps[last])[:, None] * earth)
+    at_end = multiply(run.belief.mean[problem.layout.stored("attitude")], conjugate(free[last]))
+    return replace(problem, attitude=multiply(turned, multiply(at_end, free)), attitude_sd=_LOOKED_BACK)
 
 
 def pose_near(reference: ReferencePoses, tau: Array, at: float) -> tuple[Array, Array, Array]:

@@ -78,7 +78,8 @@ class Problem:
     Attributes
     ----------
     attitude : (n, 4)
-        q_rb at every IMU sample, roughly: where navigation begins if the reference shows no attitude.
+        q_rb at every IMU sample, roughly: where navigation begins if the reference shows no attitude. Good to
+        `attitude_sd`, rad.
     start, prior
         Values the first pass starts from, and those `prior_covariance` is about, group by group.
     prior_width
@@ -115,6 +116,7 @@ class Problem:
     update_interval: float
     held: tuple[str, ...] = ()
     robot: RobotModel | None = None
+    attitude_sd: float = 0.2
     correlation_time: float = 0.0
 
     @property

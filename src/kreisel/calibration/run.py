@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, run_filter
+from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, look_back, run_filter
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold, with_lasting_errors
@@ -155,9 +155,12 @@ def _passes(
             reference=reference_given, imu=imu_given
         )
         factors = _within_bounds(problem, factors)
+        if done == first + 1 and problem.reference.quaternions is None:
+            factors = NoiseFactors()  # the attitude was a guess: such innovations say nothing of the noise
         settled = factors.agree() or done - first >= MOST_NOISE_PASSES
         if settled and not _another_pass(problem, run, done - first):
             return problem, run, done, changed
+        problem = look_back(problem, run)
         if not factors.agree():
             problem, changed = _with_factors(problem, factors), True
         done += 1
@@ -238,7 +241,7 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
         return False
     beyond = run.history.used * run.history.nis / chi_square(GATE, run.history.degrees)
     let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-    if done == 1 and (let_in or problem.settings.polynomial_order > 1):
+    if done == 1 and (let_in or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None):
         return True
     layout = problem.layout
     angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}
