@@ -77,8 +77,11 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         If joint angles and description do not belong together.
     """
     joints, table = recording.joints, recording.settings.robot
-    if joints is None or recording.urdf is None:
+    if joints is None:
         return None, []
+    if recording.urdf is None:
+        said = "joint angles are there, but no robot.urdf: with it, the robot's own errors would be estimated too"
+        return None, [Finding("robot", f"{said}; they are taken for noise")]
     try:
         kinematics.pinocchio()
     except RobotError as error:

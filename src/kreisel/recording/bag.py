@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.geometry.rotation import Array
+from kreisel.recording.folder import description_beside
 from kreisel.recording.mcap import (
     IMU_TOPIC,
     JOINT_TOPIC,
@@ -133,7 +134,8 @@ def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
     samples = _imu_samples(_body(contents, _IMU_ROLE, imu, findings), contents)
     poses = _reference_poses(_body(contents, _REFERENCE_ROLE, reference, findings), path)
     joints = _joint_angles(contents, findings)
-    return Recording(path, samples, poses, joints, settings, tuple(findings))
+    urdf = contents.urdf or description_beside(path.parent, settings)
+    return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
 
 
 # Files -> messages
@@ -190,8 +192,10 @@ def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
     parts = [read_mcap(file, _ROWS) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
+    urdf = None
     for part in parts:
         settings.update(part.settings)
+        urdf = urdf or part.urdf
         for topic in part.topics:
             groups[topic.name, topic.msgtype, topic.encoding].append(topic)
     topics = []
@@ -199,7 +203,7 @@ def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
         messages = [m for topic in group for m in zip(topic.log_times_ns, topic.payloads, strict=True)]
         topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
     findings = [Finding(path.name, finding), *(f for part in parts for f in part.findings)]
-    return Contents(path, tuple(topics), settings, tuple(findings))
+    return Contents(path, tuple(topics), settings, tuple(findings), urdf)
 
 
 # Settings

@@ -205,13 +205,19 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
 def _read_urdf(path: Path, settings: RecordingSettings) -> str | None:
     """Return the text of the robot's description, or None where there is none."""
     file = path / (settings.robot.urdf or "robot.urdf")
-    if not _stands(file):
-        if settings.robot.urdf is None:
-            return None
+    if settings.robot.urdf is not None and not _stands(file):
         raise RecordingError(
             "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
             file=file,
         )
+    return description_beside(path, settings)
+
+
+def description_beside(folder: Path, settings: RecordingSettings) -> str | None:
+    """Return the text of the robot's description in a folder, or None where there is none."""
+    file = folder / (settings.robot.urdf or "robot.urdf")
+    if not _stands(file):
+        return None
     try:
         return file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

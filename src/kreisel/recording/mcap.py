@@ -39,6 +39,9 @@ JOINT_TOPIC = "/robot/joint_states"
 SETTINGS_RECORD = "kreisel/recording"
 """Name of the metadata record with the settings; its keys are `table.key` as in `recording.toml`."""
 
+URDF_RECORD = "kreisel.robot"
+"""Name of the metadata record with the robot's description, under the key `urdf`."""
+
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: what a recorder that is killed may lose."""
 
@@ -75,6 +78,10 @@ class McapWriter:
         pairs = {f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()}
         if pairs:
             self._writer.add_metadata(SETTINGS_RECORD, pairs)
+
+    def add_urdf(self, text: str) -> None:
+        """Write the robot's description; like the settings, before the messages."""
+        self._writer.add_metadata(URDF_RECORD, {"urdf": text})
 
     def add_imu(self, stamp_ns: int, rate: Array, acceleration: Array) -> None:
         """Write angular rate (rad/s) and acceleration (m/s^2) as sensor_msgs/Imu without orientation."""
@@ -188,6 +195,8 @@ def _check_stamps(stamps: Stamps, source: Path) -> None:
 def _write_all(recording: Recording, writer: McapWriter) -> None:
     """Write settings and streams, merged in the order of their stamps."""
     writer.add_settings(recording.settings)
+    if recording.urdf is not None:
+        writer.add_urdf(recording.urdf)
     adders = [_imu_adder(recording, writer)]
     if recording.reference is not None:
         adders.append(_pose_adder(recording.reference, writer))
@@ -247,12 +256,13 @@ def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: I
 
 @dataclass(frozen=True)
 class Contents:
-    """What a bag holds: topics, settings as `table.key` -> text, findings."""
+    """What a bag holds: topics, settings as `table.key` -> text, findings, the robot's description."""
 
     path: Path
     topics: tuple[Topic, ...]
     settings: dict[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    urdf: str | None = None
 
 
 def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
@@ -278,7 +288,7 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
         raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
     lost = scan.lost()
     findings = (Finding(path.name, lost),) if lost else ()
-    return Contents(path, tuple(scan.topics()), scan.settings, findings)
+    return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf)
 
 
 def _check_magic(start: bytes, path: Path) -> None:
@@ -320,6 +330,7 @@ class _Scan:
 
     def __init__(self, wanted: frozenset[str]) -> None:
         self.settings: dict[str, str] = {}
+        self.urdf: str | None = None
         self._wanted = wanted
         self._kept = wanted | {None}  # what is not known yet may turn out to be wanted
         self._schemas: dict[int, Schema] = {}
@@ -376,6 +387,8 @@ class _Scan:
             metadata = Metadata.read(_stream(content))
             if metadata.name == SETTINGS_RECORD:
                 self.settings.update(metadata.metadata)
+            elif metadata.name == URDF_RECORD:
+                self.urdf = metadata.metadata.get("urdf")
 
     def _take_message(self, content: bytes) -> None:
         channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(content)

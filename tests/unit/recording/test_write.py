@@ -27,6 +27,7 @@ def recording(name: str = "pose0", *, positions: bool = True, quaternions: bool 
         ReferencePoses(name, STAMPS, p if positions else None, q if quaternions else None, Path("p")),
         JointAngles(STAMPS, rng.normal(size=(N, 6)), Path("j")),
         RecordingSettings.model_validate({"site": {"latitude_deg": 49.3}, "robot": {"tcp": 'a "tool"'}}),
+        urdf='<robot name="arm &amp; hand"/>\n',
     )
 
 
@@ -43,6 +44,7 @@ def assert_same(got: Recording, want: Recording) -> None:
         np.testing.assert_array_equal(have, expected)
     np.testing.assert_array_equal(got.joints.angles, want.joints.angles)
     assert got.settings == want.settings
+    assert got.urdf == want.urdf
 
 
 @pytest.mark.parametrize("half", [{}, {"positions": False}, {"quaternions": False}])
