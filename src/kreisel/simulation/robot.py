@@ -14,7 +14,7 @@ from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Plan
 from kreisel.simulation.settings import Errors
 
-_FADE = 0.05
+_FADE = 0.01
 """m/s of the tool at which half of the path error is there."""
 
 
