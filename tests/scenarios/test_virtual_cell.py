@@ -426,7 +426,7 @@ def test_path_error_is_there_on_the_move_alone(plain):
         assert np.abs(errors[rest]).max() < 1e-14
     speed = speeds(plain)
     fast = speed > 0.2
-    process = errors * (1.0 + 0.05 / np.maximum(speed, 0.01))[:, None] / np.repeat([1e-3, 5e-4], 3)
+    process = errors * (1.0 + 0.01 / np.maximum(speed, 0.01))[:, None] / np.repeat([1e-3, 5e-4], 3)
     independent = 3 * 0.012 * fast.sum() / tau
     for part in (slice(0, 3), slice(3, 6)):
         assert np.mean(process[fast][:, part] ** 2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / independent))
@@ -442,7 +442,7 @@ def test_path_error_may_be_new_for_each_pose(plain):
     _, other = with_errors({"path_position_sd": 1e-3, "path_correlation_time": 0.0})
     speed = speeds(plain)
     fast = speed > 0.2
-    process = pose_errors(plain, other)[:, :3] * (1.0 + 0.05 / np.maximum(speed, 0.01))[:, None] / 1e-3
+    process = pose_errors(plain, other)[:, :3] * (1.0 + 0.01 / np.maximum(speed, 0.01))[:, None] / 1e-3
     assert inside_chi_square(process[fast], 1.0)
     both = fast[1:] & fast[:-1]
     correlation = np.mean(process[1:][both] * process[:-1][both])

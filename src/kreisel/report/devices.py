@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from kreisel._version import __version__
 from kreisel.calibration.convergence import Convergence
 from kreisel.calibration.errors import GroupError
 from kreisel.geometry.rotation import Array
 from kreisel.report import plots
 from kreisel.report.figures import Figure
-from kreisel.report.page import environment, script
-from kreisel.report.plots import PALETTES, Plot
+from kreisel.report.page import fill
+from kreisel.report.plots import Plot
 from kreisel.report.tables import Row, Table, number
 from kreisel.report.thinning import Curve
 from kreisel.units import MG
@@ -42,21 +39,10 @@ class Device:
 def write_devices(devices: Sequence[Device], path: Path, lead: str) -> None:
     """Write the page as one HTML file that works offline."""
     figures = [offset_figure(devices), error_figure(devices)]
-    page = (
-        environment()
-        .get_template("devices.html")
-        .render(
-            version=__version__,
-            lead=lead,
-            devices=devices,
-            errors=error_table(devices),
-            times=time_table(devices),
-            figures=figures,
-            plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
-            drawings=script({f.name: f.plot for f in figures}),
-            palettes=script(PALETTES),
-        )
-    )
+    page = fill(
+        "devices.html", figures,
+        lead=lead, devices=devices, errors=error_table(devices), times=time_table(devices), figures=figures,
+    )  # fmt: skip
     path.write_text(page, encoding="utf-8")
 
 

@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from kreisel._version import __version__
 from kreisel.calibration.calibrate import Outcome
 from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves
 from kreisel.geometry.rotation import Array
@@ -54,33 +55,35 @@ def write_report(
 def render(data: ReportData) -> str:
     """Return the page."""
     drawn = _figures(data)
-    return (
-        environment()
-        .get_template("report.html")
-        .render(
-            document=data.outcome.calibration.document,
-            findings=data.outcome.findings,
-            summary=summarise(data.outcome),
-            unobservable=tables.unobservable_by_group(data.outcome),
-            not_estimated=tables.not_estimated(data.outcome),
-            figures=drawn,
-            snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
-            plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
-            drawings=script({f.name: f.plot for part in drawn.values() for f in part}),
-            palettes=script(PALETTES),
-            **_tables(data),
-        )
+    return fill(
+        "report.html",
+        [f for part in drawn.values() for f in part],
+        document=data.outcome.calibration.document,
+        findings=data.outcome.findings,
+        summary=summarise(data.outcome),
+        unobservable=tables.unobservable_by_group(data.outcome),
+        not_estimated=tables.not_estimated(data.outcome),
+        figures=drawn,
+        snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
+        **_tables(data),
     )
 
 
-def environment() -> Environment:
-    """Return where templates come from."""
-    return Environment(
+def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
+    """Return a page made of a template that extends `page.html`, with the figures drawn on it."""
+    environment = Environment(
         loader=PackageLoader("kreisel.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(
+        version=__version__,
+        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
+        drawings=_script({f.name: f.plot for f in drawn}),
+        palettes=_script(PALETTES),
+        **values,
     )
 
 
@@ -134,7 +137,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
     }
 
 
-def script(content: object) -> Markup:
+def _script(content: object) -> Markup:
     """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

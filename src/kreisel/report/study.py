@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from kreisel._version import __version__
 from kreisel.report import plots
 from kreisel.report.figures import Figure
-from kreisel.report.page import environment, script
-from kreisel.report.plots import PALETTES, Plot
+from kreisel.report.page import fill
+from kreisel.report.plots import Plot
 from kreisel.report.tables import Row, Table
 from kreisel.report.thinning import Curve
 
@@ -34,12 +31,7 @@ def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str]
     table = Table(
         "Error against what the calibration says of it", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=2
     )
-    page = environment().get_template("study.html").render(
-        version=__version__, title=title, lead=lead, table_of_groups=table, facts=facts, figures=figures,
-        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
-        drawings=script({f.name: f.plot for f in figures}),
-        palettes=script(PALETTES),
-    )  # fmt: skip
+    page = fill("study.html", figures, title=title, lead=lead, table_of_groups=table, facts=facts, figures=figures)
     path.write_text(page, encoding="utf-8")
 
 

@@ -39,7 +39,7 @@ def dask_map(
         raise SettingsError("studies need dask.distributed: pip install 'kreisel[study]'") from error
     if scheduler is None:
         cluster = LocalCluster(
-            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
         )
     try:
         client = Client(cluster if scheduler is None else scheduler, timeout=10)
