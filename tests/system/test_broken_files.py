@@ -164,7 +164,7 @@ REFUSED: dict[str, tuple[Damage, tuple[str, ...]]] = {
 }
 
 HANDLED: dict[str, tuple[Damage, tuple[str, ...]]] = {
-    "no robot": (lambda f: rewrite(f, TOML, lambda t: t + '[robot]\nurdf = "none.urdf"\n'), ()),
+    "no robot": (lambda f: rewrite(f, TOML, lambda t: t + '[robot]\nurdf = "none.urdf"\n'), ("names none.urdf",)),
     "cut line": (lambda f: rewrite(f, IMU, lambda t: t[:-30]), ("imu0/data.csv: the last line has no end", "left out")),
     "cut number": (lambda f: rewrite(f, POSE, lambda t: t[:-4]), ("pose0/data.csv: the last line has no end",)),
     "windows": (lambda f: rewrite(f, IMU, lambda t: "\ufeff" + t.replace("\n", "\r\n")), ()),

@@ -113,12 +113,13 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
 
 @kernel
 def pose_at(
-    dt, dt_before, dt_after, which, first, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out
+    dt, dt_before, dt_after, which, own, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out
 ):  # fmt: skip
     """Write attitude and position a moment dt after the last sample, |dt| at most a sampling interval.
 
     dt (m,); q, v, p stand at the last sample, q_first at the first; u_end as `preintegrate` writes it.
-    which (m,): each state's column of omega, alpha, u_end; first (m,): its column of q_first.
+    which (m,): each state's column of omega, alpha, u_end; own (m,): its column of dt, q_first, gravity and
+    earth_rate.
     dt_before and dt_after are the sampling intervals on either side of the last sample.
     """
     m = q.shape[1]
@@ -128,29 +129,34 @@ def pose_at(
     accel = np.empty((3, m))
     coriolis = np.empty((3, m))
     begin = np.empty((4, m))
+    earth = np.empty((3, m))
+    moment = np.empty(m)
     span = dt_before + dt_after
     for s in range(m):
+        moment[s] = dt[own[s]]
         for i in range(4):
-            begin[i, s] = q_first[i, first[s]]
+            begin[i, s] = q_first[i, own[s]]
+        for i in range(3):
+            earth[i, s] = earth_rate[i, own[s]]
         back[0, s] = q[0, s]
         for i in range(3):
             back[i + 1, s] = -q[i + 1, s]
-    rotate(back, earth_rate, theta)
+    rotate(back, earth, theta)
     for i in range(3):
         for s in range(m):
             j = which[s]
-            theta[i, s] = (omega[i, j] - theta[i, s] + 0.5 * alpha[i, j] * dt[s]) * dt[s]
+            theta[i, s] = (omega[i, j] - theta[i, s] + 0.5 * alpha[i, j] * moment[s]) * moment[s]
             before = (u_end[1, i, j] - u_end[0, i, j]) / dt_before
             after = (u_end[2, i, j] - u_end[1, i, j]) / dt_after
             slope[i, s] = (before * dt_after + after * dt_before) / span
             accel[i, s] = u_end[1, i, j]
     rotate(begin, slope, slope)
     rotate(begin, accel, accel)
-    cross(earth_rate, v, coriolis)
+    cross(earth, v, coriolis)
     for i in range(3):
         for s in range(m):
-            a = accel[i, s] + gravity[i, s] - 2.0 * coriolis[i, s]
-            p_out[i, s] = p[i, s] + dt[s] * (v[i, s] + dt[s] / 2.0 * (a + dt[s] / 3.0 * slope[i, s]))
+            a = accel[i, s] + gravity[i, own[s]] - 2.0 * coriolis[i, s]
+            p_out[i, s] = p[i, s] + moment[s] * (v[i, s] + moment[s] / 2.0 * (a + moment[s] / 3.0 * slope[i, s]))
     q_out[:] = q
     turn(q_out, theta, 1.0)
 

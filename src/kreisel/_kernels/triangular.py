@@ -49,7 +49,7 @@ def triangularise(rows):
 
 
 @kernel
-def condition(first, factor, further, innovation_factor, gain, posterior):
+def condition(first, factor, further, innovation, innovation_factor, whitened, gain, posterior):
     """Write what a measurement leaves of the covariance of a state whose last few degrees of freedom have moved.
 
     The array of columns
@@ -69,9 +69,11 @@ def condition(first, factor, further, innovation_factor, gain, posterior):
         Lower triangular factor before the step; its first n - c rows are `held`.
     further : (k, m + c)
         Further columns, as rows: noise, curvature, and the measurement's own noise.
-    innovation_factor, gain, posterior : (m, m), (n, m), (n, n)
-        Factor of the innovation's covariance, cross-covariance times its inverse transpose, and factor of
-        the state's covariance once measured. With m = 0 the last is the predicted one.
+    innovation : (m,)
+    innovation_factor, whitened, gain, posterior : (m, m), (m,), (n, m), (n, n)
+        Factor of the innovation's covariance, the innovation divided by it, cross-covariance times its
+        inverse transpose, and factor of the state's covariance once measured. With m = 0 the last is the
+        predicted one.
     """
     m = innovation_factor.shape[0]
     n = factor.shape[0]
@@ -112,6 +114,11 @@ def condition(first, factor, further, innovation_factor, gain, posterior):
             innovation_factor[r, i] = pivot[i, r]
         for r in range(n):
             gain[r, i] = pivot[i, m + r]
+    for i in range(m):
+        left = innovation[i]
+        for r in range(i):
+            left -= innovation_factor[i, r] * whitened[r]
+        whitened[i] = left / innovation_factor[i, i]
     posterior[:] = 0.0
     for j in range(held):
         for r in range(j, n):
@@ -119,6 +126,26 @@ def condition(first, factor, further, innovation_factor, gain, posterior):
     for j in range(changing):
         for r in range(j, changing):
             posterior[held + r, held + j] = small[m + j, m + r]
+
+
+@kernel
+def widen(factor, index, deviation):
+    """Add the square of a deviation to the variance of one degree of freedom, in place.
+
+    factor (n, n), lower triangular: a column with one entry is rotated into it from the left; only the
+    columns from `index` on change.
+    """
+    n = factor.shape[0]
+    extra = np.zeros(n)
+    extra[index] = deviation
+    for j in range(index, n):
+        length = math.sqrt(factor[j, j] * factor[j, j] + extra[j] * extra[j])
+        c = factor[j, j] / length
+        s = extra[j] / length
+        for i in range(j, n):
+            x = factor[i, j]
+            factor[i, j] = c * x + s * extra[i]
+            extra[i] = c * extra[i] - s * x
 
 
 @kernel

@@ -47,6 +47,7 @@ class CellModel:
         self._columns: SensorColumns
         self._increment: Increment
         self._q_first: Array
+        self._around: tuple[Array, Array, Array]
 
     def aim(self, update: Update) -> None:
         """Set the update the next step goes to."""
@@ -81,7 +82,7 @@ class CellModel:
         out = points.copy()
         q, v, r = (out[self.layout.stored(name)] for name in ("attitude", "velocity", "position"))
         self._q_first = q.copy()
-        gravity, earth_rate, _ = self._environment(points)
+        gravity, earth_rate, _ = self._around = self._environment(points)
         composition.compose(step.duration, self._which, step.dq, step.dv, step.dp, gravity, earth_rate, q, v, r)
         for part in PATH_ERROR:
             if part.name in self.layout:
@@ -141,18 +142,18 @@ class CellModel:
     def _pose(self, points: Array) -> tuple[Array, Array, Array]:
         """Return attitude, position and velocity the reference should show, at its own time."""
         signal, last, step = self.problem.signal, self._update.last, self._increment
-        m = points.shape[1]
-        # points beyond the sigma points (process noise) share the centre's sensor parameters
-        which, first = np.zeros((2, m), dtype=np.int64)
-        which[: self._which.size] = self._which
-        first[: self._which.size] = np.arange(self._which.size)
-        gravity, earth_rate, t = self._environment(points)
+        m, sigma_points = points.shape[1], self._which.size
+        # points beyond the sigma points (process noise) share all with the centre but their navigation
+        which, own = np.zeros((2, m), dtype=np.int64)
+        which[:sigma_points] = self._which
+        own[:sigma_points] = np.arange(sigma_points)
+        gravity, earth_rate, t = self._around
         q, v, p = (points[self.layout.stored(name)] for name in ("attitude", "velocity", "position"))
         q_out, p_out = np.empty((4, m)), np.empty((3, m))
-        before, after = np.diff(signal.stamps[last - 1 : last + 2])
+        t_before, t_last, t_after = signal.stamps[last - 1 : last + 2].tolist()
         composition.pose_at(
-            t - signal.stamps[last], before, after, which, first, self._q_first, step.omega_end, step.alpha_end,
-            step.u_end, gravity, earth_rate, q, v, p, q_out, p_out,
+            t - t_last, t_last - t_before, t_after - t_last, which, own, self._q_first, step.omega_end,
+            step.alpha_end, step.u_end, gravity, earth_rate, q, v, p, q_out, p_out,
         )  # fmt: skip
         if self._update.rest is not None and "rest_position" in self.layout:
             p_out += points[self.layout.stored("rest_position")]

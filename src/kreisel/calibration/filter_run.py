@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from kreisel._kernels import attitude
 from kreisel.calibration.cell_model import CellModel
@@ -17,7 +16,7 @@ from kreisel.estimation import filter as spkf
 from kreisel.estimation.consistency import chi_square
 from kreisel.estimation.filter import Belief
 from kreisel.estimation.sigma_points import weights
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, Indices, apply, conjugate, exp, log, multiply
 from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
@@ -154,7 +153,7 @@ def run_filter(
         belief = _walked(problem, belief, item)
         factor = model.measurement_factor(belief.mean)
         prediction = spkf.predict(layout, belief, model, w, factor, problem.changing)
-        whitened = prediction.normalised_innovation
+        whitened = prediction.whitened
         nis = float(whitened @ whitened)
         if not np.isfinite(nis):
             raise EstimationError(
@@ -162,9 +161,9 @@ def run_filter(
                 "check units and noise figures, or fix groups the motion does not show"
             )
         used = nis <= gate * bounds[whitened.size]
-        belief = spkf.update(layout, prediction, whitened) if used else prediction.belief
+        belief = spkf.update(layout, prediction) if used else prediction.belief
         rejected_in_a_row = 0 if used else rejected_in_a_row + 1
-        recorder.add(item, belief, prediction, whitened, factor, used=used)
+        recorder.add(belief, prediction, factor, used=used)
         if progress is not None and i % 16 == 0:
             progress(i / len(problem.updates))
     return FilterRun(start, belief, model.parameters(belief.mean), recorder.history())
@@ -252,62 +251,68 @@ def _walked(problem: Problem, belief: Belief, item: Update) -> Belief:
 
 
 class _Recorder:
-    """Collects the history of a run."""
+    """Collects what a run leaves at each update; worked out once it is over, for all updates together."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._rows: list[tuple[object, ...]] = []
-        self._parameters = len(problem.parameter_names)
-        first = [problem.layout.stored(g) for g in problem.groups]
-        self._stored = np.concatenate([np.arange(s.start, s.stop) for s in first]) if first else np.empty(0, dtype=int)
+        n = len(problem.updates)
+        self._means = np.empty((n, problem.layout.size))
+        self._deviations = np.empty((n, len(problem.parameter_names)))
+        self._used = np.zeros(n, dtype=bool)
+        self._moving: Indices = np.r_[problem.layout["velocity"], problem.layout["attitude"]]
+        self._steps: list[tuple[spkf.Innovation, Array]] = []
+
+    def add(self, belief: Belief, prediction: spkf.Prediction, factor: Array, *, used: bool) -> None:
+        """Note an update: the belief after it, what was predicted, and the factor of the measurement's noise."""
+        i = len(self._steps)
+        self._means[i] = belief.mean
+        self._deviations[i] = np.sqrt(np.einsum("ij,ij->i", belief.factor, belief.factor))[: self._deviations.shape[1]]
+        self._used[i] = used
+        self._steps.append((prediction.light(self._moving), factor))
+
+    def history(self) -> History:
+        problem, updates = self._problem, self._problem.updates
+        at_rest = np.array([item.rest is not None for item in updates])
         reference = problem.reference
         given = [reference.positions is not None, reference.quaternions is not None]
-        self._present = [np.flatnonzero(np.repeat([*given, resting], 3)) for resting in (False, True)]
-        self._moving = np.r_[problem.layout["velocity"], problem.layout["attitude"]]
+        n = len(updates)
+        degrees = np.empty(n)
+        nis, log_likelihood = np.empty(n), np.empty(n)
+        wide = np.full((4, n, 9), np.nan)
+        correction, variance = np.empty((n, 6)), np.empty((n, 6))
+        for resting in (False, True):
+            which = np.flatnonzero(at_rest == resting)
+            if which.size == 0:
+                continue
+            present = np.flatnonzero(np.repeat([*given, resting], 3))
+            steps = [self._steps[i] for i in which]
+            S = np.array([step.innovation_factor for step, _ in steps])
+            white = np.array([step.whitened for step, _ in steps])
+            R = np.array([factor @ factor.T for _, factor in steps])
+            gain = np.array([step.gain for step, _ in steps])
+            # what is left of an innovation: the noise's covariance times the inverse of the innovation's
+            solved = np.linalg.solve(np.swapaxes(S, 1, 2), white[..., None])
+            parts = (white, np.array([step.innovation for step, _ in steps]), (R @ solved)[..., 0],
+                     np.diagonal(R, axis1=1, axis2=2))  # fmt: skip
+            for row, part in zip(wide, parts, strict=True):
+                row[np.ix_(which, present)] = part
+            degrees[which] = present.size
+            nis[which] = np.sum(white**2, axis=1)
+            log_likelihood[which] = -0.5 * nis[which] - np.log(np.diagonal(S, axis1=1, axis2=2)).sum(axis=1)
+            correction[which] = (gain @ white[..., None])[..., 0]
+            variance[which] = np.sum(gain**2, axis=2)
+        seconds = problem.signal.stamps[[item.last for item in updates]]
+        return History(
+            seconds, self._estimates(), self._deviations, at_rest, self._used, nis, degrees, log_likelihood,
+            wide[0], wide[1], wide[2], wide[3], correction, variance,
+        )  # fmt: skip
 
-    def add(
-        self,
-        item: Update,
-        belief: Belief,
-        prediction: spkf.Prediction,
-        whitened: Array,
-        factor: Array,
-        *,
-        used: bool,
-    ) -> None:
-        present = self._present[item.rest is not None]
-        R = factor @ factor.T
-        left = R @ lapack.dtrtrs(prediction.innovation_factor, whitened, lower=1, trans=1)[0]
-        gain = prediction.gain_factor[self._moving]
-        wide = np.full((4, 9), np.nan)
-        for row, value in zip(wide, (whitened, prediction.innovation, left, np.diag(R)), strict=True):
-            row[present] = value
-        self._rows.append(
-            (
-                self._problem.signal.stamps[item.last],
-                self._estimates(belief),
-                belief.standard_deviation[: self._parameters],
-                item.rest is not None,
-                used,
-                float(whitened @ whitened),
-                whitened.size,
-                -0.5 * float(whitened @ whitened) - float(np.sum(np.log(np.diag(prediction.innovation_factor)))),
-                *wide,
-                gain @ whitened,
-                np.sum(gain**2, axis=1),
-            )
-        )
-
-    def _estimates(self, belief: Belief) -> Array:
+    def _estimates(self) -> Array:
         """Return one number for each parameter's degree of freedom; the alignment's as its vector part."""
         layout, out = self._problem.layout, []
         for group in self._problem.groups:
-            value = belief.mean[layout.stored(group)]
+            value = self._means[:, layout.stored(group)]
             if group == "alignment":
-                value = 2.0 * value[1 : 1 + layout[group].stop - layout[group].start]
+                value = 2.0 * value[:, 1 : 1 + layout[group].stop - layout[group].start]
             out.append(value)
-        return np.concatenate(out) if out else np.empty(0)
-
-    def history(self) -> History:
-        columns = [np.array(column) for column in zip(*self._rows, strict=True)]
-        return History(*columns)
+        return np.hstack(out) if out else np.empty((len(self._means), 0))

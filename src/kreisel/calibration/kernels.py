@@ -33,7 +33,8 @@ def _filter_step() -> None:
     layout = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
     belief = spkf.Belief(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(6))
     step = spkf.predict(layout, belief, _Still(), weights("central-difference", 6), np.eye(3), 3)
-    spkf.update(layout, step, step.normalised_innovation)
+    belief = spkf.update(layout, step)
+    spkf.widen(layout, belief, "held", 1.0)
 
 
 def _share_path(signal: InertialSignal, one: SensorColumns) -> None:

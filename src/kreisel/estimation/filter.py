@@ -12,15 +12,14 @@ stand last in the layout, so only their few rows need triangularising again.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.linalg import lapack
 
 from kreisel._kernels import triangular
 from kreisel.estimation.sigma_points import SigmaWeights
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,15 @@ class Transition(Protocol):
         """Return predicted measurements (m, points) and the measurement (m,), as distances from the first point's."""
 
 
+class Innovation(NamedTuple):
+    """What a history keeps of a prediction: see `Prediction`; `gain` holds some rows of `gain_factor`."""
+
+    innovation: Array
+    innovation_factor: Array
+    whitened: Array
+    gain: Array
+
+
 @dataclass(frozen=True)
 class Prediction:
     """Belief at the time of an update, together with the measurement it predicts.
@@ -68,6 +76,8 @@ class Prediction:
         What has become of the changing degrees of freedom: first-order columns, and further ones.
     innovation, innovation_factor : (m,), (m, m)
         Measurement less its prediction, and the lower triangular factor of its covariance.
+    whitened : (m,)
+        Innovation divided by that factor; its squared length is the NIS.
     gain_factor : (degrees, m)
         Cross-covariance times the inverse transpose of `innovation_factor`.
     posterior_factor : (degrees, degrees)
@@ -79,6 +89,7 @@ class Prediction:
     columns: tuple[Array, Array]
     innovation: Array
     innovation_factor: Array
+    whitened: Array
     gain_factor: Array
     posterior_factor: Array
 
@@ -86,14 +97,12 @@ class Prediction:
     def belief(self) -> Belief:
         """The predicted belief, for when the measurement is not used."""
         first, further = self.columns
-        _, _, factor = _condition(first, self.prior.factor, np.ascontiguousarray(further.T), 0)
+        *_, factor = _condition(first, self.prior.factor, np.ascontiguousarray(further.T), np.empty(0))
         return Belief(self.mean, factor)
 
-    @property
-    def normalised_innovation(self) -> Array:
-        """Innovation whitened by its covariance, (m,); its squared length is the NIS."""
-        x, _ = lapack.dtrtrs(self.innovation_factor, self.innovation, lower=1)
-        return np.asarray(x)
+    def light(self, rows: Indices) -> Innovation:
+        """Return what is worth keeping of it; `rows` choose degrees of freedom of the gain."""
+        return Innovation(self.innovation, self.innovation_factor, self.whitened, self.gain_factor[rows])
 
 
 def triangularise(columns: Array) -> Array:
@@ -159,7 +168,8 @@ def predict(
     further[c : c + k, :m] = 0.5 * (seen[:, 2 * n + 1 : 2 * n + 1 + k] - seen[:, 2 * n + 1 + k :]).T
     further[c : c + k, m:] = noise.T
     further[c + k :, :m] = measurement_factor.T
-    innovation_factor, gain, posterior = _condition(first, belief.factor, further, m)
+    innovation = innovation - shift[:m]
+    innovation_factor, whitened, gain, posterior = _condition(first, belief.factor, further, innovation)
     mean = centre
     if np.any(shift[m:]):
         mean = centre.copy()
@@ -168,33 +178,37 @@ def predict(
         mean=mean,
         prior=belief,
         columns=(first[m:], further[: c + k, m:].T),
-        innovation=innovation - shift[:m],
+        innovation=innovation,
         innovation_factor=innovation_factor,
+        whitened=whitened,
         gain_factor=gain,
         posterior_factor=posterior,
     )
 
 
-def _condition(first: Array, factor: Array, further: Array, m: int) -> tuple[Array, Array, Array]:
-    n = factor.shape[0]
-    innovation_factor, gain, posterior = np.empty((m, m)), np.empty((n, m)), np.empty((n, n))
-    triangular.condition(np.ascontiguousarray(first), factor, further, innovation_factor, gain, posterior)
-    return innovation_factor, gain, posterior
+def _condition(first: Array, factor: Array, further: Array, innovation: Array) -> tuple[Array, Array, Array, Array]:
+    n, m = factor.shape[0], innovation.size
+    innovation_factor, whitened = np.empty((m, m)), np.empty(m)
+    gain, posterior = np.empty((n, m)), np.empty((n, n))
+    triangular.condition(
+        np.ascontiguousarray(first), factor, further, innovation, innovation_factor, whitened, gain, posterior
+    )
+    return innovation_factor, whitened, gain, posterior
 
 
-def update(layout: StateLayout, prediction: Prediction, whitened: Array) -> Belief:
-    """Return the belief once the measurement is used; `whitened` is the prediction's normalised innovation."""
-    change = prediction.gain_factor @ whitened
+def update(layout: StateLayout, prediction: Prediction) -> Belief:
+    """Return the belief once the measurement is used."""
+    change = prediction.gain_factor @ prediction.whitened
     mean = layout.plus(prediction.mean, change[:, None])[:, 0].copy()
     return Belief(mean, prediction.posterior_factor)
 
 
 def widen(layout: StateLayout, belief: Belief, name: str, deviation: float) -> Belief:
     """Return the belief with a part's variances raised by the square of a deviation."""
-    d = layout[name]
-    more = np.zeros((layout.degrees, d.stop - d.start))
-    more[d] = deviation * np.eye(d.stop - d.start)
-    return replace(belief, factor=triangularise(np.hstack([belief.factor, more])))
+    factor = belief.factor.copy()
+    for i in range(layout[name].start, layout[name].stop):
+        triangular.widen(factor, i, deviation)
+    return replace(belief, factor=factor)
 
 
 def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: Array) -> Belief:

@@ -49,7 +49,7 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
     datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
     poses = _read_poses(root, reference, findings)
     joints = _read_joints(root / "joint0" / "data.csv", findings)
-    urdf = _read_urdf(path, settings)
+    urdf = _read_urdf(path, settings, findings, needed=joints is not None)
     return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet, urdf)
 
 
@@ -202,14 +202,16 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
     return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
 
 
-def _read_urdf(path: Path, settings: RecordingSettings) -> str | None:
-    """Return the text of the robot's description, or None where there is none."""
-    file = path / (settings.robot.urdf or "robot.urdf")
-    if settings.robot.urdf is not None and not _stands(file):
-        raise RecordingError(
-            "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
-            file=file,
-        )
+def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding], *, needed: bool) -> str | None:
+    """Return the text of the robot's description; a name that leads nowhere is an error only where it is needed."""
+    name = settings.robot.urdf
+    if name is not None and not _stands(path / name):
+        if needed:
+            raise RecordingError(
+                "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
+                file=path / name,
+            )
+        findings.append(Finding("robot", f"recording.toml names {name}, which is not there; no joint angles need it"))
     return description_beside(path, settings)
 
 

@@ -42,7 +42,7 @@ def test_linear_problems_give_the_kalman_filter(name):
     layout = StateLayout([Part("held", n - changing), Part("moving", changing)])
     belief = Belief(x, np.linalg.cholesky(P))
     prediction = predict(layout, belief, Linear(F, H, noise, z), weights(name, n), R, changing)
-    posterior = update(layout, prediction, prediction.normalised_innovation)
+    posterior = update(layout, prediction)
 
     P1 = F @ P @ F.T + Q @ Q.T
     S = H @ P1 @ H.T + R @ R.T
