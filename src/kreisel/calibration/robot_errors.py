@@ -24,6 +24,9 @@ _GEAR_SD = 2e-4
 _SAG_SD = 5e-4
 """rad; eccentricity, and sag under the largest torque met."""
 
+_MOST_WITHOUT = 0.01
+"""Share of poses that may lie beyond the joint angles' ends."""
+
 _ANOTHER_FRAME = (5e-3, 5e-3)
 """m and rad; reported poses this far from the nominal kinematics use another base or tool frame."""
 
@@ -92,6 +95,11 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
             f"{joints.source}: {joints.angles.shape[1]} joint angles, but {len(arm.joints)} joints of {arm.name} move "
             f"'{arm.tcp}': {', '.join(arm.joints)}; correct robot.urdf, or robot.tcp in recording.toml"
         )
+    stamps = reference.stamps_ns
+    without = (stamps < joints.stamps_ns[0]) | (stamps > joints.stamps_ns[-1])
+    if float(without.mean()) > _MOST_WITHOUT:
+        said = f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles"
+        return None, [Finding("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
     angles = np.column_stack(
         [np.interp(reference.stamps_ns, joints.stamps_ns, joints.angles[:, j]) for j in range(joints.angles.shape[1])]
     )
