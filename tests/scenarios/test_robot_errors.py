@@ -161,3 +161,38 @@ def test_lasting_errors_are_found_and_honest():
     assert outcome.problem.correlation_time > 1.0 / 3.0
     for group in group_errors(outcome.calibration, truth).values():
         assert group.ratio < 2.2, group.title
+
+
+def test_stated_errors_without_joint_angles_are_not_forgotten(inaccurate):
+    """Base and tool may lie elsewhere by what the owner says: K, lever arms and gravity stay honest."""
+    truth, recording, _ = inaccurate
+    outcome = run_calibration(replace(recording, joints=None, urdf=None), CalibrationSettings())
+    assert any("not estimated" in str(finding) for finding in outcome.findings)
+    errors = group_errors(outcome.calibration, truth)
+    for name in ("gyro_cross_coupling", "accel_cross_coupling", "lever_arms", "alignment"):
+        assert errors[name].ratio < 2.2, name
+
+
+def test_without_a_latitude_the_earths_rotation_is_doubt():
+    cell = Cell.model_validate({"seed": 6, "seconds": 100.0, "imu": {"grade": "ring-laser"}})
+    truth, recording = simulate(cell, Path("cell"))
+    settings = recording.settings.model_copy(update={"site": type(recording.settings.site)(gravity=9.81)})
+    outcome = run_calibration(replace(recording, settings=settings), CalibrationSettings())
+    errors = group_errors(outcome.calibration, truth)
+    assert errors["gyro_offset"].believed > 5.0  # deg/h
+    assert errors["gyro_offset"].ratio < 2.2
+    assert any("latitude" in str(finding) for finding in outcome.findings)
+
+
+@pytest.mark.parametrize("measures", ["position", "orientation"])
+def test_half_a_pose_is_honest_about_what_it_shows(measures):
+    cell = Cell.model_validate({
+        "seed": 31, "seconds": 150.0, "reference": {"measures": measures, "kind": "mocap"},
+        "errors": {"geometry_length_sd": 0.0, "geometry_angle_sd": 0.0},
+    })  # fmt: skip
+    truth, recording = simulate(cell, Path("cell"))
+    outcome = run_calibration(recording, CalibrationSettings())
+    assert outcome.verdict.accepted
+    errors = group_errors(outcome.calibration, truth)
+    for name in ("gyro_offset", "accel_offset"):  # what does not hang on how b lies
+        assert errors[name].ratio < 2.2, name

@@ -61,6 +61,8 @@ def unshown_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
     """
     groups = []
     for group in HELD_IF_UNSHOWN:
+        if group == "lever_arms" and problem.reference.positions is None:
+            continue  # nothing pulls them away, and what they might be belongs into the other deviations
         if group in problem.layout:
             ratio = deviation[problem.layout[group]] / problem.prior_width[group]
             if float(np.median(ratio)) > UNSHOWN:

@@ -90,6 +90,8 @@ class Problem:
         Values for groups the motion does not show, and the groups held there for that reason.
     robot
         The arm, where its errors are estimated.
+    frame_sd
+        How far base and tool lie from where the reference has them, m and rad, if nothing else stands for it.
     correlation_time
         How long the reference's errors on the path last, s; 0 where each update's are new.
     """
@@ -116,6 +118,7 @@ class Problem:
     update_interval: float
     held: tuple[str, ...] = ()
     robot: RobotModel | None = None
+    frame_sd: tuple[float, float] = (0.0, 0.0)
     attitude_sd: float = 0.2
     correlation_time: float = 0.0
 

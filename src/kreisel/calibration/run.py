@@ -12,9 +12,11 @@ from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold, with_lasting_errors
 from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
-from kreisel.estimation.filter import Belief
-from kreisel.geometry.rotation import Array, Mask
+from kreisel.estimation.filter import Belief, triangularise, widen
+from kreisel.geometry.rotation import Array, Mask, skew
+from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import Finding
+from kreisel.units import DEG_PER_HOUR
 
 FIRST_GATE = 100.0
 """How much wider the gate stands in the first pass, when the parameters are still far off."""
@@ -130,7 +132,51 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
     contradiction = _contradiction(given, problem, reference=reference_given, imu=imu_given)
     run = towards_prior(problem, run)
     belief = Belief(run.belief.mean, factor * run.belief.factor)
+    if max(problem.frame_sd) > 0.0:
+        belief = _with_frame_doubt(problem, run, belief)
+        length, angle = (1e3 * sd for sd in problem.frame_sd)
+        findings.append(
+            Finding(
+                "robot",
+                f"its errors are stated but not estimated (no joint angles with robot.urdf): {length:.2g} mm and "
+                f"{angle:.2g} mrad were added for where base and tool may lie",
+            )
+        )
+    if problem.site.earth_rate_n is None and "gyro_offset" in problem.layout:
+        belief = widen(problem.layout, belief, "gyro_offset", EARTH_RATE / 3**0.5)
+        findings.append(
+            Finding(
+                "site",
+                f"no latitude is given, so the Earth's rotation is left out; {EARTH_RATE / DEG_PER_HOUR / 3**0.5:.1f} "
+                "deg/h were added to the gyro offset's standard deviation for it (site.latitude_deg in recording.toml)",
+            )
+        )
     return Estimate(problem, replace(run, belief=belief), done, factor, contradiction, tuple(findings))
+
+
+def _with_frame_doubt(problem: Problem, run: FilterRun, belief: Belief) -> Belief:
+    """Return the belief with the doubt where the base's and the tool's frame lie.
+
+    A tool turned by a small angle turns both cross-coupling matrices and the lever arms with it, one that
+    is shifted shifts the lever arms; a base turned turns gravity.
+    """
+    layout, sensors = problem.layout, run.parameters.sensors
+    length, angle = problem.frame_sd
+    columns = np.zeros((layout.degrees, 8))
+    for i, axis in enumerate(np.eye(3)):
+        turned = angle * skew(axis)
+        for group, value in (
+            ("gyro_cross_coupling", turned @ sensors.K_omega),
+            ("accel_cross_coupling", turned @ sensors.K_a),
+            ("lever_arms", sensors.lever_arms @ turned.T),
+        ):
+            if group in layout:
+                columns[layout[group], i] = value.ravel()
+        if "lever_arms" in layout:
+            columns[layout["lever_arms"], 3 + i] = np.tile(length * axis, 3)
+    if "alignment" in layout:
+        columns[layout["alignment"], 6:] = angle * np.eye(2)
+    return replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
 
 
 def _contradiction(given: Problem, final: Problem, *, reference: bool, imu: bool) -> float:

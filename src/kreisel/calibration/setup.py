@@ -44,6 +44,7 @@ _CROSS_COUPLING_SD = 0.05
 _NON_ORTHOGONALITY = 0.015
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 _MOTION_NOISE = 20.0
+_HALF_A_CHAIN = math.sqrt(2.0)
 
 GRAVITY_SD = 0.015
 """m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
@@ -318,7 +319,9 @@ def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, 
     if preparation.reference.quaternions is None:
         K_omega_covariance = _without_turn(K_omega_covariance)
     K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, least, _CROSS_COUPLING_SD))
-    sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(force.lever_arm, (3, 1)))
+    # without positions, what all three accelerometers are away from b shows nowhere
+    arm = force.lever_arm if preparation.reference.positions is not None else np.zeros(3)
+    sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(arm, (3, 1)))
     start = CellParameters(
         sensors, alignment_from_gravity(force.gravity), np.zeros(2), site.gravity, fit.clock.start, fit.clock.skew,
         RobotParameters.none(0 if preparation.robot is None else preparation.robot.joints),
@@ -434,6 +437,15 @@ def _with_prior(value: Array, value_sd: Array, given_sd: float | None, widest: f
     return np.where(better, value, 0.0), np.where(better, doubtful, given_sd)
 
 
+def _frame_doubt(preparation: Preparation) -> tuple[float, float]:
+    """Return how far a robot's errors move base and tool, where they are stated but cannot be estimated."""
+    table = preparation.recording.settings.robot
+    if preparation.robot is not None:
+        return (0.0, 0.0)
+    # half of the chain's errors act like another base, half like another tool
+    return (_HALF_A_CHAIN * (table.length_sd or 0.0), _HALF_A_CHAIN * (table.angle_sd or 0.0))
+
+
 def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
     """Return the problem for the filter.
 
@@ -498,4 +510,5 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         updates=updates,
         update_interval=interval,
         robot=preparation.robot,
+        frame_sd=_frame_doubt(preparation),
     )
