@@ -13,6 +13,7 @@ from kreisel.calibration.robot_errors import pose_regressor
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RobotError, SettingsError
 from kreisel.geometry.rotation import conjugate, exp, log, multiply
+from kreisel.recording.settings import RobotTable
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import load_arm, parse_arm, with_placement_errors
 from kreisel.robot.urdf import calibrated_urdf
@@ -37,6 +38,8 @@ def test_every_group_is_honest(inaccurate):
 
 def test_taken_for_noise_they_are_not(inaccurate):
     truth, recording, _ = inaccurate
+    settings = recording.settings.model_copy(update={"robot": RobotTable()})
+    recording = replace(recording, settings=settings)
     outcome = run_calibration(recording, CalibrationSettings(fixed=("robot_placement",)))
     assert outcome.problem.robot is None
     errors = group_errors(outcome.calibration, truth)
