@@ -1,49 +1,67 @@
-"""The filter against one strapdown pass over the same samples: ``pytest benchmarks --benchmark-only``.
+"""The filter in strapdown passes over the same samples: ``pytest benchmarks --benchmark-only``.
 
-Ratios within one run are what counts; machines differ and are noisy.
+Ratios within one run are what counts; machines differ and are noisy. `multiple` is in each test's extra info.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kreisel.calibration.filter_run import run_filter
+from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.setup import build_problem, prepare_recording
 from kreisel.inertial.sensor_model import SizeEffect
-from kreisel.inertial.strapdown import SensorColumns, compile_kernels, preintegrate
-from kreisel.simulation import simulate
+from kreisel.inertial.strapdown import SensorColumns, preintegrate
+from kreisel.simulation import Cell, simulate
+
+from . import yardstick
 
 
 @pytest.fixture(scope="module")
-def problem():
+def recording():
     compile_kernels()
-    _, recording = simulate(np.random.default_rng(3), 600.0, Path("ten minutes"), imu_rate=400.0)
+    return simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), Path("ten minutes"))[1]
+
+
+@pytest.fixture(scope="module")
+def unit(recording):
+    return yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
+
+
+def problem_of(recording, *, robot):
     settings = CalibrationSettings()
+    if not robot:
+        recording = replace(recording, joints=None)
     return build_problem(prepare_recording(recording, settings), settings)
 
 
-def strapdown(problem, columns):
-    for update in problem.updates:
-        preintegrate(problem.signal, update.first, update.last, columns, SizeEffect.COMPLETED)
-
-
-@pytest.mark.parametrize("width", [1, 8, 67])
-def test_strapdown_passes(benchmark, problem, width):
-    """One pass over 240,000 samples with so many parameter sets side by side."""
+@pytest.mark.parametrize("width", [1, 8, 25, 67])
+def test_columns_side_by_side(benchmark, recording, unit, width):
+    """One pass over 240,000 samples with so many sets of gyro parameters side by side."""
+    problem = problem_of(recording, robot=False)
     one = SensorColumns.single(problem.start.sensors, SizeEffect.COMPLETED)
-    parts = (one.K_omega, one.k_w, one.K_a, one.k_a, one.lever_arms, one.axes)
-    columns = SensorColumns(*(np.repeat(part, width, axis=-1) for part in parts))
-    benchmark.pedantic(strapdown, args=(problem, columns), rounds=3)
+    columns = replace(one, rate=np.repeat(one.rate, width, axis=-1), force=np.repeat(one.force, width, axis=-1))
+
+    def run():
+        for update in problem.updates:
+            preintegrate(problem.signal, update.first, update.last, columns)
+
+    benchmark.pedantic(run, rounds=3)
+    benchmark.extra_info["multiple"] = benchmark.stats.stats.median / unit
 
 
-def test_filter(benchmark, problem):
-    """One pass of the filter, 52 states."""
+@pytest.mark.parametrize("robot", [False, True])
+def test_filter(benchmark, recording, unit, robot):
+    """One pass of the filter; with the robot's errors 42 states more."""
+    problem = problem_of(recording, robot=robot)
     benchmark.pedantic(run_filter, args=(problem, problem.start), rounds=3)
+    benchmark.extra_info["states"] = problem.layout.degrees
+    benchmark.extra_info["multiple"] = benchmark.stats.stats.median / unit
 
 
-def test_preparation(benchmark):
+def test_preparation(benchmark, recording):
     """Correlation, rate fit, force fit, rests."""
-    _, recording = simulate(np.random.default_rng(3), 600.0, Path("ten minutes"), imu_rate=400.0)
     benchmark.pedantic(prepare_recording, args=(recording, CalibrationSettings()), rounds=2)

@@ -8,7 +8,7 @@ from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
-from kreisel.robot.motion import Limits, Move, Plan, plan
+from kreisel.robot.motion import Limits, Move, Plan, Planner
 
 _CANDIDATES = 12
 _WIDEST = np.pi
@@ -44,21 +44,16 @@ def random_plan(
         If the arm can hardly move within its ranges.
     """
     low, high = _ranges(arm, range_share)
-    q = home(arm)
-    moves: list[Move] = []
+    planner = Planner(arm, home(arm), first_rest, limits, smoothing)
     seen = np.zeros(6)
-    elapsed = first_rest
-    while elapsed < seconds:
+    while planner.seconds < seconds:
+        q, before = planner.angles, planner.seconds
         target = _most_telling(rng, arm, q, low, high, seen)
-        move = Move(target, float(rest * rng.uniform(0.8, 1.2)), float(rng.uniform(0.7, 1.0)))
-        one = plan(arm, q, 0.0, [move], limits, smoothing)
-        if one.seconds > seconds:
-            raise RobotError(f"a single move takes {one.seconds:.0f} s, longer than the recording of {seconds:.0f} s")
+        planner.go(Move(target, float(rest * rng.uniform(0.8, 1.2)), float(rng.uniform(0.7, 1.0))))
         seen += _shown(arm, q, target)
-        moves.append(move)
-        elapsed += one.seconds
-        q = target
-    return plan(arm, home(arm), first_rest, moves, limits, smoothing)
+        if (took := planner.seconds - before) > seconds:
+            raise RobotError(f"a single move takes {took:.0f} s, longer than the recording of {seconds:.0f} s")
+    return planner.plan()
 
 
 def _ranges(arm: Arm, share: float) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -107,7 +107,6 @@ def plan(
     moves: Sequence[Move],
     limits: Limits,
     smoothing: float = 0.012,
-    progress: Callable[[float], None] | None = None,
 ) -> Plan:
     """Return the timed motion through all moves.
 
@@ -116,21 +115,51 @@ def plan(
     RobotError
         If a target is beyond a joint's range; names the move, the joint and the limit.
     """
-    builder = _Builder(start, first_rest)
-    check_range(arm, start)
-    q = np.array(start, dtype=float)
+    planner = Planner(arm, start, first_rest, limits, smoothing)
     for number, move in enumerate(moves, start=1):
         try:
-            check_range(arm, move.target)
+            planner.go(move)
         except RobotError as error:
             raise RobotError(f"move {number}: {error}") from error
-        if np.any(np.abs(move.target - q) > 1e-9):
-            builder.move(_timed(arm, q, move, limits))
-        builder.rest(max(move.rest, smoothing))
-        q = np.array(move.target, dtype=float)
-        if progress is not None:
-            progress(number / len(moves))
-    return builder.plan(smoothing)
+    return planner.plan()
+
+
+class Planner:
+    """Puts moves one after another, each from where the last one ended.
+
+    Parameters
+    ----------
+    start, first_rest
+        Joint angles (joints,), rad, and s at rest there.
+    smoothing
+        Time over which the controller averages its set points, s; no rest is shorter.
+    """
+
+    def __init__(self, arm: Arm, start: Array, first_rest: float, limits: Limits, smoothing: float) -> None:
+        check_range(arm, start)
+        self._arm, self._limits, self._smoothing = arm, limits, smoothing
+        self._motion = _Cubics(start, first_rest)
+
+    @property
+    def seconds(self) -> float:
+        """Length so far, s."""
+        return self._motion.time
+
+    @property
+    def angles(self) -> Array:
+        """Where the arm stands at the end, (joints,)."""
+        return self._motion.at.copy()
+
+    def go(self, move: Move) -> None:
+        """Add a move and its rest; raise RobotError if the target is beyond a joint's range."""
+        check_range(self._arm, move.target)
+        if np.any(np.abs(move.target - self._motion.at) > 1e-9):
+            self._motion.move(_timed(self._arm, self._motion.at, move, self._limits))
+        self._motion.rest(max(move.rest, self._smoothing))
+
+    def plan(self) -> Plan:
+        """Return the motion."""
+        return self._motion.plan(self._smoothing)
 
 
 def _timed(arm: Arm, q: Array, move: Move, limits: Limits) -> Any:
@@ -174,25 +203,25 @@ def _tool_peaks(arm: Arm, trajectory: Any) -> tuple[float, float]:
     )
 
 
-class _Builder:
+class _Cubics:
     """Collects the cubics of every joint, move after move."""
 
     def __init__(self, start: Array, first_rest: float) -> None:
-        self._time = 0.0
+        self.time = 0.0
         self._rests: list[tuple[float, float]] = []
-        self._at = np.array(start, dtype=float)
+        self.at = np.array(start, dtype=float)
         self._breaks: list[list[float]] = [[0.0] for _ in start]
         self._cubics: list[list[tuple[float, float, float, float]]] = [[] for _ in start]
         self.rest(first_rest)
 
     def rest(self, seconds: float) -> None:
-        for joint, angle in enumerate(self._at):
+        for joint, angle in enumerate(self.at):
             self._append(joint, seconds, (0.0, 0.0, 0.0, float(angle)))
-        if self._rests and self._rests[-1][1] == self._time:
-            self._rests[-1] = (self._rests[-1][0], self._time + seconds)
+        if self._rests and self._rests[-1][1] == self.time:
+            self._rests[-1] = (self._rests[-1][0], self.time + seconds)
         else:
-            self._rests.append((self._time, self._time + seconds))
-        self._time += seconds
+            self._rests.append((self.time, self.time + seconds))
+        self.time += seconds
 
     def move(self, trajectory: Any) -> None:
         for joint, profile in enumerate(trajectory.profiles[0]):
@@ -203,8 +232,8 @@ class _Builder:
                     done += t
             if trajectory.duration - done > 1e-12:
                 self._append(joint, trajectory.duration - done, (0.0, 0.0, 0.0, float(profile.pf)))
-            self._at[joint] = profile.pf
-        self._time += trajectory.duration
+            self.at[joint] = profile.pf
+        self.time += trajectory.duration
 
     def _append(self, joint: int, seconds: float, cubic: tuple[float, float, float, float]) -> None:
         self._cubics[joint].append(cubic)

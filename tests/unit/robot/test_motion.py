@@ -200,12 +200,6 @@ def test_targets_beyond_a_range_are_named(arm):
         plan(arm, bad, 1.0, [Move(TARGETS[0], 1.0)], limits_of(arm))
 
 
-def test_progress_is_told_after_each_move(arm):
-    told = []
-    plan(arm, HOME, 1.0, [Move(target, 1.0) for target in TARGETS], limits_of(arm), progress=told.append)
-    assert told == [0.5, 1.0]
-
-
 def test_without_ruckig_the_message_says_how_to_get_it(arm, monkeypatch):
     monkeypatch.setitem(sys.modules, "ruckig", None)
     with pytest.raises(RobotError, match=r"ruckig: pip install 'kreisel\[robot\]'"):
