@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.derived import derive
+from kreisel.calibration.noise_factors import imu_density
 from kreisel.calibration.observability import Observability
 from kreisel.calibration.parameters import (
     GROUPS,
@@ -20,7 +21,7 @@ from kreisel.calibration.parameters import (
 )
 from kreisel.calibration.result import FORMULA, FRAMES, SCHEMA
 from kreisel.calibration.robot_errors import NOT_SEPARABLE, PoseAccuracy, expected_accuracy, shift
-from kreisel.calibration.run import Estimate, imu_density
+from kreisel.calibration.run import Estimate
 from kreisel.calibration.setup import Preparation
 from kreisel.calibration.verdict import Consistency, Verdict
 from kreisel.geometry.rotation import Array, exp, matrix, multiply

@@ -1,0 +1,157 @@
+"""Noise figures as the innovations show them, against those that were believed."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.filter_run import History
+from kreisel.calibration.problem import Problem
+from kreisel.estimation.consistency import mean_normalised
+from kreisel.geometry.rotation import Array
+from kreisel.recording import Finding
+
+CONTRADICTION = 2.0
+"""Factor on a given standard deviation from which the data are taken to contradict it."""
+
+_AGREEMENT = 1.2
+
+
+@dataclass(frozen=True)
+class NoiseFactors:
+    """Factors by which believed standard deviations miss what the innovations show.
+
+    position, orientation and standstill are the reference's, gyro and accel the IMU's.
+    """
+
+    position: float = 1.0
+    orientation: float = 1.0
+    standstill: float = 1.0
+    gyro: float = 1.0
+    accel: float = 1.0
+
+    def agree(self) -> bool:
+        """Whether all lie within 20 % of one."""
+        return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
+
+    def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
+        """Return the factors without those of figures that were given and are not clearly too small."""
+
+        def keep(f: float, *, given: bool) -> float:
+            return f if not given or f > CONTRADICTION else 1.0
+
+        return NoiseFactors(
+            keep(self.position, given=reference),
+            keep(self.orientation, given=reference),
+            keep(self.standstill, given=reference),
+            keep(self.gyro, given=imu),
+            keep(self.accel, given=imu),
+        )
+
+
+def noise_factors(history: History, *, lasting: bool = False) -> NoiseFactors:
+    """Return how far believed and shown noise differ.
+
+    Where the reference's errors last, innovations and what is left of them no longer tell their size: the
+    mean NIS then stands for both position and orientation.
+
+    Notes
+    -----
+    Reference: innovation times what is left of it after the update has the measurement noise as its
+    expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
+    velocity against the variance the filter expected of them. The largest two per cent are left out.
+    """
+    settled = np.arange(history.nis.size) >= history.nis.size // 10
+    path = settled & ~history.at_rest & history.used
+
+    def reference(rows: slice) -> float:
+        product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
+        return _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
+
+    def imu(rows: slice) -> float:
+        size = np.sum(history.correction[path, rows] ** 2, axis=1)
+        return _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
+
+    at_rest = settled & history.at_rest
+    standstill = 1.0
+    if at_rest.sum() >= 6:
+        ratio = float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
+        standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
+    size = float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path]))) if lasting and path.any() else None
+    return NoiseFactors(
+        position=reference(slice(0, 3)) if size is None else size,
+        orientation=reference(slice(3, 6)) if size is None else size,
+        standstill=standstill,
+        gyro=imu(slice(3, 6)),
+        accel=imu(slice(0, 3)),
+    )
+
+
+def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
+    """Keep the densities within what the problem allows, and the reference's noise above a tenth of the guess."""
+    limited = []
+    for density, factor, (low, high) in zip(
+        imu_density(problem), (factors.gyro, factors.accel), problem.imu_bounds, strict=True
+    ):
+        limited.append(float(np.clip(density * factor, low, high)) / density)
+    return replace(
+        factors,
+        gyro=limited[0],
+        accel=limited[1],
+        position=max(factors.position, problem.least_noise[0] / problem.noise.position),
+        orientation=max(factors.orientation, problem.least_noise[1] / problem.noise.orientation),
+    )
+
+
+def _trimmed_ratio(shown: Array, believed: Array) -> float:
+    """Return the root of the mean ratio, without its largest and smallest two per cent."""
+    if shown.size < 15 or not np.isfinite(shown).all():
+        return 1.0
+    ratio = np.sort(shown / believed)
+    cut = max(1, ratio.size // 50)
+    return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
+
+
+def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
+    """Return the problem with its noise figures multiplied by factors."""
+    noise, signal = problem.noise, problem.signal
+    return replace(
+        problem,
+        noise=replace(
+            noise,
+            position=noise.position * factors.position,
+            orientation=noise.orientation * factors.orientation,
+            standstill_position=noise.standstill_position * factors.standstill,
+            standstill_orientation=noise.standstill_orientation * factors.standstill,
+            jitter_position=noise.jitter_position * factors.standstill,
+            jitter_orientation=noise.jitter_orientation * factors.standstill,
+            velocity=noise.velocity * factors.standstill,
+        ),
+        signal=replace(
+            signal,
+            rate_variance=signal.rate_variance * factors.gyro**2,
+            force_variance=signal.force_variance * factors.accel**2,
+        ),
+    )
+
+
+def imu_density(problem: Problem) -> tuple[float, float]:
+    """Return the noise densities believed in, gyro and accelerometer, rms over the axes, SI."""
+    dt = np.diff(problem.signal.stamps)[:, None]
+    variance = [np.median(v / dt, axis=0).mean() for v in (problem.signal.rate_variance, problem.signal.force_variance)]
+    return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
+
+
+def noise_finding(problem: Problem, *, given: bool) -> Finding:
+    """Return what to say of noise figures that were found, or that took the place of given ones."""
+    noise = problem.noise
+    gyro, accel = imu_density(problem)
+    figures = (
+        f"reference {noise.position * 1e3:.3g} mm and {noise.orientation * 1e3:.3g} mrad on the path, "
+        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at rest; "
+        f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
+    )
+    if given:
+        return Finding("noise", f"given noise figures contradict the data; used instead: {figures}")
+    return Finding("noise", f"found from the data: {figures}")
