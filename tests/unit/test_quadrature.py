@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kreisel._kernels.quadrature import double_integral
 from kreisel.inertial.strapdown import prepare
 
 
@@ -47,3 +48,18 @@ def test_segments_do_not_look_across_a_gap():
     assert np.all(s.rate_integrals[:9, 1] == 0.0)
     assert np.all(s.rate_slopes[:10, 1] == 0.0)
     np.testing.assert_allclose(s.rate_integrals[10:, 1], 1e6)
+
+
+def test_double_integral_of_a_broken_line():
+    """Linear between uneven stamps: at the samples exactly what twice the trapezoidal rule gives."""
+    rng = np.random.default_rng(4)
+    t = np.cumsum(rng.uniform(0.5, 1.5, 50))
+    values = rng.normal(size=(50, 3))
+    once = np.vstack([np.zeros(3), np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None], axis=0)])
+    twice = np.vstack([np.zeros(3), np.cumsum(0.5 * (once[1:] + once[:-1]) * np.diff(t)[:, None], axis=0)])
+    moments = np.sort(rng.uniform(t[0], t[-1], 30))
+    before = np.searchsorted(t, moments, side="right") - 1
+    out = np.empty((30, 3))
+    double_integral(t, values, before, (moments - t[before]) / np.diff(t)[before], out)
+    for axis in range(3):
+        np.testing.assert_allclose(out[:, axis], np.interp(moments, t, twice[:, axis]), atol=1e-12)

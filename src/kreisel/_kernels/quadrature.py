@@ -84,3 +84,25 @@ def differentiate(stamps, first, values, out):
             for i in range(5):
                 total += weight[i] * values[first[k] + i, axis]
             out[k, axis] = total
+
+
+@kernel
+def double_integral(stamps, values, before, share, out):
+    """Write the double integral (m, 3) of sampled values (n, 3) from the first stamp to chosen moments.
+
+    Moments lie a share (m,) of the interval behind the samples `before` (m,), in ascending order. Values
+    are taken as linear between samples, and so is what is written.
+    """
+    for axis in range(3):
+        once = 0.0
+        twice = 0.0
+        at = 0
+        for k in range(stamps.size - 1):
+            dt = stamps[k + 1] - stamps[k]
+            once_next = once + 0.5 * dt * (values[k, axis] + values[k + 1, axis])
+            twice_next = twice + 0.5 * dt * (once + once_next)
+            while at < before.size and before[at] == k:
+                out[at, axis] = twice + share[at] * (twice_next - twice)
+                at += 1
+            once = once_next
+            twice = twice_next

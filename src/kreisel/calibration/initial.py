@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels import attitude
+from kreisel._kernels import attitude, quadrature
 from kreisel.geometry.rotation import (
     Array,
     Mask,
@@ -279,10 +279,12 @@ class Windows:
 
     def integrate(self, values: Array) -> Array:
         """Triangularly weighted mean of sampled vectors (n, 3), (windows, 3)."""
-        dt = np.diff(self.stamps)[:, None]
-        once = np.vstack([np.zeros(3), np.cumsum(0.5 * (values[1:] + values[:-1]) * dt, axis=0)])
-        twice = np.vstack([np.zeros(3), np.cumsum(0.5 * (once[1:] + once[:-1]) * dt, axis=0)])
-        a, b, c = (np.column_stack([np.interp(s, self.stamps, twice[:, i]) for i in range(3)]) for s in self.t)
+        values = np.ascontiguousarray(values)
+        a, b, c = (np.empty((moment.size, 3)) for moment in self.t)
+        for moment, out in zip(self.t, (a, b, c), strict=True):
+            before = np.clip(np.searchsorted(self.stamps, moment, side="right") - 1, 0, self.stamps.size - 2)
+            share = (moment - self.stamps[before]) / (self.stamps[before + 1] - self.stamps[before])
+            quadrature.double_integral(self.stamps, values, before, share, out)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
 
 

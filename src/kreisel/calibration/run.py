@@ -22,7 +22,7 @@ from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold, with_lasting_errors
 from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
-from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding
 
 FIRST_GATE = 100.0
@@ -149,7 +149,7 @@ def _lasting_errors(
 
     How long they last is found by likelihood, doubling it from the update interval as long as that pays.
     """
-    if problem.settings.passes is not None or not _coloured(run.history):
+    if problem.settings.passes is not None or correlation_factor(run.history) == 1.0:
         return problem, run, done
     best, best_run = problem, run
     reference = run_filter(problem, run.parameters, belief=narrowed_belief(problem, run))
@@ -167,18 +167,6 @@ def _lasting_errors(
             break
         time *= 2.0
     return best, best_run, done
-
-
-def _coloured(history: History) -> bool:
-    """Return whether innovations on the path are correlated from one update to the next."""
-    path = history.used & ~history.at_rest
-    return path.sum() >= 20 and float(np.nanmax(_lag_one_by_kind(history, path), initial=0.0)) > COLOURED
-
-
-def _lag_one_by_kind(history: History, path: Mask) -> Array:
-    """Return the mean correlation of neighbouring innovations of position and of orientation."""
-    lags = lag_one(history.whitened[:, :6], path)
-    return np.array([np.mean(lags[:3]), np.mean(lags[3:])])
 
 
 def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
