@@ -21,6 +21,7 @@ from kreisel.calibration.verdict import Consistency, Verdict, consistency, judge
 from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding, Recording
 from kreisel.robot.urdf import calibrated_urdf
+from kreisel.synchronization import Clock
 
 Progress = Callable[[str, float], None]
 
@@ -85,7 +86,7 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
         names=seen.names,
         covariance=found.run.belief.covariance[:n, :n],
         prior_deviation=seen.prior,
-        estimates=_estimates(found, n),
+        estimates=_estimates(recording, found, n),
         robot_urdf=_calibrated_robot(found),
     )
     return Outcome(recording, preparation, found.problem, found, seen, facts, verdict, findings, calibration)
@@ -98,7 +99,7 @@ def _calibrated_robot(found: Estimate) -> str | None:
     return calibrated_urdf(found.problem.robot.arm, found.run.parameters.robot.placement)
 
 
-def _estimates(found: Estimate, n: int) -> Array:
+def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
     """Return IMU seconds, estimates and deviations at every update; the last row is the result itself."""
     history, run, layout = found.run.history, found.run, found.problem.layout
     table = np.column_stack([history.seconds, history.parameters, history.deviations * found.correlation_factor])
@@ -106,5 +107,9 @@ def _estimates(found: Estimate, n: int) -> Array:
         if group != "alignment":
             d = layout[group]
             table[-1, 1 + d.start : 1 + d.stop] = run.parameters.stored(group)
+    if "time_offset" in layout:
+        # from the first pose's IMU time to the offset between stamps, as in the result
+        first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
+        table[:, 1 + layout["time_offset"].start] += Clock(0.0).offset(*first)
     table[-1, 1 + n :] = run.belief.standard_deviation[:n]
     return table

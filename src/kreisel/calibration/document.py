@@ -206,7 +206,7 @@ def _deviations(found: Estimate) -> dict[str, Any]:
             rows = of(group, 3 * (order - 1)).reshape(-1, 3)
             tree[name]["polynomial"] = {i + 2: _list(row) for i, row in enumerate(rows)}
     tree["accelerometer"]["lever_arms"] = _list(of("lever_arms", 9).reshape(3, 3))
-    tree["timing"] = {"offset": _number(of("time_offset", 1)[0]), "skew": _number(of("time_skew", 1)[0])}
+    tree["timing"] = {"offset": _number(of("time_offset", 1)[0]), "skew": _number(of("time_skew", 1)[0]) or None}
     tree["alignment"] = {"gravity": _list(_gravity_deviation(found))}
     if "north" in problem.layout:
         n = problem.layout["north"]

@@ -22,8 +22,8 @@ def with_doubts(problem: Problem, run: FilterRun, belief: Belief) -> tuple[Belie
         belief = _where_frames_lie(problem, run, belief)
         length, angle = (1e3 * sd for sd in problem.frame_sd)
         said = (
-            f"its errors are stated but not estimated (no joint angles with robot.urdf): {length:.2g} mm and "
-            f"{angle:.2g} mrad were added for where base and tool may lie"
+            f"its errors are stated but not estimated: {length:.2g} mm and {angle:.2g} mrad were added for where base "
+            "and tool may lie"
         )
         findings.append(Finding("robot", said))
     if problem.site.earth_rate_n is None and "gyro_offset" in problem.layout:

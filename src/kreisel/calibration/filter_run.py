@@ -47,7 +47,7 @@ class History:
     seconds
         IMU seconds.
     parameters, deviations : (u, parameters)
-        Estimates and standard deviations; those of the alignment are changes from the start.
+        Estimates and standard deviations; those of the alignment are distances from the last.
     at_rest, used
         Kind of update, and whether it passed the gate.
     nis, degrees
@@ -308,11 +308,12 @@ class _Recorder:
         )  # fmt: skip
 
     def _estimates(self) -> Array:
-        """Return one number for each parameter's degree of freedom; the alignment's as its vector part."""
+        """Return one number for each parameter's degree of freedom; the alignment's as its distance from the last."""
         layout, out = self._problem.layout, []
         for group in self._problem.groups:
             value = self._means[:, layout.stored(group)]
             if group == "alignment":
-                value = 2.0 * value[:, 1 : 1 + layout[group].stop - layout[group].start]
+                turned = log(multiply(conjugate(value[-1]), value))
+                value = turned[:, : layout[group].stop - layout[group].start]
             out.append(value)
         return np.hstack(out) if out else np.empty((len(self._means), 0))

@@ -109,8 +109,10 @@ class Calibration:
             covariance=self.covariance,
             prior_deviation=self.prior_deviation,
         )
+        calibrated = folder / "robot_calibrated.urdf"
+        calibrated.unlink(missing_ok=True)  # of an earlier result
         if self.robot_urdf is not None:
-            (folder / "robot_calibrated.urdf").write_text(self.robot_urdf, encoding="utf-8")
+            calibrated.write_text(self.robot_urdf, encoding="utf-8")
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
         np.savetxt(
             folder / "estimates.csv",

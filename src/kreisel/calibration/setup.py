@@ -43,7 +43,7 @@ _NORTH_SD = 0.7
 _CROSS_COUPLING_SD = 0.05
 _NON_ORTHOGONALITY = 0.015
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
-_MOTION_NOISE = 20.0
+_LEAST_NOISE, _MOTION_NOISE = 0.7, 20.0
 _HALF_A_CHAIN = math.sqrt(2.0)
 
 GRAVITY_SD = 0.015
@@ -137,7 +137,7 @@ def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "ac
 
 def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
     size = float(np.sqrt(np.mean(shown**2)))
-    low = stated or 0.1 * size
+    low = stated or _LEAST_NOISE * size
     return low, max(low, _MOTION_NOISE * size)
 
 

@@ -108,6 +108,7 @@ def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, 
     if injection is not None:
         print_injection(injection)
     if output is not None:
-        typer.echo(f"written: {output}/calibration.yaml, report.html, estimates.csv, covariance.npz")
+        robot = "" if outcome.calibration.robot_urdf is None else ", robot_calibrated.urdf"
+        typer.echo(f"written: {output}/calibration.yaml, report.html, estimates.csv, covariance.npz{robot}")
     else:
         typer.echo("nothing written; -o OUT keeps the result and a report")

@@ -8,7 +8,7 @@ from kreisel.errors import RecordingError
 
 
 def check_output(folder: Path) -> None:
-    """Make the output folder, or say why it cannot be.
+    """Look whether the output folder is there or can be made, or say why not.
 
     Raises
     ------
@@ -17,10 +17,13 @@ def check_output(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise RecordingError("is a file; give a folder for the result", file=folder)
+    new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".kreisel-probe"
         probe.write_bytes(b"")
         probe.unlink()
+        if new:
+            folder.rmdir()  # what fails leaves nothing behind
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}; choose another -o", file=folder) from error

@@ -110,7 +110,9 @@ def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 
 def print_devices(devices: Sequence[Device]) -> None:
     """Print error, standard deviation and their ratio, rms over each group, for every device."""
-    table = Table(title="rms error against the truth (standard deviation; error over it)", title_justify="left")
+    table = Table(
+        title="rms error against the truth (rms standard deviation; rms of error over it)", title_justify="left"
+    )
     table.add_column("group")
     table.add_column("unit")
     for device in devices:

@@ -61,7 +61,7 @@ def error_table(devices: Sequence[Device]) -> Table:
         for name, group in groups.items()
     ]  # fmt: skip
     return Table(
-        "Rms error against the truth (rms standard deviation; error over it)",
+        "Rms error against the truth (rms standard deviation; rms of error over it)",
         ("group", "unit", *(d.name for d in devices)),
         tuple(rows),
         text=2,

@@ -23,9 +23,10 @@ from kreisel.robot.motion import Limits, Plan, plan
 from kreisel.robot.program import read_program
 from kreisel.simulation.imu import disturbed, draw_sensors, ideal_readings
 from kreisel.simulation.robot import ArmErrors, draw_errors, reported, swing
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.settings import Cell, Errors
 from kreisel.units import DEG
 
+_FAULTLESS = {name: 0.0 for name in Errors.model_fields if name.endswith(("_sd", "_lag"))}
 _START_NS = 1_000_000_000_000
 _MARGIN = 0.06
 """Seconds of IMU readings before the first pose and after the last."""
@@ -90,7 +91,11 @@ def simulate(
     say("move the IMU", 0.2)
     imu = _imu(cell, planned, actual, sensors, gravity, earth, imu_rng, path)
     say("report poses", 0.8)
-    reference, joints = _reference(cell, planned, nominal, own, path_rng, jitter_rng, path)
+    if cell.reference.kind == "mocap":  # cameras see the tool itself, and know no motors
+        seen, faultless = actual, draw_errors(np.random.default_rng(0), actual, Errors.model_validate(_FAULTLESS))
+    else:
+        seen, faultless = nominal, own
+    reference, joints = _reference(cell, planned, seen, faultless, path_rng, jitter_rng, path)
     truth = Truth(
         sensors, cell.reference.clock_offset, cell.reference.clock_drift_ppm * 1e-6, gravity, earth, own, actual
     )
@@ -193,9 +198,12 @@ def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
         return max(float(value), 1e-7)
 
     robot = RobotTable()
-    if r.joints and r.kind == "robot":
+    if r.kind == "robot":
         robot = RobotTable(
-            urdf="robot.urdf", tcp=arm.tcp, length_sd=errors.geometry_length_sd, angle_sd=errors.geometry_angle_sd
+            urdf="robot.urdf" if r.joints else None,
+            tcp=arm.tcp if r.joints else None,
+            length_sd=errors.geometry_length_sd,
+            angle_sd=errors.geometry_angle_sd,
         )
     grade = GRADES[cell.imu.grade]
     return RecordingSettings(
