@@ -210,7 +210,8 @@ def test_the_good_recording_is_accepted(good: Good, kreisel: Command) -> None:
     truth, _, folder = good
     ended = kreisel("calibrate", folder, "--no-validate", "--json")
     check(Case(simulated, 0, ()), ended, truth)
-    assert json.loads(ended.out)["recording"]["findings"] == []
+    findings = json.loads(ended.out)["recording"]["findings"]
+    assert [said.split(" ")[0] for said in findings] == ["robot:"]  # that its joint angles are missing, nothing else
 
 
 @pytest.mark.parametrize(
