@@ -16,7 +16,6 @@ from kreisel.calibration.parameters import (
     ROBOT_GROUPS,
     SENSOR_GROUPS,
     CellParameters,
-    RobotParameters,
     parameter_names,
 )
 from kreisel.calibration.result import FORMULA, FRAMES, SCHEMA
@@ -132,10 +131,10 @@ def _robot(found: Estimate) -> dict[str, Any]:
     P = found.run.belief.covariance[np.ix_(index, index)]
     after = np.zeros((errors.vector.size,) * 2)
     before = np.zeros_like(after)
-    place = np.concatenate([np.arange(errors.vector.size)[_part_of(errors, g)] for g in present])
+    place = np.concatenate([np.arange(errors.vector.size)[errors.part(g)] for g in present])
     after[np.ix_(place, place)] = P
     for group in present:
-        part = _part_of(errors, group)
+        part = errors.part(group)
         before[part, part] = problem.prior_covariance[group]
     deviation, prior = np.sqrt(np.diag(after)), np.sqrt(np.diag(before))
     names = [name for g in ROBOT_GROUPS for name in parameter_names(g, 1, errors.joints)]
@@ -146,25 +145,18 @@ def _robot(found: Estimate) -> dict[str, Any]:
         "tcp": problem.robot.arm.tcp,
         "joints": list(problem.robot.arm.joints),
         "placement": _list(errors.placement),
-        "placement_standard_deviation": _list(deviation[_part_of(errors, "robot_placement")].reshape(-1, 6)),
+        "placement_standard_deviation": _list(deviation[errors.part("robot_placement")].reshape(-1, 6)),
     }
     for group, value in (("robot_gears", errors.gears), ("robot_compliance", errors.compliance)):
         if group in layout:
             name = group.removeprefix("robot_")
             table[name] = _list(value)
-            table[f"{name}_standard_deviation"] = _list(deviation[_part_of(errors, group)].reshape(value.shape))
+            table[f"{name}_standard_deviation"] = _list(deviation[errors.part(group)].reshape(value.shape))
     table["pose_error"] = {"found": _accuracy(shift(problem.robot, errors))} | {
         name: _accuracy(expected_accuracy(problem.robot, covariance)) for name, covariance in accuracies.items()
     }
     table["not_separable"] = lost
     return {"robot": table}
-
-
-def _part_of(errors: RobotParameters, group: str) -> slice:
-    """Return where a group lies in `RobotParameters.vector`."""
-    sizes = [errors.placement.size, errors.gears.size, errors.compliance.size]
-    i = ROBOT_GROUPS.index(group)
-    return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
 
 
 def _accuracy(accuracy: PoseAccuracy) -> dict[str, float | None]:

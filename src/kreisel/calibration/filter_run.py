@@ -89,15 +89,28 @@ class FilterRun:
     history: History
 
 
+def named(progress: Callable[[str, float], None] | None, name: str) -> Progress | None:
+    """Return a report of progress under a step's name."""
+    return None if progress is None else lambda share: progress(name, share)
+
+
+def stored_state(problem: Problem, parameters: CellParameters) -> Array:
+    """Return the stored state (size,) with these parameters, all else zero and unturned."""
+    x = np.zeros(problem.layout.size)
+    x[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
+    for group in problem.groups:
+        x[problem.layout.stored(group)] = parameters.stored(group)
+    return x
+
+
 def first_belief(problem: Problem, start: CellParameters) -> Belief:
     """Return the belief before the first update: parameters at `start` with the problem's covariances."""
     layout = problem.layout
-    mean = np.zeros(layout.size)
+    mean = stored_state(problem, start)
     factor = np.zeros((layout.degrees, layout.degrees))
     for part in layout:
         if part.name in problem.prior_covariance:
             d = layout[part.name]
-            mean[layout.stored(part.name)] = start.stored(part.name)
             factor[d, d] = np.linalg.cholesky(problem.prior_covariance[part.name])
     others = {"attitude": _FIRST_ATTITUDE, "velocity": _FIRST_VELOCITY, "position": _FIRST_POSITION}
     if "rest_position" in layout:
@@ -108,7 +121,6 @@ def first_belief(problem: Problem, start: CellParameters) -> Belief:
         others |= {name: LASTING**0.5 * size for name, size in lasting.items() if name in layout}
     for name, deviation in others.items():
         factor[layout[name], layout[name]] = deviation * np.eye(3)
-    mean[layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
     return Belief(mean, factor)
 
 

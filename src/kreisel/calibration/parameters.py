@@ -78,6 +78,12 @@ class RobotParameters:
         """All errors (9 n + 6,), in the order of `ROBOT_GROUPS`."""
         return np.concatenate([self.placement.ravel(), self.gears.ravel(), self.compliance])
 
+    def part(self, group: str) -> slice:
+        """Return where a group lies in `vector`."""
+        sizes = [self.placement.size, self.gears.size, self.compliance.size]
+        i = ROBOT_GROUPS.index(group)
+        return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
+
 
 @dataclass(frozen=True)
 class CellParameters:

@@ -8,7 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.calibration.doubt import with_doubts
-from kreisel.calibration.filter_run import GATE, FilterRun, History, first_belief, look_back, run_filter
+from kreisel.calibration.filter_run import (
+    GATE,
+    FilterRun,
+    History,
+    first_belief,
+    look_back,
+    named,
+    run_filter,
+    stored_state,
+)
 from kreisel.calibration.noise_factors import (
     NoiseFactors,
     imu_density,
@@ -22,7 +31,6 @@ from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold, with_lasting_errors
 from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
-from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding
 
 FIRST_GATE = 100.0
@@ -122,7 +130,7 @@ def _passes(
 ) -> tuple[Problem, FilterRun, int, bool]:
     """Run passes until they are as many as asked for and the noise figures fit; return their number too."""
     first = done
-    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=_named(progress, f"pass {done + 1}"))
+    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=named(progress, f"pass {done + 1}"))
     done, changed = done + 1, False
     while True:
         factors = noise_factors(run.history, lasting=problem.correlation_time > 0.0).contradicted(
@@ -139,7 +147,7 @@ def _passes(
             problem, changed = with_factors(problem, factors), True
         done += 1
         belief = narrowed_belief(problem, run)
-        run = run_filter(problem, run.parameters, belief=belief, progress=_named(progress, f"pass {done}"))
+        run = run_filter(problem, run.parameters, belief=belief, progress=named(progress, f"pass {done}"))
 
 
 def _lasting_errors(
@@ -159,7 +167,7 @@ def _lasting_errors(
         trial = with_lasting_errors(problem, time)
         done += 1
         belief = narrowed_belief(trial, run)
-        trial_run = run_filter(trial, run.parameters, belief=belief, progress=_named(progress, f"pass {done}"))
+        trial_run = run_filter(trial, run.parameters, belief=belief, progress=named(progress, f"pass {done}"))
         found = float(trial_run.history.log_likelihood.sum())
         if found > likelihood:
             best, best_run, likelihood = trial, trial_run, found
@@ -210,7 +218,7 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
     parts = [slice(layout[g].start, layout[g].start + n) for g, n in angles.items() if g in layout]
     if not parts:
         return False
-    moved = layout.minus(run.belief.mean[:, None], first_mean(problem, run))[:, 0]
+    moved = layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0]
     way = max(float(np.max(np.abs(moved[part]))) for part in parts)
     deviation = min(float(np.median(run.belief.standard_deviation[part])) for part in parts)
     return way**2 > CURVATURE * deviation
@@ -243,7 +251,7 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
     """
     layout = problem.layout
     change = np.zeros(layout.degrees)
-    start = first_mean(problem, run)
+    start = stored_state(problem, run.start)
     for group in problem.groups:
         d, s = layout[group], layout.stored(group)
         if group == "alignment":
@@ -254,18 +262,3 @@ def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
     values = {g: run.parameters.stored(g) for g in GROUPS}
     values.update({g: mean[layout.stored(g)] for g in problem.groups})
     return replace(run, belief=Belief(mean, run.belief.factor), parameters=CellParameters.from_stored(values))
-
-
-def first_mean(problem: Problem, run: FilterRun) -> Array:
-    """Return the stored state a run started from."""
-    mean = np.zeros(problem.layout.size)
-    mean[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
-    for group in problem.groups:
-        mean[problem.layout.stored(group)] = run.start.stored(group)
-    return mean
-
-
-def _named(progress: Progress | None, name: str) -> Callable[[float], None] | None:
-    if progress is None:
-        return None
-    return lambda share: progress(name, share)

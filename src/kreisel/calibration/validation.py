@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.calibration.calibrate import Outcome, run_calibration
-from kreisel.calibration.filter_run import FilterRun, run_filter
+from kreisel.calibration.filter_run import FilterRun, named, run_filter, stored_state
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
 from kreisel.calibration.run import Estimate, towards_prior
@@ -86,8 +86,8 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     unseen = _navigation_only(_part(problem, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.signal.stamps[problem.updates[cut].last]),
-        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=_named(progress, "nominal"))),
-        calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=_named(progress, "calibrated"))),
+        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=named(progress, "nominal"))),
+        calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=named(progress, "calibrated"))),
     )
 
 
@@ -121,10 +121,10 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
     problem, base = outcome.estimate.problem, outcome.estimate.run.parameters
     again = run_calibration(replace(outcome.recording, imu=changed), problem.settings, progress)
     n = len(problem.parameter_names)
-    zero = _stored(problem, base)
+    zero = stored_state(problem, base)
 
     def moved(parameters: CellParameters) -> Array:
-        return problem.layout.minus(_stored(problem, parameters)[:, None], zero)[:n, 0]
+        return problem.layout.minus(stored_state(problem, parameters)[:, None], zero)[:n, 0]
 
     return Injection(
         problem.parameter_names,
@@ -161,14 +161,6 @@ def _errors() -> _Errors:
     )
 
 
-def _stored(problem: Problem, parameters: CellParameters) -> Array:
-    x = np.zeros(problem.layout.size)
-    x[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
-    for group in problem.groups:
-        x[problem.layout.stored(group)] = parameters.stored(group)
-    return x
-
-
 def _part(problem: Problem, part: slice) -> Problem:
     updates = list(problem.updates[part])
     updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
@@ -188,7 +180,7 @@ def _run(problem: Problem, part: slice, start: CellParameters, progress: Progres
     the whole has to say enters only as the point of linearisation.
     """
     chosen = _part(problem, part)
-    return towards_prior(chosen, run_filter(chosen, start, progress=_named(progress, name)))
+    return towards_prior(chosen, run_filter(chosen, start, progress=named(progress, name)))
 
 
 def _drift(run: FilterRun) -> Drift:
@@ -200,10 +192,6 @@ def _drift(run: FilterRun) -> Drift:
         np.linalg.norm(h.innovation[path, 0:3], axis=1),
         np.linalg.norm(h.innovation[path, 3:6], axis=1),
     )
-
-
-def _named(progress: Progress | None, name: str) -> Callable[[float], None] | None:
-    return None if progress is None else lambda share: progress(name, share)
 
 
 __all__ = ["CrossValidation", "Drift", "Injection", "SplitHalves", "cross_validate", "inject", "split_halves"]

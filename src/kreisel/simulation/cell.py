@@ -26,7 +26,6 @@ from kreisel.simulation.robot import ArmErrors, draw_errors, reported, swing
 from kreisel.simulation.settings import Cell, Errors
 from kreisel.units import DEG
 
-_FAULTLESS = {name: 0.0 for name in Errors.model_fields if name.endswith(("_sd", "_lag"))}
 _START_NS = 1_000_000_000_000
 _MARGIN = 0.06
 """Seconds of IMU readings before the first pose and after the last."""
@@ -92,7 +91,7 @@ def simulate(
     imu = _imu(cell, planned, actual, sensors, gravity, earth, imu_rng, path)
     say("report poses", 0.8)
     if cell.reference.kind == "mocap":  # cameras see the tool itself, and know no motors
-        seen, faultless = actual, draw_errors(np.random.default_rng(0), actual, Errors.model_validate(_FAULTLESS))
+        seen, faultless = actual, draw_errors(np.random.default_rng(0), actual, Errors.none())
     else:
         seen, faultless = nominal, own
     reference, joints = _reference(cell, planned, seen, faultless, path_rng, jitter_rng, path)

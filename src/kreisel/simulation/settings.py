@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.inertial.noise import GRADES
+from kreisel.recording.settings import what_is_wrong
 
 
 class _Table(BaseModel):
@@ -60,6 +61,11 @@ class Errors(_Table):
     oscillation_frequency: float = _key(0.0, "Hz: elastic joints swing after each stop; 0: stiff", ge=0.0, le=100.0)
     oscillation_damping: float = _key(0.05, "share of critical damping of that swing", gt=0.0, lt=1.0)
     encoder_step: float = _key(0.0, "rad: joint angles are rounded to this", ge=0.0, le=0.01)
+
+    @classmethod
+    def none(cls) -> Errors:
+        """Return an arm without errors."""
+        return cls.model_validate({name: 0.0 for name in cls.model_fields if name.endswith(("_sd", "_lag"))})
 
 
 class Reference(_Table):
@@ -153,9 +159,7 @@ def parse_cell(content: dict[str, Any], path: Path) -> Cell:
     try:
         cell = Cell.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(f"{path}: {place} = {first['input']!r} is not accepted: {first['msg']}") from error
+        raise SettingsError(f"{path}: {what_is_wrong(error)}") from error
     if cell.imu.grade not in GRADES:
         raise SettingsError(f"{path}: {unknown_name('grade', cell.imu.grade, GRADES)}")
     return cell

@@ -15,7 +15,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.simulation import Cell, simulate
 from kreisel.simulation.cell import recording_settings
 from kreisel.simulation.settings import Errors
-from kreisel.study.monte_carlo import JUDGED, true_parameters
+from kreisel.study.monte_carlo import judged, true_parameters
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,7 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     silent = cell.model_copy(
         update={
             "imu": cell.imu.model_copy(update={"noise": False}),
-            "errors": Errors.model_validate(
-                {name: 0.0 for name in Errors.model_fields if name.endswith(("_sd", "_lag"))}
-            ),
+            "errors": Errors.none(),
             "reference": cell.reference.model_copy(update={"jitter": 0.0}),
         }
     )
@@ -49,7 +47,5 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     problem = build_problem(prepare_recording(recording, settings), settings)
     true = true_parameters(truth, recording, problem, problem.start)
     run = run_filter(problem, true, gate=np.inf, belief=first_belief(problem, true))
-    names = problem.parameter_names
-    judged = np.array([name.startswith(JUDGED) for name in names])
-    deviation = run.belief.standard_deviation[: len(names)][judged]
-    return Bound(tuple(name for name, use in zip(names, judged, strict=True) if use), deviation)
+    which, names = judged(problem)
+    return Bound(names, run.belief.standard_deviation[which])

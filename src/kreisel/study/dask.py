@@ -10,6 +10,8 @@ from kreisel.errors import SettingsError
 Result = TypeVar("Result")
 
 _RETRIES = 3
+_ASK_AGAIN, _ALONE = 5.0, 60.0
+"""Seconds after which all trials are looked at anew, and a study without workers is given up."""
 
 
 def dask_map(
@@ -27,14 +29,14 @@ def dask_map(
     Raises
     ------
     SettingsError
-        If dask.distributed is not installed, or the scheduler does not answer.
+        If dask.distributed is not installed, the scheduler does not answer, or no worker is left.
 
     Notes
     -----
     A worker that dies takes nothing along: its trials are given to another.
     """
     try:
-        from distributed import Client, LocalCluster, as_completed
+        from distributed import Client, LocalCluster, wait
     except ImportError as error:
         raise SettingsError("studies need dask.distributed: pip install 'kreisel[study]'") from error
     if scheduler is None:
@@ -46,10 +48,22 @@ def dask_map(
     except (OSError, TimeoutError, ValueError) as error:
         raise SettingsError(f"no scheduler answers at {scheduler}: {error}") from error
     try:
-        futures = client.map(function, list(numbers), pure=False, retries=_RETRIES)
-        for future in as_completed(futures):
-            yield future.result()
-            future.release()
+        pending = set(client.map(function, list(numbers), pure=False, retries=_RETRIES))
+        alone = 0.0
+        while pending:
+            try:
+                done, pending = wait(pending, timeout=_ASK_AGAIN, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                alone = 0.0 if client.scheduler_info()["workers"] else alone + _ASK_AGAIN
+                if alone >= _ALONE:
+                    raise SettingsError(
+                        f"{len(pending)} trials are left, and no worker is there to take them; "
+                        "do all workers have the same kreisel installed?"
+                    ) from None
+                continue
+            for future in done:
+                yield future.result()
+                future.release()
     finally:
         client.close()
         if scheduler is None:

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.filter_run import stored_state
 from kreisel.calibration.parameters import CellParameters, RobotParameters
 from kreisel.calibration.problem import Problem
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import KreiselError
-from kreisel.geometry.rotation import Array, apply, conjugate, from_two_vectors, multiply, nearest_rotation
+from kreisel.geometry.rotation import Array, Indices, apply, conjugate, from_two_vectors, multiply, nearest_rotation
 from kreisel.recording import Recording
 from kreisel.simulation import Cell, Truth, simulate
 from kreisel.synchronization import Clock
@@ -72,21 +73,15 @@ def run_trial(cell: Cell, settings: CalibrationSettings, number: int) -> Trial:
     seconds = time.perf_counter() - began
     problem, run = outcome.estimate.problem, outcome.estimate.run
     true = true_parameters(truth, recording, problem, run.parameters)
-    layout = problem.layout
-    x = np.zeros(layout.size)
-    x[layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
-    for group in problem.groups:
-        x[layout.stored(group)] = true.stored(group)
-    names = problem.parameter_names
-    judged = np.array([name.startswith(JUDGED) for name in names])
-    error = layout.minus(run.belief.mean[:, None], x)[: len(names), 0][judged]
-    P = run.belief.covariance[: len(names), : len(names)][np.ix_(judged, judged)]
+    which, names = judged(problem)
+    error = problem.layout.minus(run.belief.mean[:, None], stored_state(problem, true))[which, 0]
+    P = run.belief.covariance[np.ix_(which, which)]
     deviation = np.sqrt(np.diag(P))
     scaled = np.linalg.solve(np.linalg.cholesky(P / np.outer(deviation, deviation)), error / deviation)
     facts = outcome.consistency
     return Trial(
         number,
-        tuple(name for name, use in zip(names, judged, strict=True) if use),
+        names,
         error,
         deviation,
         float(scaled @ scaled),
@@ -95,6 +90,12 @@ def run_trial(cell: Cell, settings: CalibrationSettings, number: int) -> Trial:
         outcome.verdict.accepted,
         seconds,
     )
+
+
+def judged(problem: Problem) -> tuple[Indices, tuple[str, ...]]:
+    """Return which degrees of freedom are judged, and the names of their parameters."""
+    chosen = [(i, name) for i, name in enumerate(problem.parameter_names) if name.startswith(JUDGED)]
+    return np.array([i for i, _ in chosen], dtype=np.int64), tuple(name for _, name in chosen)
 
 
 def true_parameters(truth: Truth, recording: Recording, problem: Problem, found: CellParameters) -> CellParameters:
