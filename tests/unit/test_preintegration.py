@@ -23,28 +23,48 @@ def parameters(order):
     def near(value, spread):
         return value + RNG.normal(0, spread, np.shape(value))
 
+    by_power = np.logspace(-2, -1 - order, order)[:, None]
     return SensorParameters(
-        near(np.eye(3), 0.05), near(np.zeros((order, 3)), 0.01),
-        near(np.eye(3), 0.05), near(np.zeros((order, 3)), 0.01),
+        near(np.eye(3), 0.05), near(np.zeros((order, 3)), by_power),
+        near(np.eye(3), 0.05), near(np.zeros((order, 3)), by_power),
         near(np.zeros((3, 3)), 0.1),
     )  # fmt: skip
 
 
+def columns_of(sets, turning, form):
+    """Return columns of parameter sets, of which the first `turning` have gyro parameters of their own."""
+    parts = [np.stack([getattr(p, name) for p in sets], axis=-1) for name in ("K_a", "k_a", "lever_arms")]
+    gyro = [np.stack([getattr(p, name) for p in sets[:turning]], axis=-1) for name in ("K_omega", "k_w")]
+    return SensorColumns.stack(form, *gyro, *parts)
+
+
 @pytest.mark.parametrize("form", list(SizeEffect))
 @pytest.mark.parametrize("order", [1, 3])
-def test_columns_that_share_a_path_agree_with_those_that_do_not(order, form):
+@pytest.mark.parametrize("spread", [1e-6, 1e-4, 2e-3])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneven):
+    """Sets carried along by small turns in blocks against the plain form, every sample of every set."""
     w, a = readings()
-    signal = prepare(T, w, a, order=order)
-    sets = [parameters(order) for _ in range(5)]
-    gyro = [sets[0], sets[1], sets[0], sets[0], sets[0]]
-    every = [np.stack([getattr(p, name) for p in sets], axis=-1) for name in ("K_a", "k_a", "lever_arms")]
-    own = [np.stack([getattr(p, name) for p in gyro], axis=-1) for name in ("K_omega", "k_w")]
-    plain = preintegrate(signal, 60, 156, SensorColumns.stack(form, *own, *every))
-    some = [np.ascontiguousarray(part[..., :2]) for part in own]
-    shared = preintegrate(signal, 60, 156, SensorColumns.stack(form, *some, *every))
-    for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_end"):
-        x, y = getattr(plain, name), getattr(shared, name)
-        np.testing.assert_allclose(y, x, rtol=0, atol=1e-13 * np.abs(x).max(), err_msg=name)
+    t = T + (RNG.uniform(-5e-5, 5e-5, T.size) if uneven else 0.0)
+    signal = prepare(t, w, a, order=order)
+    centre = parameters(order)
+
+    def near(p, size):
+        moved = parameters(order)
+        names = ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
+        return SensorParameters(*(getattr(p, n) + 20.0 * size * (getattr(moved, n) - getattr(p, n)) for n in names))
+
+    def with_gyros_of(p, other):
+        return replace(p, K_omega=other.K_omega, k_w=other.k_w)
+
+    sets = [centre, *(near(centre, spread) for _ in range(3))]
+    sets += [with_gyros_of(near(centre, 0.1), centre) for _ in range(3)]
+    together = preintegrate(signal, 60, 156, columns_of(sets, 4, form))
+    for i, p in enumerate(sets):
+        alone = preintegrate(signal, 60, 156, SensorColumns.single(p, form))
+        for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_end"):
+            x, y = getattr(alone, name)[..., 0], getattr(together, name)[..., i]
+            np.testing.assert_allclose(y, x, rtol=0, atol=1e-9 * np.abs(x).max(), err_msg=f"{name} of set {i}")
 
 
 @pytest.mark.parametrize("form", list(SizeEffect))
@@ -54,7 +74,7 @@ def test_coefficients_are_the_sensor_model(form):
     signal, p = prepare(T, w, a, order=2), parameters(2)
     step = preintegrate(signal, 100, 101, SensorColumns.single(p, form))
     omega = correct_angular_rate(w, p)
-    slope = signal.rate_slopes[:, 1] + p.k_w[1] * signal.rate_slopes[:, 2]
+    slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
     force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
     np.testing.assert_allclose(step.omega_end[:, 0], omega[101], rtol=1e-13)
     np.testing.assert_allclose(step.u_path[100 - step.low], force[100], rtol=1e-13)

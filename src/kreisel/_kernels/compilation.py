@@ -1,9 +1,13 @@
-"""The one decorator that fixes how kernels are compiled."""
+"""The decorators that fix how kernels are compiled, and where what was compiled is kept."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import tempfile
 from collections.abc import Callable
-from typing import TypeVar, cast
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -11,9 +15,49 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def kernel(function: F) -> F:
-    """Return the function compiled on first use, cached on disk, and free of the interpreter lock.
+    """Return the function compiled on first use, kept on disk, and free of the interpreter lock.
 
     Fused multiply-add is allowed; no other liberty is taken with the order of floating point operations.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+    return _compiled(function, {"contract"})
+
+
+def reassociating_kernel(function: F) -> F:
+    """Return the function compiled as `kernel` does, with sums in any order: for long sums of squares and products."""
+    return _compiled(function, {"contract", "reassoc"})
+
+
+def cache_folder() -> Path | None:
+    """Return the folder compiled kernels are kept in, or None where none can be written.
+
+    It lies in `NUMBA_CACHE_DIR` or else in the user's cache. Its name tells the kernels' source: a kernel is
+    compiled together with those it calls, so a change to any of them makes all of them anew.
+    """
+    source = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        source.update(file.read_bytes())
+    name = f"kreisel-kernels-{source.hexdigest()[:16]}"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    for parent in [given] if given else [user, Path(tempfile.gettempdir()) / f"kreisel-{os.getuid()}"]:
+        folder = Path(parent) / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    return None
+
+
+_FOLDER = cache_folder()
+
+
+def _compiled(function: F, liberties: set[str]) -> F:
+    config = cast(Any, numba.config)
+    elsewhere, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
+    try:
+        compiled = numba.njit(cache=_FOLDER is not None, nogil=True, error_model="numpy", fastmath=liberties)(function)
+    finally:
+        config.CACHE_DIR = elsewhere
     return cast(F, compiled)

@@ -167,16 +167,16 @@ def navigation_noise(Q, q_first, dq, out):
 
     Q (9, 9): covariance of attitude, velocity and position as `preintegration.noise_covariance` writes it.
     """
-    C = np.empty((3, 3))
-    D = np.empty((3, 3))
+    C = np.empty((1, 9))
+    D = np.empty((1, 9))
     T = np.zeros((9, 9))
-    direction_cosines(q_first, C)
-    direction_cosines(dq, D)
+    direction_cosines(q_first.reshape(1, 4), C)
+    direction_cosines(dq.reshape(1, 4), D)
     for i in range(3):
         for j in range(3):
-            T[i, 3 + j] = C[i, j]
-            T[3 + i, 6 + j] = C[i, j]
-            T[6 + i, j] = D[j, i]
+            T[i, 3 + j] = C[0, 3 * i + j]
+            T[3 + i, 6 + j] = C[0, 3 * i + j]
+            T[6 + i, j] = D[0, 3 * j + i]
     TQ = np.zeros((9, 9))
     P = np.zeros((9, 9))
     for i in range(9):

@@ -1,28 +1,46 @@
-"""The strapdown computation between two updates, for many parameter sets side by side.
+"""The strapdown computation between two updates, for many parameter sets along one path.
 
 Seen from the body's attitude at the first sample, the motion the IMU felt does not depend on where it
 was, how it was turned, how fast it moved, or where gravity points. It is computed here once for every
 distinct set of sensor parameters; `composition` puts it onto the navigation state.
+
+The first set, the centre, is integrated sample by sample. The others differ from it little, and what they
+differ by is the same few products of the raw readings for all of them. These are summed over blocks of
+samples once. Each set then turns against the centre by one small rotation a block, and its specific force
+is a combination of the block's sums: the cost of a set hangs on the number of blocks, not of samples.
+Blocks are as long as the second order of the turn within them stays below rounding of the readings.
+
+Features of the raw readings:
+
+- of the rate, P = 1 + 3 N: 1, and the powers 1 to N of the three rates; `rate` (P, 3, m) holds what they
+  are multiplied by in equation (1);
+- of the specific force: the products of two rate features (f <= g), the slopes of the P - 1 powers, and the
+  powers 1 to N of the accelerometers' readings; `force` (features, 3, m) likewise for equation (2).
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from kreisel._kernels.compilation import kernel
 from kreisel._kernels.quadrature import POINTS
-from kreisel._kernels.rotation import turn
+from kreisel._kernels.rotation import rotate, turn
 
-QUADRATIC = 9
-"""Features of the motion the size effect is linear in: squares and products of rates, angular acceleration."""
+SMALL_TURN = 1.5e-5
+"""rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected."""
+
+
+@kernel
+def force_features(P, order):
+    """Return the number of features of the specific force."""
+    return P * (P + 1) // 2 + P - 1 + 3 * order
 
 
 @kernel
 def rate_coefficients(K_omega, k_w, out):
-    """Write what equation (1) is linear in: omega = sum_f out[f] * feature_f, (1 + 3 N, 3, m).
-
-    Features are 1, and the powers 1 to N of the three raw rates.
-    """
+    """Write what equation (1) multiplies the features by, (P, 3, m), from (3, 3, m) and (N, 3, m)."""
     for row in range(3):
         for s in range(out.shape[2]):
             out[0, row, s] = (
@@ -39,132 +57,105 @@ def rate_coefficients(K_omega, k_w, out):
 
 
 @kernel
-def force_coefficients(K_a, k_a, lever_arms, products, inside, out):
-    """Write what equation (2) is linear in: f = sum_f out[f] * feature_f, (1 + 3 N + 9, 3, m).
+def force_coefficients(rate, K_a, k_a, lever_arms, products, inside, out):
+    """Write what equation (2) multiplies the features by, (features, 3, m).
 
-    Features are 1, the powers 1 to N of the three raw readings, and xx, yy, zz, xy, xz, yz of the rate
-    and the angular acceleration. products is 1, or 0 to leave out the products of two rates, as the
-    printed equation (2) does; inside is True where e stands inside the parentheses.
+    rate (P, 3, m), or (P, 3, 1) for all columns. products is 1, or 0 to leave out the products of two rates,
+    as the printed equation (2) does; inside is True where e stands inside the parentheses.
     """
-    rate_coefficients(K_a, k_a, out)
-    at = 1 + 3 * k_a.shape[0]
-    axes = np.zeros((3, 3))
-    G = np.zeros((3, 3))
-    for s in range(out.shape[2]):
-        if inside:
-            inverse(K_a[:, :, s], axes)
-        for row in range(3):
-            for i in range(3):
-                for j in range(3):
+    m, P = out.shape[2], rate.shape[0]
+    slopes = P * (P + 1) // 2
+    readings = slopes + P - 1
+    axes = np.zeros((3, 3, m))
+    field = np.zeros((3, 3, m))
+    W = np.empty((P, 3, m))
+    W[:] = rate
+    if inside:
+        inverse(K_a, axes)
+    x = np.empty((3, m))
+    for row in range(3):
+        # K_a e = sum_ij field_ij ([alpha x] + [omega x]^2)_ij
+        for i in range(3):
+            for j in range(3):
+                for s in range(m):
                     if inside:
-                        # K_a e = sum_ij G_ij ([alpha x] + [omega x]^2)_ij
-                        G[i, j] = (
-                            K_a[row, 0, s] * axes[0, i] * lever_arms[0, j, s]
-                            + K_a[row, 1, s] * axes[1, i] * lever_arms[1, j, s]
-                            + K_a[row, 2, s] * axes[2, i] * lever_arms[2, j, s]
+                        field[i, j, s] = (
+                            K_a[row, 0, s] * axes[0, i, s] * lever_arms[0, j, s]
+                            + K_a[row, 1, s] * axes[1, i, s] * lever_arms[1, j, s]
+                            + K_a[row, 2, s] * axes[2, i, s] * lever_arms[2, j, s]
                         )
                     else:
-                        G[i, j] = lever_arms[row, j, s] if i == row else 0.0
-            out[at, row, s] = G[1, 1] + G[2, 2]
-            out[at + 1, row, s] = G[0, 0] + G[2, 2]
-            out[at + 2, row, s] = G[0, 0] + G[1, 1]
-            out[at + 3, row, s] = -products * (G[0, 1] + G[1, 0])
-            out[at + 4, row, s] = -products * (G[0, 2] + G[2, 0])
-            out[at + 5, row, s] = -products * (G[1, 2] + G[2, 1])
-            out[at + 6, row, s] = G[1, 2] - G[2, 1]
-            out[at + 7, row, s] = G[2, 0] - G[0, 2]
-            out[at + 8, row, s] = G[0, 1] - G[1, 0]
+                        field[i, j, s] = lever_arms[row, j, s] if i == row else 0.0
+        at = 0
+        for f in range(P):
+            for s in range(m):
+                xy = -0.5 * products * (field[0, 1, s] + field[1, 0, s])
+                xz = -0.5 * products * (field[0, 2, s] + field[2, 0, s])
+                yz = -0.5 * products * (field[1, 2, s] + field[2, 1, s])
+                x[0, s] = (field[1, 1, s] + field[2, 2, s]) * W[f, 0, s] + xy * W[f, 1, s] + xz * W[f, 2, s]
+                x[1, s] = xy * W[f, 0, s] + (field[0, 0, s] + field[2, 2, s]) * W[f, 1, s] + yz * W[f, 2, s]
+                x[2, s] = xz * W[f, 0, s] + yz * W[f, 1, s] + (field[0, 0, s] + field[1, 1, s]) * W[f, 2, s]
+            for g in range(f, P):
+                twice = 1.0 if f == g else 2.0
+                for s in range(m):
+                    out[at, row, s] = twice * (x[0, s] * W[g, 0, s] + x[1, s] * W[g, 1, s] + x[2, s] * W[g, 2, s])
+                at += 1
+            if f > 0:
+                for s in range(m):
+                    out[slopes + f - 1, row, s] = (
+                        (field[1, 2, s] - field[2, 1, s]) * W[f, 0, s]
+                        + (field[2, 0, s] - field[0, 2, s]) * W[f, 1, s]
+                        + (field[0, 1, s] - field[1, 0, s]) * W[f, 2, s]
+                    )
+        for axis in range(3):
+            for s in range(m):
+                out[0, row, s] += K_a[row, axis, s] * k_a[0, axis, s]
+                out[readings + axis, row, s] = K_a[row, axis, s]
+            for i in range(1, k_a.shape[0]):
+                for s in range(m):
+                    out[readings + 3 * i + axis, row, s] = K_a[row, axis, s] * k_a[i, axis, s]
 
 
 @kernel
 def inverse(A, out):
-    """Write the inverse of a matrix (3, 3)."""
-    a = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
-    b = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
-    c = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
-    scale = 1.0 / (A[0, 0] * a + A[0, 1] * b + A[0, 2] * c)
-    out[0, 0] = scale * a
-    out[1, 0] = scale * b
-    out[2, 0] = scale * c
-    out[0, 1] = scale * (A[0, 2] * A[2, 1] - A[0, 1] * A[2, 2])
-    out[1, 1] = scale * (A[0, 0] * A[2, 2] - A[0, 2] * A[2, 0])
-    out[2, 1] = scale * (A[0, 1] * A[2, 0] - A[0, 0] * A[2, 1])
-    out[0, 2] = scale * (A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1])
-    out[1, 2] = scale * (A[0, 2] * A[1, 0] - A[0, 0] * A[1, 2])
-    out[2, 2] = scale * (A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+    """Write the inverses of matrices (3, 3, m)."""
+    for s in range(A.shape[2]):
+        a = A[1, 1, s] * A[2, 2, s] - A[1, 2, s] * A[2, 1, s]
+        b = A[1, 2, s] * A[2, 0, s] - A[1, 0, s] * A[2, 2, s]
+        c = A[1, 0, s] * A[2, 1, s] - A[1, 1, s] * A[2, 0, s]
+        scale = 1.0 / (A[0, 0, s] * a + A[0, 1, s] * b + A[0, 2, s] * c)
+        out[0, 0, s] = scale * a
+        out[1, 0, s] = scale * b
+        out[2, 0, s] = scale * c
+        out[0, 1, s] = scale * (A[0, 2, s] * A[2, 1, s] - A[0, 1, s] * A[2, 2, s])
+        out[1, 1, s] = scale * (A[0, 0, s] * A[2, 2, s] - A[0, 2, s] * A[2, 0, s])
+        out[2, 1, s] = scale * (A[0, 1, s] * A[2, 0, s] - A[0, 0, s] * A[2, 1, s])
+        out[0, 2, s] = scale * (A[0, 1, s] * A[1, 2, s] - A[0, 2, s] * A[1, 1, s])
+        out[1, 2, s] = scale * (A[0, 2, s] * A[1, 0, s] - A[0, 0, s] * A[1, 2, s])
+        out[2, 2, s] = scale * (A[0, 0, s] * A[1, 1, s] - A[0, 1, s] * A[1, 0, s])
 
 
 @kernel
-def rates(coefficients, value, slope, integral, omega, alpha, step):
-    """Write rate, angular acceleration and integrated rate (3, m) from powers of the readings, (N + 1, 3) each."""
-    m = omega.shape[1]
-    for row in range(3):
-        for s in range(m):
-            one = coefficients[0, row, s]
-            x = coefficients[1, row, s]
-            y = coefficients[2, row, s]
-            z = coefficients[3, row, s]
-            omega[row, s] = one + x * value[1, 0] + y * value[1, 1] + z * value[1, 2]
-            alpha[row, s] = x * slope[1, 0] + y * slope[1, 1] + z * slope[1, 2]
-            step[row, s] = one * integral[0, 0] + x * integral[1, 0] + y * integral[1, 1] + z * integral[1, 2]
-        for i in range(2, value.shape[0]):
-            for axis in range(3):
-                f = 3 * i - 2 + axis
-                for s in range(m):
-                    c = coefficients[f, row, s]
-                    omega[row, s] += c * value[i, axis]
-                    alpha[row, s] += c * slope[i, axis]
-                    step[row, s] += c * integral[i, axis]
+def rotation_step(step, omega, alpha, stamps, theta):
+    """Write the rotation vectors over sampling intervals, (3, c - 1), to the sixth order in their length.
 
-
-@kernel
-def specific_force(coefficients, value, omega, alpha, out):
-    """Write f_b of equation (2), (3, m), from powers of the readings (N + 1, 3), rate and angular acceleration."""
-    m = out.shape[1]
-    at = coefficients.shape[0] - QUADRATIC
-    for row in range(3):
-        for s in range(m):
-            x = omega[0, s]
-            y = omega[1, s]
-            z = omega[2, s]
-            out[row, s] = (
-                coefficients[0, row, s]
-                + coefficients[1, row, s] * value[1, 0]
-                + coefficients[2, row, s] * value[1, 1]
-                + coefficients[3, row, s] * value[1, 2]
-                + x * (coefficients[at, row, s] * x + coefficients[at + 3, row, s] * y)
-                + y * (coefficients[at + 1, row, s] * y + coefficients[at + 5, row, s] * z)
-                + z * (coefficients[at + 2, row, s] * z + coefficients[at + 4, row, s] * x)
-                + coefficients[at + 6, row, s] * alpha[0, s]
-                + coefficients[at + 7, row, s] * alpha[1, s]
-                + coefficients[at + 8, row, s] * alpha[2, s]
-            )
-        for i in range(2, value.shape[0]):
-            for axis in range(3):
-                for s in range(m):
-                    out[row, s] += coefficients[3 * i - 2 + axis, row, s] * value[i, axis]
-
-
-@kernel
-def rotation_step(step, omega, omega_next, alpha, alpha_next, dt, theta):
-    """Write the rotation vector over one sampling interval, (3, m), to the sixth order in dt.
-
-    `step` is the integrated rate; what its axis' motion within the interval adds follows from rate and
-    angular acceleration at both ends. The leading term is the coning correction dt^2/12 omega_k x omega_k+1.
-    Magnus' series as given by Blanes, Casas and Ros (2000), equation (4.12) there with the sign of a
-    rotation composed on its right.
+    `step` (3, c - 1) is the integrated rate; what its axis' motion within the interval adds follows from rate
+    and angular acceleration (3, c) at both ends. The leading term is the coning correction
+    dt^2/12 omega_k x omega_k+1. Magnus' series as given by Blanes, Casas and Ros (2000), equation (4.12)
+    there with the sign of a rotation composed on its right.
     """
-    for s in range(theta.shape[1]):
+    for k in range(step.shape[1]):
+        h = stamps[k + 1] - stamps[k]
         # moments of the rate about the middle, to the orders the series needs
-        cx = 0.5 * dt * dt * (alpha_next[0, s] - alpha[0, s])
-        cy = 0.5 * dt * dt * (alpha_next[1, s] - alpha[1, s])
-        cz = 0.5 * dt * dt * (alpha_next[2, s] - alpha[2, s])
-        bx = dt * (1.2 * (omega_next[0, s] - omega[0, s]) - 0.1 * dt * (alpha[0, s] + alpha_next[0, s]))
-        by = dt * (1.2 * (omega_next[1, s] - omega[1, s]) - 0.1 * dt * (alpha[1, s] + alpha_next[1, s]))
-        bz = dt * (1.2 * (omega_next[2, s] - omega[2, s]) - 0.1 * dt * (alpha[2, s] + alpha_next[2, s]))
-        ax = step[0, s] - cx / 12.0
-        ay = step[1, s] - cy / 12.0
-        az = step[2, s] - cz / 12.0
+        cx = 0.5 * h * h * (alpha[0, k + 1] - alpha[0, k])
+        cy = 0.5 * h * h * (alpha[1, k + 1] - alpha[1, k])
+        cz = 0.5 * h * h * (alpha[2, k + 1] - alpha[2, k])
+        bx = h * (1.2 * (omega[0, k + 1] - omega[0, k]) - 0.1 * h * (alpha[0, k] + alpha[0, k + 1]))
+        by = h * (1.2 * (omega[1, k + 1] - omega[1, k]) - 0.1 * h * (alpha[1, k] + alpha[1, k + 1]))
+        bz = h * (1.2 * (omega[2, k + 1] - omega[2, k]) - 0.1 * h * (alpha[2, k] + alpha[2, k + 1]))
+        ax = step[0, k] - cx / 12.0
+        ay = step[1, k] - cy / 12.0
+        az = step[2, k] - cz / 12.0
         abx = ay * bz - az * by
         aby = az * bx - ax * bz
         abz = ax * by - ay * bx
@@ -177,75 +168,177 @@ def rotation_step(step, omega, omega_next, alpha, alpha_next, dt, theta):
         vx = bx - (ay * ez - az * ey) / 60.0
         vy = by - (az * ex - ax * ez) / 60.0
         vz = bz - (ax * ey - ay * ex) / 60.0
-        theta[0, s] = step[0, s] + (uy * vz - uz * vy) / 240.0
-        theta[1, s] = step[1, s] + (uz * vx - ux * vz) / 240.0
-        theta[2, s] = step[2, s] + (ux * vy - uy * vx) / 240.0
+        theta[0, k] = step[0, k] + (uy * vz - uz * vy) / 240.0
+        theta[1, k] = step[1, k] + (uz * vx - ux * vz) / 240.0
+        theta[2, k] = step[2, k] + (ux * vy - uy * vx) / 240.0
 
 
 @kernel
-def outer_weights(first, last, stamps, base, single, double, low, weights):
+def outer_weights(first, last, low, signal, weights):
     """Write the weights (2, count) of the samples from `low` on in the velocity and position integrals."""
+    stamps, base, single, double = signal.stamps, signal.base, signal.single, signal.double
     weights[:] = 0.0
     for k in range(first, last):
         rest = stamps[last] - stamps[k + 1]
+        at = base[k] - low
         for i in range(POINTS):
-            j = base[k] + i - low
-            weights[0, j] += single[k, i]
-            weights[1, j] += double[k, i] + rest * single[k, i]
+            weights[0, at + i] += single[k, i]
+            weights[1, at + i] += double[k, i] + rest * single[k, i]
 
 
 @kernel
-def add_turned(q, u, weight_v, weight_p, dv, dp):
-    """Turn u (3, m) by q in place, and add it to dv and dp with their weights."""
-    for s in range(q.shape[1]):
-        w = q[0, s]
-        x = q[1, s]
-        y = q[2, s]
-        z = q[3, s]
-        a = u[0, s]
-        b = u[1, s]
-        c = u[2, s]
-        tx = 2.0 * (y * c - z * b)
-        ty = 2.0 * (z * a - x * c)
-        tz = 2.0 * (x * b - y * a)
-        a += w * tx + (y * tz - z * ty)
-        b += w * ty + (z * tx - x * tz)
-        c += w * tz + (x * ty - y * tx)
-        u[0, s] = a
-        u[1, s] = b
-        u[2, s] = c
-        dv[0, s] += weight_v * a
-        dv[1, s] += weight_v * b
-        dv[2, s] += weight_v * c
-        dp[0, s] += weight_p * a
-        dp[1, s] += weight_p * b
-        dp[2, s] += weight_p * c
+def weighted(coefficients, features, out):
+    """Write sum_f coefficients[f, i] features[f, k], (3, c)."""
+    out[:] = 0.0
+    for i in range(3):
+        for f in range(features.shape[0]):
+            c = coefficients[f, i]
+            for k in range(out.shape[1]):
+                out[i, k] += c * features[f, k]
+
+
+@kernel
+def centre_path(first, low, high, signal, rate, q):
+    """Write the attitude (c, 4) at the samples from `low` to `high`, for rate coefficients (P, 3)."""
+    count = high - low + 1
+    step = np.empty((3, count - 1))
+    theta = np.empty((3, count - 1))
+    omega = np.empty((3, count))
+    alpha = np.empty((3, count))
+    weighted(rate, signal.rates[:, low : high + 1], omega)
+    weighted(rate, signal.slopes[:, low : high + 1], alpha)
+    weighted(rate, signal.integrals[:, low:high], step)
+    rotation_step(step, omega, alpha, signal.stamps[low : high + 1], theta)
+    turns = np.zeros((4, count - 1))
+    turns[0] = 1.0
+    turn(turns, theta, 1.0)
+    start = first - low
+    q[start] = 0.0
+    q[start, 0] = 1.0
+    a, b, c, d = 1.0, 0.0, 0.0, 0.0
+    for j in range(start, count - 1):
+        w, x, y, z = turns[0, j], turns[1, j], turns[2, j], turns[3, j]
+        a, b, c, d = (
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        )
+        q[j + 1, 0] = a
+        q[j + 1, 1] = b
+        q[j + 1, 2] = c
+        q[j + 1, 3] = d
+    a, b, c, d = 1.0, 0.0, 0.0, 0.0
+    for j in range(start - 1, -1, -1):
+        w, x, y, z = turns[0, j], -turns[1, j], -turns[2, j], -turns[3, j]
+        a, b, c, d = (
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        )
+        q[j, 0] = a
+        q[j, 1] = b
+        q[j, 2] = c
+        q[j, 3] = d
+
+
+@kernel
+def features_along(low, signal, psi):
+    """Write the features of the specific force at the samples from `low` on, (c, features)."""
+    rates, slopes, forces = signal.rates, signal.slopes, signal.forces
+    P = rates.shape[0]
+    at = 0
+    for f in range(P):
+        for g in range(f, P):
+            for j in range(psi.shape[0]):
+                psi[j, at] = rates[f, low + j] * rates[g, low + j]
+            at += 1
+    for f in range(1, P):
+        for j in range(psi.shape[0]):
+            psi[j, at] = slopes[f, low + j]
+        at += 1
+    for f in range(forces.shape[0]):
+        for j in range(psi.shape[0]):
+            psi[j, at] = forces[f, low + j]
+        at += 1
+
+
+@kernel
+def force_along(psi, C, force, u):
+    """Write the specific force of the first column at every sample, turned by C, (c, 3)."""
+    for j in range(psi.shape[0]):
+        x, y, z = 0.0, 0.0, 0.0
+        for f in range(psi.shape[1]):
+            x += force[f, 0, 0] * psi[j, f]
+            y += force[f, 1, 0] * psi[j, f]
+            z += force[f, 2, 0] * psi[j, f]
+        for i in range(3):
+            u[j, i] = C[j, 3 * i] * x + C[j, 3 * i + 1] * y + C[j, 3 * i + 2] * z
+
+
+@kernel
+def block_length(first, last, signal, difference):
+    """Return how many samples a block may have for parameter sets that differ so much, (P, 3, m)."""
+    rates = signal.rates
+    P = rates.shape[0]
+    largest = np.zeros(P)
+    for f in range(P):
+        most = 0.0
+        for k in range(first, last + 1):
+            most = max(most, abs(rates[f, k]))
+        largest[f] = most
+    fastest = 0.0
+    for s in range(difference.shape[2]):
+        square = 0.0
+        for row in range(3):
+            total = 0.0
+            for f in range(P):
+                total += abs(difference[f, row, s]) * largest[f]
+            square += total * total
+        fastest = max(fastest, square)
+    turned = math.sqrt(fastest) * (signal.stamps[last] - signal.stamps[first])
+    return max(1, last - first if turned <= SMALL_TURN else int(SMALL_TURN / turned * (last - first)))
+
+
+@kernel
+def combine(sums, coefficients, out, start):
+    """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, start + s]."""
+    total = np.empty(coefficients.shape[2])
+    for i in range(3):
+        total[:] = 0.0
+        for j in range(3):
+            for f in range(coefficients.shape[0]):
+                c = sums[3 * i + j, f]
+                for s in range(total.size):
+                    total[s] += c * coefficients[f, j, s]
+        for s in range(total.size):
+            out[i, start + s] = total[s]
+
+
+@kernel
+def contract(rows, difference, out):
+    """Add sum_fr rows[9 f + 3 i + r] difference[f, r, s] to out[i, s]."""
+    for i in range(3):
+        for f in range(difference.shape[0]):
+            x, y, z = rows[9 * f + 3 * i], rows[9 * f + 3 * i + 1], rows[9 * f + 3 * i + 2]
+            for s in range(out.shape[1]):
+                out[i, s] += x * difference[f, 0, s] + y * difference[f, 1, s] + z * difference[f, 2, s]
+
+
+@kernel
+def add_coning(before, theta, share, out):
+    """Write theta plus share * before x theta, for columns (3, m)."""
+    for s in range(theta.shape[1]):
+        out[0, s] = theta[0, s] + share * (before[1, s] * theta[2, s] - before[2, s] * theta[1, s])
+        out[1, s] = theta[1, s] + share * (before[2, s] * theta[0, s] - before[0, s] * theta[2, s])
+        out[2, s] = theta[2, s] + share * (before[0, s] * theta[1, s] - before[1, s] * theta[0, s])
 
 
 @kernel
 def preintegrate(
-    first,
-    last,
-    low,
-    high,
-    stamps,
-    weights,
-    rate_powers,
-    rate_slopes,
-    rate_integrals,
-    force_powers,
-    rate_coefficients,
-    force_coefficients,
-    dq,
-    dv,
-    dp,
-    omega_end,
-    alpha_end,
-    u_end,
-    u_path,
-    q_path,
-    turning,
-):
+    first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega_end, alpha_end, u_end, u_path, q_path
+):  # fmt: skip
     """Write attitude, velocity and position increments from sample `first` to `last`.
 
     Samples from `low` to `high` enter (two beyond either end where there are). All increments are
@@ -253,174 +346,246 @@ def preintegrate(
 
     Parameters
     ----------
-    weights : (2, high - low + 1)
-        See `outer_weights`.
-    rate_powers, force_powers : (n, N + 1, 3)
-        Powers 0 to N of the raw readings; rate_slopes their time derivatives, and rate_integrals
-        (n - 1, N + 1, 3) their integrals over each sampling interval.
-    rate_coefficients, force_coefficients : (1 + 3 N, 3, m), (10 + 3 N, 3, m)
+    signal
+        With the fields of `inertial.strapdown.Samples`.
+    rate, force, shared : (P, 3, m), (features, 3, m), (features, 3, M - m)
+        See the module; the columns of `shared` turn as the first column of `rate` does.
     dq, dv, dp : (4, M), (3, M), (3, M)
-        The first m columns are written; M may be larger.
     omega_end, alpha_end : (3, M)
         Rate and angular acceleration at `last`.
     u_end : (3, 3, M)
         Specific force at the samples last - 1, last, last + 1, seen from the attitude at `first`.
-    u_path, q_path, turning : (high - low + 1, 3), (high - low + 1, 4), (high - low + 1, 6)
-        Specific force, attitude, and rate and angular acceleration along the way, of the first column.
+    u_path, q_path : (high - low + 1, 3), (high - low + 1, 4)
+        Specific force and attitude along the way, of the first column.
     """
-    m = rate_coefficients.shape[2]
+    m, features, count = rate.shape[2], force.shape[0], high - low + 1
+    weights = np.empty((2, count))
+    C = np.empty((count, 9))
+    psi = np.empty((count, features))
+    outer_weights(first, last, low, signal, weights)
+    centre_path(first, low, high, signal, rate[:, :, 0], q_path)
+    direction_cosines(q_path, C)
+    features_along(low, signal, psi)
+    force_along(psi, C, force, u_path)
+    total = np.zeros((2, 9, features))
     q = np.zeros((4, m))
-    q_last = np.empty((4, m))
-    v = np.zeros((3, m))
-    p = np.zeros((3, m))
-    omega = np.empty((3, m))
-    omega_next = np.empty((3, m))
-    alpha = np.empty((3, m))
-    alpha_next = np.empty((3, m))
-    step = np.empty((3, m))
-    theta = np.empty((3, m))
-    u = np.empty((3, m))
     q[0] = 1.0
-    # Backwards over the samples before `first`, then forwards; the former are two or three.
-    rates(rate_coefficients, rate_powers[first], rate_slopes[first], rate_integrals[low], omega, alpha, step)
-    for k in range(first - 1, low - 1, -1):
-        omega, omega_next = omega_next, omega
-        alpha, alpha_next = alpha_next, alpha
-        rates(rate_coefficients, rate_powers[k], rate_slopes[k], rate_integrals[k], omega, alpha, step)
-        rotation_step(step, omega, omega_next, alpha, alpha_next, stamps[k + 1] - stamps[k], theta)
-        turn(q, theta, -1.0)
-    for k in range(low, high + 1):
-        j = k - low
-        specific_force(force_coefficients, force_powers[k], omega, alpha, u)
-        add_turned(q, u, weights[0, j], weights[1, j], v, p)
-        for i in range(3):
-            u_path[j, i] = u[i, 0]
-            turning[j, i] = omega[i, 0]
-            turning[j, 3 + i] = alpha[i, 0]
-        for i in range(4):
-            q_path[j, i] = q[i, 0]
-        if k == last:
-            for i in range(3):
-                for s in range(m):
-                    omega_end[i, s] = omega[i, s]
-                    alpha_end[i, s] = alpha[i, s]
-            q_last[:] = q
-        if last - 1 <= k <= last + 1:
-            for i in range(3):
-                for s in range(m):
-                    u_end[k - last + 1, i, s] = u[i, s]
-        if k < high:
-            rates(
-                rate_coefficients, rate_powers[k + 1], rate_slopes[k + 1], rate_integrals[k],
-                omega_next, alpha_next, step,
-            )  # fmt: skip
-            rotation_step(step, omega, omega_next, alpha, alpha_next, stamps[k + 1] - stamps[k], theta)
-            turn(q, theta, 1.0)
-            omega, omega_next = omega_next, omega
-            alpha, alpha_next = alpha_next, alpha
-    for s in range(m):
-        for i in range(3):
-            dv[i, s] = v[i, s]
-            dp[i, s] = p[i, s]
-        for i in range(4):
-            dq[i, s] = q_last[i, s]
-    for k in range(high + 1, last + 2):  # no sample beyond `last`
-        u_end[k - last + 1] = u_end[k - last]
+    neighbours = np.zeros((2, 3, m))
+    if m == 1:
+        sum_products(0, count, weights, C, psi, total)
+        combine(total[0], force, dv, 0)
+        combine(total[1], force, dp, 0)
+    else:
+        relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp)
+    combine(total[0], shared, dv, m)
+    combine(total[1], shared, dp, m)
+    finish(last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end)
 
 
 @kernel
-def share_path(
-    first_column,
-    last,
-    low,
-    weights,
-    force_powers,
-    q_path,
-    turning,
-    force_coefficients,
-    dq,
-    dv,
-    dp,
-    omega_end,
-    alpha_end,
-    u_end,
-):
-    """Write increments of columns that turn as the first column does, from column `first_column` on.
+def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp):
+    """Write the increments of the sets with gyro parameters of their own, block by block.
 
-    Along one path of attitude, rate and angular acceleration the specific force is linear in
-    `force_coefficients` (10 + 3 N, 3, m). What they are multiplied by is summed over the samples once, for
-    all columns; the rest costs as much as a few samples.
+    total (2, 9, features), zero at first: sums of `sum_products` over all samples. q (4, m), units at
+    first: how the sets have turned against the centre at `last`, seen from the attitude at `first`.
+    neighbours (2, 3, m), zero at first: how they turn on from there to the samples before and behind.
     """
-    features = force_coefficients.shape[0]
-    feature = np.empty(features)
-    turned = np.empty((9, features))
-    moments = np.zeros((2, 9, features))
-    C = np.empty((3, 3))
-    for j in range(q_path.shape[0]):
-        force_features(force_powers[low + j], turning[j], feature)
-        direction_cosines(q_path[j], C)
-        for i in range(9):
-            c = C[i // 3, i % 3]
-            for f in range(features):
-                turned[i, f] = c * feature[f]
+    count, features = psi.shape
+    P, m = rate.shape[0], rate.shape[2]
+    difference = np.empty((P, 3, m))
+    for f in range(P):
+        for row in range(3):
+            for s in range(m):
+                difference[f, row, s] = rate[f, row, s] - rate[f, row, 0]
+    length = block_length(first, last, signal, difference)
+    blocks = (count + length - 1) // length
+    units = np.empty((count - 1, 9 * P))
+    unit_turns(low, signal, C, units)
+    sums = np.empty((2, 9, features))
+    turns = np.empty((6, 9 * P))
+    lever = np.empty((2, 9 * P))
+    theta = np.zeros((3, m))
+    before = np.zeros((3, m))
+    part = np.empty((3, m))
+    dv[:, :m] = 0.0
+    dp[:, :m] = 0.0
+    at, span_before = first - low, 0.0
+    for b in range(blocks):
+        begin, end = b * count // blocks, (b + 1) * count // blocks
+        centre = (begin + end) // 2
+        sum_products(begin, end, weights, C, psi, sums)
+        total += sums
+        sum_turns(begin, centre, end, weights, units, u_path, turns)
+        span_before = advance(signal, low, at, centre, span_before, units, difference, before, theta, q)
+        at = centre
         for which in range(2):
-            weight = weights[which, j]
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                for f in range(0, 9 * P, 9):
+                    for r in range(3):  # turn x force
+                        lever[which, f + 3 * i + r] = (
+                            turns[3 * which + k, f + 3 * j + r] - turns[3 * which + j, f + 3 * k + r]
+                        )
+            combine(sums[which], force, part, 0)
+            contract(lever[which], difference, part)
+            rotate(q, part, part)
+            out = dv if which == 0 else dp
+            for i in range(3):
+                for s in range(m):
+                    out[i, s] += part[i, s]
+    end = last - low
+    advance(signal, low, at, end, span_before, units, difference, before, theta, q)
+    contract(-units[end - 1], difference, neighbours[0])
+    if end < count - 1:
+        contract(units[end], difference, neighbours[1])
+
+
+@kernel
+def sum_products(start, stop, weights, C, psi, sums):
+    """Write the weighted sums of C_ij times every feature of the force over some samples, (2, 9, features)."""
+    sums[:] = 0.0
+    features = psi.shape[1]
+    for j in range(start, stop):
+        for i in range(9):
+            v = weights[0, j] * C[j, i]
+            p = weights[1, j] * C[j, i]
+            for f in range(features):
+                sums[0, i, f] += v * psi[j, f]
+                sums[1, i, f] += p * psi[j, f]
+
+
+@kernel
+def unit_turns(low, signal, C, turns):
+    """Write how far a unit of difference in each rate coefficient turns a set over each interval, (c - 1, 9 P).
+
+    Entry 9 f + 3 i + r is the integral of C_ir times feature f, about axis i: the mean of C (of the cubic
+    through four samples, of a line at either end) times the feature's integral, and what both change together.
+    """
+    stamps, slopes, integrals = signal.stamps, signal.slopes, signal.integrals
+    count, P = C.shape[0], slopes.shape[0]
+    for j in range(count - 1):
+        k = low + j
+        h = stamps[k + 1] - stamps[k]
+        inside = 1.0 / 24.0 if 0 < j < count - 2 else 0.0
+        before, after = max(j - 1, 0), min(j + 2, count - 1)
+        for f in range(P):
+            integral, slope = integrals[f, k], h * h / 24.0 * (slopes[f, k] + slopes[f, k + 1])
             for i in range(9):
-                for f in range(features):
-                    moments[which, i, f] += weight * turned[i, f]
-        at = low + j - last + 1
-        if 0 <= at < 3:
-            combine(turned, force_coefficients, first_column, u_end[at])
-    combine(moments[0], force_coefficients, first_column, dv)
-    combine(moments[1], force_coefficients, first_column, dp)
-    if low + q_path.shape[0] - 1 == last:
-        u_end[2, :, first_column:] = u_end[1, :, first_column:]
-    for s in range(first_column, first_column + force_coefficients.shape[2]):
-        for i in range(4):
-            dq[i, s] = dq[i, 0]
+                both = C[j, i] + C[j + 1, i]
+                mean = 0.5 * both - inside * (C[after, i] - both + C[before, i])
+                turns[j, 9 * f + i] = mean * integral + slope * (C[j + 1, i] - C[j, i])
+
+
+@kernel
+def sum_turns(begin, centre, end, weights, units, u_path, turns):
+    """Write the sums of `unit_turns` I_k times R_k over a block, (6, 9 P).
+
+    R_k is the weighted force of the samples the turn I_k carries along: those behind k, or before it and with a
+    minus, as k lies behind the block's centre or before. The first three rows are for its components with the
+    weights of the velocity, the others with those of the position.
+    """
+    carried = np.zeros((end - begin + 1, 6))
+    for j in range(begin, centre):
         for i in range(3):
-            omega_end[i, s] = omega_end[i, 0]
-            alpha_end[i, s] = alpha_end[i, 0]
+            carried[j - begin + 1, i] = carried[j - begin, i] - weights[0, j] * u_path[j, i]
+            carried[j - begin + 1, 3 + i] = carried[j - begin, 3 + i] - weights[1, j] * u_path[j, i]
+    for j in range(begin, centre):
+        carried[j - begin] = carried[j - begin + 1]
+    carried[centre - begin :] = 0.0
+    for j in range(end - 2, centre - 1, -1):
+        for i in range(3):
+            carried[j - begin, i] = carried[j + 1 - begin, i] + weights[0, j + 1] * u_path[j + 1, i]
+            carried[j - begin, 3 + i] = carried[j + 1 - begin, 3 + i] + weights[1, j + 1] * u_path[j + 1, i]
+    turns[:] = 0.0
+    for j in range(begin, end - 1):
+        for x in range(6):
+            c = carried[j - begin, x]
+            for f in range(turns.shape[1]):
+                turns[x, f] += c * units[j, f]
 
 
 @kernel
-def force_features(value, turning, out):
-    """Write the features of `force_coefficients` for one sample: powers (N + 1, 3), rate and its derivative (6,)."""
-    at = out.size - QUADRATIC
-    out[0] = 1.0
-    for i in range(1, value.shape[0]):
-        for axis in range(3):
-            out[3 * i - 2 + axis] = value[i, axis]
-    x = turning[0]
-    y = turning[1]
-    z = turning[2]
-    out[at] = x * x
-    out[at + 1] = y * y
-    out[at + 2] = z * z
-    out[at + 3] = x * y
-    out[at + 4] = x * z
-    out[at + 5] = y * z
-    for axis in range(3):
-        out[at + 6 + axis] = turning[3 + axis]
+def advance(signal, low, begin, end, span_before, units, difference, before, theta, q):
+    """Turn q (4, m) against the centre from one sample to another, and return the time between them.
+
+    theta (3, m): the turn of the step before, and on return of this one.
+    """
+    span = signal.stamps[low + end] - signal.stamps[low + begin]
+    turns = np.zeros(units.shape[1])
+    sign = 1.0 if end > begin else -1.0
+    for j in range(min(begin, end), max(begin, end)):
+        for f in range(turns.size):
+            turns[f] += sign * units[j, f]
+    before[:] = theta
+    theta[:] = 0.0
+    contract(turns, difference, theta)
+    # The classic two-interval form: what the change of the turn's axis adds to it.
+    share = span * span / (6.0 * span_before * (span + span_before)) if span_before > 0.0 and span > 0.0 else 0.0
+    turned = np.empty_like(theta)
+    add_coning(before, theta, share, turned)
+    turn(q, turned, 1.0)
+    return span
 
 
 @kernel
-def combine(moments, coefficients, first_column, out):
-    """Write sum_jf moments[3 i + j, f] coefficients[f, j, s] to out[i, first_column + s]."""
-    total = np.empty(coefficients.shape[2])
+def finish(
+    last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end
+):  # fmt: skip
+    """Write the attitude at `last`, and what lets it be carried on by less than a sampling interval."""
+    P, m, M = rate.shape[0], rate.shape[2], dq.shape[1]
+    end = last - low
+    omega = np.zeros((3, m))
+    alpha = np.zeros((3, m))
+    for row in range(3):
+        for f in range(P):
+            value, slope = signal.rates[f, last], signal.slopes[f, last]
+            for s in range(m):
+                omega[row, s] += rate[f, row, s] * value
+                alpha[row, s] += rate[f, row, s] * slope
+    a, b, c, d = q_path[end, 0], q_path[end, 1], q_path[end, 2], q_path[end, 3]
+    for s in range(M):
+        j = s if s < m else 0
+        w, x, y, z = q[0, j], q[1, j], q[2, j], q[3, j]
+        dq[0, s] = w * a - x * b - y * c - z * d
+        dq[1, s] = w * b + x * a + y * d - z * c
+        dq[2, s] = w * c - x * d + y * a + z * b
+        dq[3, s] = w * d + x * c - y * b + z * a
+        for i in range(3):
+            omega_end[i, s] = omega[i, j]
+            alpha_end[i, s] = alpha[i, j]
+    turned = np.empty((4, m))
+    part, others = np.empty((3, m)), np.empty((3, M - m))
+    for which in range(3):
+        k = last - 1 + which
+        if k > high:  # no sample beyond `last`
+            u_end[which] = u_end[which - 1]
+            continue
+        force_at(k - low, psi, C, force, part)
+        turned[:] = q
+        if which != 1:
+            turn(turned, neighbours[which // 2], 1.0)
+        rotate(turned, part, part)
+        u_end[which, :, :m] = part
+        force_at(k - low, psi, C, shared, others)
+        u_end[which, :, m:] = others
+
+
+@kernel
+def force_at(j, psi, C, coefficients, out):
+    """Write the specific force (3, m) of one sample, turned by its direction cosines."""
+    force = np.zeros(out.shape)
+    for row in range(3):
+        for f in range(psi.shape[1]):
+            c = psi[j, f]
+            for s in range(out.shape[1]):
+                force[row, s] += c * coefficients[f, row, s]
     for i in range(3):
-        total[:] = 0.0
-        for j in range(3):
-            for f in range(coefficients.shape[0]):
-                c = moments[3 * i + j, f]
-                for s in range(total.size):
-                    total[s] += c * coefficients[f, j, s]
-        for s in range(total.size):
-            out[i, first_column + s] = total[s]
+        for s in range(out.shape[1]):
+            out[i, s] = C[j, 3 * i] * force[0, s] + C[j, 3 * i + 1] * force[1, s] + C[j, 3 * i + 2] * force[2, s]
 
 
 @kernel
-def noise_covariance(first, last, low, every, stamps, u_path, q_path, rate_variance, force_variance, K_omega, K_a, Q):
+def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K_a, Q):
     """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9).
 
     Seen from the body's attitude at `first`; attitude errors as left perturbations in that frame.
@@ -430,11 +595,10 @@ def noise_covariance(first, last, low, every, stamps, u_path, q_path, rate_varia
     ----------
     u_path, q_path
         As `preintegrate` writes them, from sample `low` on.
-    rate_variance, force_variance : (n - 1, 3)
-        Variance of the noise's integral over each interval.
     K_omega, K_a : (3, 3)
     """
-    C = np.empty((3, 3))
+    stamps, rate_variance, force_variance = signal.stamps, signal.rate_variance, signal.force_variance
+    C = np.empty((1, 9))
     G = np.empty((3, 3))
     rate = np.empty(3)
     force = np.empty(3)
@@ -450,7 +614,7 @@ def noise_covariance(first, last, low, every, stamps, u_path, q_path, rate_varia
         middle = (start + stop) // 2 - low
         dt = stamps[stop] - stamps[start]
         advance_covariance(u_path[middle, 0], u_path[middle, 1], u_path[middle, 2], dt, Q)
-        direction_cosines(q_path[middle], C)
+        direction_cosines(q_path[middle : middle + 1], C)
         product(C, K_omega, G)
         add_noise(G, rate, 1.0, 0.0, 0, 0, Q)
         product(C, K_a, G)
@@ -459,25 +623,26 @@ def noise_covariance(first, last, low, every, stamps, u_path, q_path, rate_varia
 
 @kernel
 def direction_cosines(q, C):
-    """Write the matrix (3, 3) of a unit quaternion (4,)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
-    C[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    C[0, 1] = 2.0 * (x * y - w * z)
-    C[0, 2] = 2.0 * (x * z + w * y)
-    C[1, 0] = 2.0 * (x * y + w * z)
-    C[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    C[1, 2] = 2.0 * (y * z - w * x)
-    C[2, 0] = 2.0 * (x * z - w * y)
-    C[2, 1] = 2.0 * (y * z + w * x)
-    C[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    """Write the matrices of unit quaternions (c, 4), row by row, (c, 9)."""
+    for j in range(q.shape[0]):
+        w, x, y, z = q[j, 0], q[j, 1], q[j, 2], q[j, 3]
+        C[j, 0] = 1.0 - 2.0 * (y * y + z * z)
+        C[j, 1] = 2.0 * (x * y - w * z)
+        C[j, 2] = 2.0 * (x * z + w * y)
+        C[j, 3] = 2.0 * (x * y + w * z)
+        C[j, 4] = 1.0 - 2.0 * (x * x + z * z)
+        C[j, 5] = 2.0 * (y * z - w * x)
+        C[j, 6] = 2.0 * (x * z - w * y)
+        C[j, 7] = 2.0 * (y * z + w * x)
+        C[j, 8] = 1.0 - 2.0 * (x * x + y * y)
 
 
 @kernel
 def product(A, B, out):
-    """Write the product of two matrices (3, 3)."""
+    """Write the product of two matrices, the first row by row in (1, 9), the second (3, 3)."""
     for i in range(3):
         for j in range(3):
-            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+            out[i, j] = A[0, 3 * i] * B[0, j] + A[0, 3 * i + 1] * B[1, j] + A[0, 3 * i + 2] * B[2, j]
 
 
 @kernel

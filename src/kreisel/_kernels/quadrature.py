@@ -48,13 +48,13 @@ def interval_weights(stamps, base, single, double):
 
 @kernel
 def integrate_intervals(base, single, values, out):
-    """Write the integral of every column of values (n, 3) over every sampling interval, (n - 1, 3)."""
-    for k in range(base.size):
-        for axis in range(3):
+    """Write the integral of every row of values (c, n) over every sampling interval, (c, n - 1)."""
+    for row in range(values.shape[0]):
+        for k in range(base.size):
             total = 0.0
             for i in range(POINTS):
-                total += single[k, i] * values[base[k] + i, axis]
-            out[k, axis] = total
+                total += single[k, i] * values[row, base[k] + i]
+            out[row, k] = total
 
 
 @kernel

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kreisel._kernels.compilation import kernel
 
 
@@ -63,6 +65,15 @@ def plus(q, theta, out):
     """Write q * exp(theta) for columns: q (4, m) or (4, 1), theta (3, m), out (4, m), angles of any size."""
     m = theta.shape[1]
     one = q.shape[1] == 1
+    largest = 0.0
+    for s in range(m):
+        largest = max(largest, theta[0, s] ** 2 + theta[1, s] ** 2 + theta[2, s] ** 2)
+    if largest < 1.0:
+        for i in range(4):
+            for s in range(m):
+                out[i, s] = q[i, 0 if one else s]
+        turn(out, theta, 1.0)
+        return
     for s in range(m):
         j = 0 if one else s
         x = theta[0, s]
@@ -87,15 +98,35 @@ def minus(q, origin, out):
     b = -origin[1, 0]
     c = -origin[2, 0]
     d = -origin[3, 0]
-    for s in range(q.shape[1]):
+    m = q.shape[1]
+    real = np.empty(m)
+    largest = 0.0
+    for s in range(m):
         w = a * q[0, s] - b * q[1, s] - c * q[2, s] - d * q[3, s]
         x = a * q[1, s] + b * q[0, s] + c * q[3, s] - d * q[2, s]
         y = a * q[2, s] - b * q[3, s] + c * q[0, s] + d * q[1, s]
         z = a * q[3, s] + b * q[2, s] - c * q[1, s] + d * q[0, s]
-        length = math.sqrt(x * x + y * y + z * z)
-        k = 2.0 if length == 0.0 else 2.0 * math.atan2(length, abs(w)) / length
-        if w < 0.0:
-            k = -k
-        out[0, s] = k * x
-        out[1, s] = k * y
-        out[2, s] = k * z
+        real[s] = w
+        out[0, s] = x
+        out[1, s] = y
+        out[2, s] = z
+    for s in range(m):
+        largest = max(largest, out[0, s] ** 2 + out[1, s] ** 2 + out[2, s] ** 2)
+    if largest < 0.01:
+        for s in range(m):
+            h = out[0, s] ** 2 + out[1, s] ** 2 + out[2, s] ** 2
+            # the series of arcsine, whose next term is below 2e-16 here
+            far = 35.0 / 576.0 + h * (63.0 / 1408.0 + h * (231.0 / 6656.0 + h * 143.0 / 5120.0))
+            k = 2.0 + h * (1.0 / 3.0 + h * (3.0 / 20.0 + h * (5.0 / 56.0 + h * far)))
+            k = -k if real[s] < 0.0 else k
+            out[0, s] *= k
+            out[1, s] *= k
+            out[2, s] *= k
+        return
+    for s in range(m):
+        length = math.sqrt(out[0, s] ** 2 + out[1, s] ** 2 + out[2, s] ** 2)
+        k = 2.0 if length == 0.0 else 2.0 * math.atan2(length, abs(real[s])) / length
+        k = -k if real[s] < 0.0 else k
+        out[0, s] *= k
+        out[1, s] *= k
+        out[2, s] *= k

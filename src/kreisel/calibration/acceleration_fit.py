@@ -50,9 +50,9 @@ def fit_accelerations(preparation: Preparation) -> AccelerationFit:
     reference, signal, fit = preparation.reference, preparation.signal, preparation.rate_fit
     assert reference.positions is not None  # noqa: S101 - for the type checker; the caller looked
     C = matrix(preparation.attitude)
-    omega = signal.rate_powers[:, 1] @ fit.K_omega.T + fit.K_omega @ fit.k_w0
-    alpha = signal.rate_slopes[:, 1] @ fit.K_omega.T
-    a = signal.force_powers[:, 1]
+    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
+    alpha = signal.slopes @ fit.K_omega.T
+    a = signal.accelerations
     windows = Windows.over(signal, fit.clock, reference.seconds)
     columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
     columns += [C[:, :, j] for j in range(3)]

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel._kernels import attitude
-from kreisel.calibration.cell_model import CellModel
-from kreisel.calibration.parameters import CellParameters
+from kreisel._kernels import attitude, filtering
+from kreisel.calibration.cell_model import filter_model, filter_record, filter_steps
+from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import LASTING, Problem, Update
 from kreisel.errors import EstimationError
-from kreisel.estimation import filter as spkf
 from kreisel.estimation.consistency import chi_square
-from kreisel.estimation.filter import Belief
-from kreisel.estimation.sigma_points import weights
-from kreisel.geometry.rotation import Array, Indices, apply, conjugate, exp, log, multiply
+from kreisel.estimation.filter import Belief, renew
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
 from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
@@ -31,6 +29,9 @@ _FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
 
 _BLIND_VELOCITY = 1.0
 """m/s; where the reference does not show it."""
+
+_MOST_AT_ONCE = 256
+"""Updates between two reports of progress, at most."""
 
 _LOOKED_BACK = 0.01
 """rad; how well attitudes are known once the rates are integrated back from the end of a run."""
@@ -148,47 +149,54 @@ def run_filter(
     EstimationError
         If the state stops being finite; says when.
     """
-    model = CellModel(problem, start)
-    layout = problem.layout
-    w = weights(problem.settings.weights, layout.degrees)
+    layout, updates = problem.layout, problem.updates
+    model, steps, record = filter_model(problem, start), filter_steps(problem), filter_record(problem)
     belief = first_belief(problem, start) if belief is None else belief
-    recorder = _Recorder(problem)
-    bounds = {degrees: float(chi_square(GATE, degrees)) for degrees in range(1, 10)}
-    rejected_in_a_row = 0
-    for i, item in enumerate(problem.updates):
-        if item.new_segment or rejected_in_a_row >= MOST_IN_A_ROW:
-            belief = _navigation_from_reference(problem, model, belief, item)
-            rejected_in_a_row = 0
+    bounds = np.array([0.0, *(gate * float(chi_square(GATE, m)) for m in range(1, filtering.MEASURED + 1))])
+    rejected, done = np.zeros(1, dtype=np.int64), 0
+    while done < len(updates):
+        item = updates[done]
+        if item.new_segment or rejected[0] >= MOST_IN_A_ROW:
+            belief = _navigation_from_reference(problem, start, belief, item)
+            rejected[0] = 0
         if item.new_rest and "rest_position" in layout:
             belief = _renew_rest(problem, belief)
-        model.aim(item)
-        belief = _walked(problem, belief, item)
-        factor = model.measurement_factor(belief.mean)
-        prediction = spkf.predict(layout, belief, model, w, factor, problem.changing)
-        whitened = prediction.whitened
-        nis = float(whitened @ whitened)
-        if not np.isfinite(nis):
+        mean, upper = belief.mean.copy(), belief.factor.T.copy()
+        done = filtering.run(
+            model, problem.signal.samples, steps, done, _next_event(updates, done), bounds, MOST_IN_A_ROW,
+            mean, upper, record, rejected,
+        )  # fmt: skip
+        belief = Belief(mean, upper.T.copy())
+        if not np.isfinite(record.whitened[done - 1, 0]):
             raise EstimationError(
-                f"the filter's state is no longer finite at {problem.signal.stamps[item.last]:.2f} s; "
+                f"the filter's state is no longer finite at {problem.signal.stamps[updates[done - 1].last]:.2f} s; "
                 "check units and noise figures, or fix groups the motion does not show"
             )
-        used = nis <= gate * bounds[whitened.size]
-        belief = spkf.update(layout, prediction) if used else prediction.belief
-        rejected_in_a_row = 0 if used else rejected_in_a_row + 1
-        recorder.add(belief, prediction, factor, used=used)
-        if progress is not None and i % 16 == 0:
-            progress(i / len(problem.updates))
-    return FilterRun(start, belief, model.parameters(belief.mean), recorder.history())
+        if progress is not None:
+            progress(done / len(updates))
+    return FilterRun(start, belief, _parameters(problem, start, belief.mean), _history(problem, record))
 
 
-def _navigation_from_reference(problem: Problem, model: CellModel, belief: Belief, item: Update) -> Belief:
+def _next_event(updates: tuple[Update, ...], at: int) -> int:
+    """Return the next update before which the belief changes by other means, or progress should show."""
+    stop = min(at + _MOST_AT_ONCE, len(updates))
+    return next((i for i in range(at + 1, stop) if updates[i].new_segment or updates[i].new_rest), stop)
+
+
+def _parameters(problem: Problem, known: CellParameters, x: Array) -> CellParameters:
+    """Return the parameters in a stored state (size,), and known ones for groups that are not in it."""
+    layout = problem.layout
+    return CellParameters.from_stored(
+        {group: (x[layout.stored(group)] if group in layout else known.stored(group)).copy() for group in GROUPS}
+    )
+
+
+def _navigation_from_reference(problem: Problem, known: CellParameters, belief: Belief, item: Update) -> Belief:
     """Begin navigation anew at the sample an update starts from."""
     layout, reference = problem.layout, problem.reference
     t = problem.signal.stamps[item.first]
-    x = belief.mean
-    values = model.values(x[:, None])
-    start, skew = float(values["time_offset"][0, 0]), float(values["time_skew"][0, 0])
-    tau = (t - start) / (1.0 + skew)
+    parameters = _parameters(problem, known, belief.mean)
+    tau = (t - parameters.start) / (1.0 + parameters.skew)
     q, p, v = pose_near(reference, problem.tau, tau)
     turned, blind = reference.quaternions is not None, reference.positions is None
     for name, value, deviation in (
@@ -196,7 +204,7 @@ def _navigation_from_reference(problem: Problem, model: CellModel, belief: Belie
         ("velocity", v, _BLIND_VELOCITY if blind else _FIRST_VELOCITY),
         ("position", p, _FIRST_POSITION),
     ):
-        belief = spkf.renew(layout, belief, name, value, np.full(3, deviation))
+        belief = renew(layout, belief, name, value, np.full(3, deviation))
     return belief
 
 
@@ -211,9 +219,7 @@ def look_back(problem: Problem, run: FilterRun) -> Problem:
         return problem
     p, last = run.parameters, problem.updates[-1].last
     columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
-    values = signal.rate_powers.reshape(len(signal.stamps), -1)[:, 2:]  # one of the three ones, then the powers
-    integrals = signal.rate_integrals.reshape(len(signal.stamps) - 1, -1)[:, 2:]
-    omega, steps = values @ columns.rate[..., 0], integrals @ columns.rate[..., 0]
+    omega, steps = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.integrals))
     steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
     free = np.empty((signal.stamps.size, 4))
     free[0] = (1.0, 0.0, 0.0, 0.0)
@@ -249,83 +255,52 @@ def _renew_rest(problem: Problem, belief: Belief) -> Belief:
         ("rest_position", noise.standstill_position),
         ("rest_orientation", noise.standstill_orientation),
     ):
-        belief = spkf.renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
+        belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
     return belief
 
 
-def _walked(problem: Problem, belief: Belief, item: Update) -> Belief:
-    """Return the belief with the random walks of offsets that come before an update."""
-    for name, density in problem.offset_walk.items():
-        if density > 0.0 and name in problem.layout:
-            elapsed = float(problem.signal.stamps[item.last] - problem.signal.stamps[item.first])
-            belief = spkf.widen(problem.layout, belief, name, density * elapsed**0.5)
-    return belief
+def _history(problem: Problem, record: filtering.Record) -> History:
+    """Return what happened at every update, worked out for all of them together."""
+    at_rest = np.array([item.rest is not None for item in problem.updates])
+    reference = problem.reference
+    given = [reference.positions is not None, reference.quaternions is not None]
+    n = len(problem.updates)
+    degrees, nis, log_likelihood = np.empty(n), np.empty(n), np.empty(n)
+    wide = np.full((4, n, filtering.MEASURED), np.nan)
+    correction, variance = np.empty((n, 6)), np.empty((n, 6))
+    for resting in (False, True):
+        which = np.flatnonzero(at_rest == resting)
+        if which.size == 0:
+            continue
+        present = np.flatnonzero(np.repeat([*given, resting], 3))
+        m = present.size
+        S, R, gain = record.factor[which, :m, :m], record.noise[which, :m, :m], record.gain[which, :, :m]
+        white, innovation = record.whitened[which, :m], record.innovation[which, :m]
+        S = np.tril(S)
+        # what is left of an innovation: the noise's covariance times the inverse of the innovation's
+        solved = np.linalg.solve(np.swapaxes(S, 1, 2), white[..., None])
+        parts = (white, innovation, (R @ solved)[..., 0], np.diagonal(R, axis1=1, axis2=2))
+        for row, part in zip(wide, parts, strict=True):
+            row[np.ix_(which, present)] = part
+        degrees[which] = m
+        nis[which] = np.sum(white**2, axis=1)
+        log_likelihood[which] = -0.5 * nis[which] - np.log(np.diagonal(S, axis1=1, axis2=2)).sum(axis=1)
+        correction[which] = (gain @ white[..., None])[..., 0]
+        variance[which] = np.sum(gain**2, axis=2)
+    seconds = problem.signal.stamps[[item.last for item in problem.updates]]
+    return History(
+        seconds, _estimates(problem, record.mean), record.deviation, at_rest, record.used, nis, degrees,
+        log_likelihood, wide[0], wide[1], wide[2], wide[3], correction, variance,
+    )  # fmt: skip
 
 
-class _Recorder:
-    """Collects what a run leaves at each update; worked out once it is over, for all updates together."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        n = len(problem.updates)
-        self._means = np.empty((n, problem.layout.size))
-        self._deviations = np.empty((n, len(problem.parameter_names)))
-        self._used = np.zeros(n, dtype=bool)
-        self._moving: Indices = np.r_[problem.layout["velocity"], problem.layout["attitude"]]
-        self._steps: list[tuple[spkf.Innovation, Array]] = []
-
-    def add(self, belief: Belief, prediction: spkf.Prediction, factor: Array, *, used: bool) -> None:
-        """Note an update: the belief after it, what was predicted, and the factor of the measurement's noise."""
-        i = len(self._steps)
-        self._means[i] = belief.mean
-        self._deviations[i] = np.sqrt(np.einsum("ij,ij->i", belief.factor, belief.factor))[: self._deviations.shape[1]]
-        self._used[i] = used
-        self._steps.append((prediction.light(self._moving), factor))
-
-    def history(self) -> History:
-        problem, updates = self._problem, self._problem.updates
-        at_rest = np.array([item.rest is not None for item in updates])
-        reference = problem.reference
-        given = [reference.positions is not None, reference.quaternions is not None]
-        n = len(updates)
-        degrees = np.empty(n)
-        nis, log_likelihood = np.empty(n), np.empty(n)
-        wide = np.full((4, n, 9), np.nan)
-        correction, variance = np.empty((n, 6)), np.empty((n, 6))
-        for resting in (False, True):
-            which = np.flatnonzero(at_rest == resting)
-            if which.size == 0:
-                continue
-            present = np.flatnonzero(np.repeat([*given, resting], 3))
-            steps = [self._steps[i] for i in which]
-            S = np.array([step.innovation_factor for step, _ in steps])
-            white = np.array([step.whitened for step, _ in steps])
-            R = np.array([factor @ factor.T for _, factor in steps])
-            gain = np.array([step.gain for step, _ in steps])
-            # what is left of an innovation: the noise's covariance times the inverse of the innovation's
-            solved = np.linalg.solve(np.swapaxes(S, 1, 2), white[..., None])
-            parts = (white, np.array([step.innovation for step, _ in steps]), (R @ solved)[..., 0],
-                     np.diagonal(R, axis1=1, axis2=2))  # fmt: skip
-            for row, part in zip(wide, parts, strict=True):
-                row[np.ix_(which, present)] = part
-            degrees[which] = present.size
-            nis[which] = np.sum(white**2, axis=1)
-            log_likelihood[which] = -0.5 * nis[which] - np.log(np.diagonal(S, axis1=1, axis2=2)).sum(axis=1)
-            correction[which] = (gain @ white[..., None])[..., 0]
-            variance[which] = np.sum(gain**2, axis=2)
-        seconds = problem.signal.stamps[[item.last for item in updates]]
-        return History(
-            seconds, self._estimates(), self._deviations, at_rest, self._used, nis, degrees, log_likelihood,
-            wide[0], wide[1], wide[2], wide[3], correction, variance,
-        )  # fmt: skip
-
-    def _estimates(self) -> Array:
-        """Return one number for each parameter's degree of freedom; the alignment's as its distance from the last."""
-        layout, out = self._problem.layout, []
-        for group in self._problem.groups:
-            value = self._means[:, layout.stored(group)]
-            if group == "alignment":
-                turned = log(multiply(conjugate(value[-1]), value))
-                value = turned[:, : layout[group].stop - layout[group].start]
-            out.append(value)
-        return np.hstack(out) if out else np.empty((len(self._means), 0))
+def _estimates(problem: Problem, means: Array) -> Array:
+    """Return one number for each parameter's degree of freedom; the alignment's as its distance from the last."""
+    layout, out = problem.layout, []
+    for group in problem.groups:
+        value = means[:, layout.stored(group)]
+        if group == "alignment":
+            turned = log(multiply(conjugate(value[-1]), value))
+            value = turned[:, : layout[group].stop - layout[group].start]
+        out.append(value)
+    return np.hstack(out) if out else np.empty((len(means), 0))

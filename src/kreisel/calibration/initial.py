@@ -68,8 +68,8 @@ class ForceFit:
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
     """Return q_rb at every IMU sample, (n, 4): integrated rates held to the reference over seconds."""
     b = fit.K_omega @ fit.k_w0
-    omega = signal.rate_powers[:, 1] @ fit.K_omega.T + b
-    steps = signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b
+    omega = signal.rates @ fit.K_omega.T + b
+    steps = signal.integrals @ fit.K_omega.T + np.diff(signal.stamps)[:, None] * b
     steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
     free = np.empty((signal.stamps.size, 4))
     free[0] = (1.0, 0.0, 0.0, 0.0)
@@ -126,12 +126,12 @@ def attitude_from_positions(
     b = fit.K_omega @ fit.k_w0
     free = np.empty((signal.stamps.size, 4))
     free[0] = (1.0, 0.0, 0.0, 0.0)
-    attitude.accumulate(signal.rate_integrals[:, 1] @ fit.K_omega.T + signal.rate_integrals[:, 0] * b, free)
+    attitude.accumulate(signal.integrals @ fit.K_omega.T + np.diff(signal.stamps)[:, None] * b, free)
     windows = Windows.over(signal, fit.clock, tau)
     shown = windows.second_difference(p)
-    f = signal.force_powers[:, 1]
+    f = signal.accelerations
     if force is not None:
-        omega, alpha = signal.rate_powers[:, 1] @ fit.K_omega.T + b, signal.rate_slopes[:, 1] @ fit.K_omega.T
+        omega, alpha = signal.rates @ fit.K_omega.T + b, signal.slopes @ fit.K_omega.T
         arm = np.cross(alpha, force.lever_arm) + np.cross(omega, np.cross(omega, force.lever_arm))
         f = (f + force.k_a0) @ force.K_a.T - arm
     felt = windows.integrate(apply(free, f))
@@ -173,9 +173,9 @@ def fit_forces(
         First and last IMU second of every rest.
     """
     C = matrix(q)
-    omega = signal.rate_powers[:, 1] @ fit.K_omega.T + fit.K_omega @ fit.k_w0
-    alpha = signal.rate_slopes[:, 1] @ fit.K_omega.T
-    a = signal.force_powers[:, 1]
+    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
+    alpha = signal.slopes @ fit.K_omega.T
+    a = signal.accelerations
     columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
     columns += [C[:, :, j] for j in range(3)]
     columns += [-field_column(C, omega, alpha, j) for j in range(3)]

@@ -6,40 +6,52 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kreisel._kernels import attitude, composition, rotation
-from kreisel.estimation import filter as spkf
-from kreisel.estimation.filter import triangularise
-from kreisel.estimation.sigma_points import weights
+from kreisel._kernels import attitude, filtering, quadrature
+from kreisel.estimation.filter import Belief, triangularise, widen
 from kreisel.estimation.state import Part, StateLayout
-from kreisel.geometry.rotation import Array
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.inertial.strapdown import InertialSignal, SensorColumns, navigate, noise_covariance, preintegrate, prepare
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import Samples, navigate, prepare
 
 
-class _Still:
-    """A transition in which nothing moves."""
-
-    def propagate(self, points: Array) -> Array:
-        return points
-
-    def process_noise(self) -> Array:
-        return np.eye(3)
-
-    def observe(self, points: Array) -> tuple[Array, Array]:
-        return points[:3] - points[:3, :1], np.zeros(3)
-
-
-def _filter_step() -> None:
+def _filter() -> None:
+    """Run the filter over no updates: nothing is computed, all of it compiled."""
     layout = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
-    belief = spkf.Belief(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(6))
-    step = spkf.predict(layout, belief, _Still(), weights("central-difference", 6), np.eye(3), 3)
-    belief = spkf.update(layout, step)
-    spkf.widen(layout, belief, "held", 1.0)
+    number, numbers, table, block = np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 1))
+    index, flags, rows = np.zeros(1, dtype=np.int64), np.zeros(2, dtype=bool), filtering.Rows
+    some = rows(index, number)
+    model = filtering.Model(
+        layout.table, layout.table, number, some, some, some, some, index, index, index, index, 1, 1.0, True, 0.0, 0.0,
+        number, number, index, number, 0.02,
+    )  # fmt: skip
+    samples = Samples(number, index, numbers, numbers, table, table, table, table, numbers, numbers)
+    steps = filtering.Steps(index, index, number, flags, numbers, numbers, flags, block)
+    record = filtering.Record(numbers, numbers, flags, numbers, numbers, block, block, block)
+    filtering.run(model, samples, steps, 0, 0, number, 1, number.copy(), numbers.copy(), record, index)
 
 
-def _share_path(signal: InertialSignal, one: SensorColumns) -> None:
-    columns = SensorColumns(one.rate, np.repeat(one.force, 2, axis=-1), one.K_omega, one.K_a)
-    preintegrate(signal, 2, 4, columns)
+def _belief() -> None:
+    layout = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
+    belief = widen(layout, Belief(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(6)), "held", 1.0)
+    triangularise(np.hstack([belief.factor, np.eye(6)]))
+    layout.minus(layout.plus(belief.mean, np.zeros((6, 1))), belief.mean)
+
+
+def _navigation() -> None:
+    still = np.zeros((12, 3))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    signal = prepare(np.arange(12.0), still, still)
+    navigate(signal, SensorParameters.ideal(), level, still[0], still[0], still[0], still[0])
+
+
+_STEPS: tuple[Callable[[], None], ...] = (
+    _navigation,
+    _belief,
+    lambda: attitude.accumulate(np.zeros((2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))),
+    lambda: quadrature.double_integral(
+        np.arange(3.0), np.zeros((3, 3)), np.zeros(1, dtype=np.int64), np.zeros(1), np.empty((1, 3))
+    ),
+    _filter,
+)
 
 
 def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
@@ -50,29 +62,7 @@ def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
     progress
         Called with the share done.
     """
-    ideal = SensorParameters.ideal()
-    level = np.array([1.0, 0.0, 0.0, 0.0])
-    one, vector, zero = level[:, None].copy(), np.zeros((3, 1)), np.zeros(1, dtype=np.int64)
-    columns = SensorColumns.single(ideal, SizeEffect.COMPLETED)
-    signal = prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))
-    steps: list[Callable[[], object]] = [
-        lambda: navigate(signal, ideal, level, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)),
-        lambda: _share_path(signal, columns),
-        lambda: noise_covariance(signal, 2, 4, preintegrate(signal, 2, 4, columns), columns),
-        lambda: composition.navigation_noise(np.eye(9), level, level, np.empty((9, 9))),
-        lambda: composition.gather(one, zero, zero, np.zeros(1), np.empty((1, 1))),
-        lambda: composition.environment(0.0, 0.0, one, np.zeros((2, 1)), np.zeros(1), vector.copy(), vector.copy()),
-        lambda: composition.pose_at(
-            np.zeros(1), 1.0, 1.0, zero, zero, one, vector, vector, np.zeros((3, 3, 1)), vector, vector, one, vector,
-            vector, one.copy(), vector.copy(),
-        ),
-        lambda: rotation.plus(one, np.zeros((3, 1)), one.copy()),
-        lambda: rotation.minus(one, one, np.zeros((3, 1))),
-        lambda: attitude.accumulate(np.zeros((2, 3)), np.tile(level, (3, 1))),
-        lambda: triangularise(np.eye(2)),
-        _filter_step,
-    ]  # fmt: skip
-    for i, step in enumerate(steps):
+    for i, step in enumerate(_STEPS):
         step()
         if progress is not None:
-            progress((i + 1) / len(steps))
+            progress((i + 1) / len(_STEPS))

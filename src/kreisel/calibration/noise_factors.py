@@ -128,18 +128,17 @@ def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
             jitter_orientation=noise.jitter_orientation * factors.standstill,
             velocity=noise.velocity * factors.standstill,
         ),
-        signal=replace(
-            signal,
-            rate_variance=signal.rate_variance * factors.gyro**2,
-            force_variance=signal.force_variance * factors.accel**2,
-        ),
+        signal=signal.with_noise(factors.gyro, factors.accel),
     )
 
 
 def imu_density(problem: Problem) -> tuple[float, float]:
     """Return the noise densities believed in, gyro and accelerometer, rms over the axes, SI."""
     dt = np.diff(problem.signal.stamps)[:, None]
-    variance = [np.median(v / dt, axis=0).mean() for v in (problem.signal.rate_variance, problem.signal.force_variance)]
+    variance = [
+        np.median(v / dt, axis=0).mean()
+        for v in (problem.signal.samples.rate_variance, problem.signal.samples.force_variance)
+    ]
     return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
 
 

@@ -17,10 +17,9 @@ from kreisel.inertial.sensor_model import (
     FORMULA,
     SensorParameters,
     SizeEffect,
-    correct_angular_rate,
     correct_specific_force,
 )
-from kreisel.inertial.strapdown import prepare
+from kreisel.inertial.strapdown import SensorColumns, prepare
 
 SCHEMA = "kreisel/calibration/1"
 
@@ -87,11 +86,8 @@ class Calibration:
         raw, a = np.asarray(rates, dtype=float), np.asarray(accelerations, dtype=float)
         sensors = self.sensors
         signal = prepare(stamps - stamps[0], raw, a, order=sensors.k_w.shape[0])
-        omega = correct_angular_rate(raw, sensors)
-        slope = signal.rate_slopes[:, 1] + sum(
-            sensors.k_w[i] * signal.rate_slopes[:, i + 1] for i in range(1, sensors.k_w.shape[0])
-        )
-        alpha = slope @ sensors.K_omega.T
+        columns = SensorColumns.single(sensors, self.size_effect)
+        omega, alpha = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.slopes))
         return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:

@@ -44,7 +44,7 @@ class StateLayout:
     """Parts of a state in their order.
 
     ``layout["velocity"]`` is the slice of that part in a change of the state, ``layout.stored("velocity")``
-    that in the stored state.
+    that in the stored state. ``table`` (parts, 4) is the same for `_kernels.manifold`.
     """
 
     def __init__(self, parts: Sequence[Part]) -> None:
@@ -60,7 +60,7 @@ class StateLayout:
         self.degrees = degree
         self.size = place
         rows = [(self[p.name].start, p.degrees, self.stored(p.name).start, int(p.rotation)) for p in self.parts]
-        self._table = np.array(rows, dtype=np.int64).reshape(-1, 4)
+        self.table = np.array(rows, dtype=np.int64).reshape(-1, 4)
         self._tails: dict[int, StateLayout] = {}
 
     def __contains__(self, name: str) -> bool:
@@ -86,11 +86,11 @@ class StateLayout:
     def plus(self, x: Array, change: Array) -> Array:
         """Return the states (size, m) that lie changes (degrees, m) away from the state x (size,)."""
         out = np.empty((self.size, change.shape[1]))
-        manifold.plus(self._table, x, change, out)
+        manifold.plus(self.table, x, change, out)
         return out
 
     def minus(self, states: Array, x: Array) -> Array:
         """Return the changes (degrees, m) that lead from the state x (size,) to states (size, m)."""
         out = np.empty((self.degrees, states.shape[1]))
-        manifold.minus(self._table, np.ascontiguousarray(states), x, out)
+        manifold.minus(self.table, np.ascontiguousarray(states), x, out)
         return out

@@ -70,15 +70,14 @@ class SensorParameters:
 
 
 def powers(raw: Array, order: int) -> Array:
-    """Return the powers 0 to `order` of raw readings (n, 3), as (n, order + 1, 3)."""
-    return np.stack([raw**i for i in range(order + 1)], axis=1)
+    """Return 1 and the powers 1 to `order` of raw readings (n, 3), power by power, as (1 + 3 order, n)."""
+    return np.vstack([np.ones(raw.shape[0]), *(raw.T**i for i in range(1, order + 1))])
 
 
 def power_slopes(raw: Array, slope: Array, order: int) -> Array:
-    """Return the time derivatives of `powers`, given those of the readings, (n, order + 1, 3)."""
-    parts = [np.zeros_like(raw), slope]
-    parts += [i * raw ** (i - 1) * slope for i in range(2, order + 1)]
-    return np.stack(parts, axis=1)
+    """Return the time derivatives of `powers`, given those of the readings, (1 + 3 order, n)."""
+    first = [np.zeros(raw.shape[0]), slope.T]
+    return np.vstack([*first, *((i * raw ** (i - 1) * slope).T for i in range(2, order + 1))])
 
 
 def polynomial(raw: Array, coefficients: Array) -> Array:

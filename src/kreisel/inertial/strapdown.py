@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,40 +16,85 @@ _NOISE_STEP = 0.02
 """Seconds of readings whose noise is taken together."""
 
 
-@dataclass(frozen=True)
-class InertialSignal:
-    """Raw readings with all that is common to every set of sensor parameters.
+class Samples(NamedTuple):
+    """Readings with all that is common to every set of sensor parameters, as the kernels use them.
 
     Attributes
     ----------
     stamps : (n,)
         Seconds since the first sample.
-    segments
-        First and last sample (inclusive) of every unbroken stretch, each of six samples or more.
-    base, single, double
+    base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
         Stencils of `_kernels.quadrature`.
-    rate_powers, rate_slopes, force_powers : (n, N + 1, 3)
-    rate_integrals : (n - 1, N + 1, 3)
+    rates, slopes : (P, n)
+        Features of the rate and their derivatives, P = 1 + 3 N: see `_kernels.preintegration`.
+    integrals : (P, n - 1)
+        Integrals of the features over each sampling interval.
+    forces : (3 N, n)
+        Powers of the accelerometers' readings.
     rate_variance, force_variance : (n - 1, 3)
         Variance of the noise's integral over each sampling interval.
     """
 
     stamps: Array
-    segments: tuple[tuple[int, int], ...]
-    base: np.ndarray[tuple[int], np.dtype[np.int64]]
+    base: Indices
     single: Array
     double: Array
-    rate_powers: Array
-    rate_slopes: Array
-    rate_integrals: Array
-    force_powers: Array
+    rates: Array
+    slopes: Array
+    integrals: Array
+    forces: Array
     rate_variance: Array
     force_variance: Array
 
+
+@dataclass(frozen=True)
+class InertialSignal:
+    """Raw readings made ready for integration.
+
+    Attributes
+    ----------
+    samples
+        All readings with their stencils, derivatives and integrals.
+    segments
+        First and last sample (inclusive) of every unbroken stretch, each of six samples or more.
+    order
+        Polynomial order N it was made ready for.
+    """
+
+    samples: Samples
+    segments: tuple[tuple[int, int], ...]
+    order: int
+
     @property
-    def order(self) -> int:
-        """Polynomial order N the signal was prepared for."""
-        return self.rate_powers.shape[1] - 1
+    def stamps(self) -> Array:
+        """Seconds since the first sample, (n,)."""
+        return self.samples.stamps
+
+    @property
+    def rates(self) -> Array:
+        """Raw rates, (n, 3)."""
+        return self.samples.rates[1:4].T
+
+    @property
+    def slopes(self) -> Array:
+        """Derivatives of the raw rates, (n, 3)."""
+        return self.samples.slopes[1:4].T
+
+    @property
+    def integrals(self) -> Array:
+        """Integrals of the raw rates over each sampling interval, (n - 1, 3)."""
+        return self.samples.integrals[1:4].T
+
+    @property
+    def accelerations(self) -> Array:
+        """Raw accelerations, (n, 3)."""
+        return self.samples.forces[:3].T
+
+    def with_noise(self, gyro: float, accel: float) -> InertialSignal:
+        """Return the signal with its noise's standard deviations multiplied by factors."""
+        s = self.samples
+        changed = s._replace(rate_variance=s.rate_variance * gyro**2, force_variance=s.force_variance * accel**2)
+        return replace(self, samples=changed)
 
     def segment_of(self, sample: int) -> int | None:
         """Return the index of the segment a sample lies in, or None."""
@@ -62,12 +108,13 @@ class InertialSignal:
 class SensorColumns:
     """Sensor parameters for many sigma points, as the coefficients the kernels work with.
 
-    `rate` (1 + 3 N, 3, m) and `force` (10 + 3 N, 3, m): see `_kernels.preintegration`. `force` may have
-    more columns: those beyond the m turn as the first does.
+    `rate` and `force` (P, 3, m), (features, 3, m), and `shared` (features, 3, M - m), whose columns turn as the
+    first of `rate` does: see `_kernels.preintegration`.
     """
 
     rate: Array
     force: Array
+    shared: Array
     K_omega: Array
     K_a: Array
 
@@ -76,12 +123,17 @@ class SensorColumns:
         cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
     ) -> SensorColumns:
         """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
-        order = k_w.shape[0]
-        rate = np.empty((1 + 3 * order, 3, K_omega.shape[-1]))
-        force = np.empty((1 + 3 * order + preintegration.QUADRATIC, 3, K_a.shape[-1]))
+        order, turning = k_w.shape[0], K_omega.shape[-1]
+        rate = np.empty((1 + 3 * order, 3, turning))
         preintegration.rate_coefficients(K_omega, k_w, rate)
-        preintegration.force_coefficients(K_a, k_a, lever_arms, form.products, form.inside, force)
-        return cls(rate, force, K_omega[..., 0].copy(), K_a[..., 0].copy())
+        features = preintegration.force_features(1 + 3 * order, order)
+        parts = []
+        for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1].copy(), slice(turning, None))):
+            accel = [np.ascontiguousarray(part[..., chosen]) for part in (K_a, k_a, lever_arms)]
+            out = np.empty((features, 3, accel[0].shape[-1]))
+            preintegration.force_coefficients(turns, accel[0], accel[1], accel[2], form.products, form.inside, out)
+            parts.append(out)
+        return cls(rate, parts[0], parts[1], K_omega[..., 0].copy(), K_a[..., 0].copy())
 
     @classmethod
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
@@ -135,7 +187,7 @@ def prepare(
     segments
         Unbroken stretches as pairs of first and last sample; all samples by default.
     rate_variance, force_variance : (n - 1, 3)
-        See `InertialSignal`; zero by default.
+        See `Samples`; zero by default.
     """
     n = stamps.size
     segments = ((0, n - 1),) if segments is None else segments
@@ -158,26 +210,23 @@ def prepare(
     _straighten(between, stamps, base, single, double)
     slope = np.empty_like(rates)
     quadrature.differentiate(stamps, first, rates, slope)
-    rate_powers = powers(rates, order)
-    rate_integrals = np.empty((n - 1, order + 1, 3))
-    for i in range(order + 1):
-        integral = np.empty((n - 1, 3))
-        quadrature.integrate_intervals(base, single, np.ascontiguousarray(rate_powers[:, i]), integral)
-        rate_integrals[:, i] = integral
+    features = powers(rates, order)
+    integrals = np.empty((features.shape[0], n - 1))
+    quadrature.integrate_intervals(base, single, features, integrals)
     zero = np.zeros((n - 1, 3))
-    return InertialSignal(
+    samples = Samples(
         stamps=stamps,
-        segments=segments,
         base=base,
         single=single,
         double=double,
-        rate_powers=rate_powers,
-        rate_slopes=power_slopes(rates, slope, order),
-        rate_integrals=rate_integrals,
-        force_powers=powers(accelerations, order),
+        rates=features,
+        slopes=power_slopes(rates, slope, order),
+        integrals=integrals,
+        forces=powers(accelerations, order)[1:],
         rate_variance=zero if rate_variance is None else rate_variance,
         force_variance=zero if force_variance is None else force_variance,
     )
+    return InertialSignal(samples, segments, order)
 
 
 def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, double: Array) -> None:
@@ -191,16 +240,15 @@ def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, d
 
 def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
     """Return the first and last sample that enter the integrals from sample `first` to `last`."""
-    return min(first, int(signal.base[first])), max(last, int(signal.base[last - 1]) + quadrature.POINTS - 1)
+    base = signal.samples.base
+    return min(int(base[first]), last - 1), max(last, int(base[last - 1]) + quadrature.POINTS - 1)
 
 
 def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns) -> Increment:
     """Return the motion from sample `first` to sample `last` for every column of parameters."""
-    turning, m = columns.rate.shape[-1], columns.force.shape[-1]
+    m = columns.force.shape[-1] + columns.shared.shape[-1]
     low, high = reach(signal, first, last)
     count = high - low + 1
-    weights = np.empty((2, count))
-    preintegration.outer_weights(first, last, signal.stamps, signal.base, signal.single, signal.double, low, weights)
     out = Increment(
         duration=float(signal.stamps[last] - signal.stamps[first]),
         dq=np.empty((4, m)),
@@ -213,20 +261,10 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         q_path=np.empty((count, 4)),
         low=low,
     )
-    turns = np.empty((count, 6))
-    own = columns.force if turning == m else np.ascontiguousarray(columns.force[..., :turning])
     preintegration.preintegrate(
-        first, last, low, high, signal.stamps, weights,
-        signal.rate_powers, signal.rate_slopes, signal.rate_integrals, signal.force_powers,
-        columns.rate, own,
-        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path, turns,
+        first, last, low, high, signal.samples, columns.rate, columns.force, columns.shared,
+        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path,
     )  # fmt: skip
-    if m > turning:
-        preintegration.share_path(
-            turning, last, low, weights, signal.force_powers, out.q_path, turns,
-            np.ascontiguousarray(columns.force[..., turning:]),
-            out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end,
-        )  # fmt: skip
     return out
 
 
@@ -239,8 +277,7 @@ def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increm
     Q = np.empty((9, 9))
     every = max(1, int(_NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
     preintegration.noise_covariance(
-        first, last, step.low, every, signal.stamps, step.u_path, step.q_path,
-        signal.rate_variance, signal.force_variance, columns.K_omega, columns.K_a, Q,
+        first, last, step.low, every, signal.samples, step.u_path, step.q_path, columns.K_omega, columns.K_a, Q,
     )  # fmt: skip
     return Q
 

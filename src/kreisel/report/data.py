@@ -220,7 +220,7 @@ def telling_stretch(outcome: Outcome) -> slice:
     enough apart.
     """
     signal, history = outcome.problem.signal, outcome.estimate.run.history
-    t, omega = signal.stamps, signal.rate_powers[:, 1]
+    t, omega = signal.stamps, signal.rates
     energy = np.zeros((t.size, 3))
     np.cumsum(omega[:-1] ** 2 * np.diff(t)[:, None], axis=0, out=energy[1:])
     best, chosen = -1.0, slice(signal.segments[0][0], signal.segments[0][1] + 1)
@@ -279,7 +279,7 @@ def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
     )
     t = signal.stamps[stretch]
     s = parameters.sensors
-    omega = polynomial(signal.rate_powers[stretch, 1], s.k_w) @ s.K_omega.T
+    omega = polynomial(signal.rates[stretch], s.k_w) @ s.K_omega.T
     felt = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
@@ -370,7 +370,7 @@ def _difference(outcome: Outcome, stretch: slice) -> Difference:
     )
     segment = signal.segments[signal.segment_of(stretch.start) or 0]
     wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))
-    rates, forces = signal.rate_powers[wide, 1], signal.force_powers[wide, 1]
+    rates, forces = signal.rates[wide], signal.accelerations[wide]
     omega, f = outcome.calibration.correct(rates, forces, signal.stamps[wide])
     cut = slice(stretch.start - wide.start, stretch.stop - wide.start)
     t = signal.stamps[stretch]

@@ -67,7 +67,7 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
 
 def _silent(signal: InertialSignal) -> str:
     """Return a sentence about a gyro that hardly moves while the others do; nothing where there is none."""
-    moved = np.std(signal.rate_powers[:, 1], axis=0)
+    moved = np.std(signal.rates, axis=0)
     if moved.min() > 0.03 * moved.max():
         return ""
     return f" w_{'xyz'[int(np.argmin(moved))]} hardly moves at all: does it work?"
@@ -111,7 +111,7 @@ def acceleration_share(signal: InertialSignal, reference: ReferencePoses, q: Arr
     k = np.clip(np.searchsorted(t, signal.stamps) - 1, 0, t.size - 2)
     part = np.clip((signal.stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)
     C = matrix(multiply(q[k], exp(part[:, None] * log(multiply(conjugate(q[k]), q[k + 1])))))
-    felt = np.einsum("nij,nk->nijk", C, signal.force_powers[:, 1]).reshape(signal.stamps.size, 27)
+    felt = np.einsum("nij,nk->nijk", C, signal.accelerations).reshape(signal.stamps.size, 27)
     half = max(_HALF_WINDOW, 3.0 * reference.interval)
     low, high = max(t[0], signal.stamps[0]) + half, min(t[-1], signal.stamps[-1]) - half
     middle = np.arange(low, high, half)

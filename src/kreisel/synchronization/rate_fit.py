@@ -98,9 +98,9 @@ def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> 
     t = signal.stamps
     t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
     inside = (t1 > t[1]) & (t2 < t[-2]) & _unbroken(signal, t1, t2)
-    integral = np.vstack([np.zeros(3), np.cumsum(signal.rate_integrals[:, 1], axis=0)])
+    integral = np.vstack([np.zeros(3), np.cumsum(signal.integrals, axis=0)])
     at = [np.column_stack([np.interp(s[inside], t, integral[:, i]) for i in range(3)]) for s in (t1, t2)]
-    rate = [np.column_stack([np.interp(s[inside], t, signal.rate_powers[:, 1, i]) for i in range(3)]) for s in (t1, t2)]
+    rate = [np.column_stack([np.interp(s[inside], t, signal.rates[:, i]) for i in range(3)]) for s in (t1, t2)]
     return at[1] - at[0], (t2 - t1)[inside], rate[1] - rate[0], inside
 
 
@@ -207,8 +207,8 @@ class _Comparison:
 
 
 def _compare(signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
-    steps = signal.rate_integrals[:, 1] @ K.T + signal.rate_integrals[:, 0] * b
-    omega = signal.rate_powers[:, 1] @ K.T + b
+    steps = signal.integrals @ K.T + np.diff(signal.stamps)[:, None] * b
+    omega = signal.rates @ K.T + b
     dt = np.diff(signal.stamps)[:, None]
     steps = steps + dt**2 / 12.0 * np.cross(omega[:-1], omega[1:])
     q = np.empty((signal.stamps.size, 4))

@@ -5,53 +5,49 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kreisel._kernels import filtering
 from kreisel.errors import SettingsError
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds
-from kreisel.estimation.filter import Belief, draw, predict, renew, triangularise, update, widen
+from kreisel.estimation.filter import Belief, renew, triangularise, widen
 from kreisel.estimation.sigma_points import WEIGHTS, weights
 from kreisel.estimation.state import Part, StateLayout
 
 
-class Linear:
-    """x' = F x + noise, z = H x + noise."""
-
-    def __init__(self, F, H, noise, z):
-        self.F, self.H, self.noise, self.z = F, H, noise, z
-
-    def propagate(self, points):
-        return self.F @ points
-
-    def process_noise(self):
-        return self.noise
-
-    def observe(self, points):
-        return self.H @ (points - points[:, :1]), self.z - self.H @ points[:, 0]
-
-
 @pytest.mark.parametrize("name", list(WEIGHTS))
-def test_linear_problems_give_the_kalman_filter(name):
+@pytest.mark.parametrize("gate", [np.inf, 0.0])
+def test_linear_problems_give_the_kalman_filter(name, gate):
+    """x' = F x + noise, z = H x' + noise; with the gate closed, the prediction alone."""
     rng = np.random.default_rng(1)
-    n, m, changing = 6, 3, 2
+    n, m, changing, k = 6, 3, 2, 2
     F = np.eye(n)
     F[-changing:] += rng.normal(0, 0.3, (changing, n))
     H, R = rng.normal(size=(m, n)), np.diag(rng.uniform(0.1, 0.5, m))
-    noise = rng.normal(0, 0.2, (changing, 2))
-    Q = np.vstack([np.zeros((n - changing, 2)), noise])
+    noise = rng.normal(0, 0.2, (changing, k))
+    Q = np.vstack([np.zeros((n - changing, k)), noise])
     A = rng.normal(size=(n, n))
     P, x, z = A @ A.T, rng.normal(size=n), rng.normal(size=m)
     layout = StateLayout([Part("held", n - changing), Part("moving", changing)])
-    belief = Belief(x, np.linalg.cholesky(P))
-    prediction = predict(layout, belief, Linear(F, H, noise, z), weights(name, n), R, changing)
-    posterior = update(layout, prediction)
+    w = weights(name, n)
+    figures = np.array([w.spread, w.mean, w.second, w.shift, w.centre])
+    mean, upper, points = x.copy(), np.linalg.cholesky(P).T.copy(), np.empty((n, 2 * n + 1))
+    filtering.draw(layout.table, mean, upper, w.spread, points)
+    points = F @ points
+    centre = points[:, :1]
+    used, factor, whitened, gain = filtering.use(
+        layout.table, layout.tail(changing).table, figures, mean, upper, H @ (points - centre),
+        np.hstack([H @ Q, -H @ Q]), z - H @ points[:, 0], noise, points, R, gate,
+    )  # fmt: skip
 
     P1 = F @ P @ F.T + Q @ Q.T
     S = H @ P1 @ H.T + R @ R.T
     K = P1 @ H.T @ np.linalg.inv(S)
-    np.testing.assert_allclose(prediction.belief.covariance, P1, atol=1e-9)
-    np.testing.assert_allclose(prediction.innovation_factor @ prediction.innovation_factor.T, S, atol=1e-9)
-    np.testing.assert_allclose(posterior.mean, F @ x + K @ (z - H @ F @ x), atol=1e-9)
-    np.testing.assert_allclose(posterior.covariance, P1 - K @ S @ K.T, atol=1e-9)
-    assert np.all(np.triu(posterior.factor, 1) == 0.0)
+    assert used == (gate > 0.0)
+    np.testing.assert_allclose(factor @ factor.T, S, atol=1e-9)
+    np.testing.assert_allclose(factor @ whitened, z - H @ F @ x, atol=1e-9)
+    np.testing.assert_allclose(gain @ factor.T, P1 @ H.T, atol=1e-9)
+    np.testing.assert_allclose(mean, F @ x + (K @ (z - H @ F @ x) if used else 0.0), atol=1e-9)
+    np.testing.assert_allclose(upper.T @ upper, P1 - (K @ S @ K.T if used else 0.0), atol=1e-9)
+    assert np.all(np.tril(upper, -1) == 0.0)
 
 
 @given(st.integers(1, 8), st.integers(1, 20), st.integers(0, 2**32 - 1))
@@ -85,12 +81,10 @@ def test_layout_names_slices():
 
 def test_sigma_points_have_the_beliefs_spread():
     rng = np.random.default_rng(0)
-    layout = StateLayout([Part("x", 4)])
-    belief = Belief(rng.normal(size=4), np.tril(rng.normal(size=(4, 4))))
-    w = weights("unscented", 4)
-    points = draw(layout, belief, w)
-    spread = points[:, 1:] - belief.mean[:, None]
-    np.testing.assert_allclose(spread @ spread.T / (2 * w.spread**2), belief.covariance, atol=1e-12)
+    mean, factor, points = rng.normal(size=4), np.tril(rng.normal(size=(4, 4))), np.empty((4, 9))
+    filtering.draw(StateLayout([Part("x", 4)]).table, mean, factor.T.copy(), 2.0, points)
+    spread = points[:, 1:] - mean[:, None]
+    np.testing.assert_allclose(spread @ spread.T / (2 * 2.0**2), factor @ factor.T, atol=1e-12)
 
 
 def test_renewed_part_is_independent():

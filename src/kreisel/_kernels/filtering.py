@@ -1,0 +1,555 @@
+"""The filter over many updates without leaving compiled code: sigma points, motion, measurement, update.
+
+What is general about the filter (drawing points, putting them together, using a measurement) knows nothing
+of the cell; what is known of the cell stands in a `Model`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from kreisel._kernels import composition, manifold, preintegration, rotation, triangular
+from kreisel._kernels.compilation import kernel
+from kreisel._kernels.quadrature import POINTS
+
+SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
+"""Places of the figures of `estimation.sigma_points.SigmaWeights`."""
+
+VELOCITY, POSITION, ATTITUDE, REST_POSITION, REST_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
+"""Places of parts in `Model.stored`."""
+
+AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL, STAMP = range(6)
+"""Places of figures in `Model.noise`: reference on the path and at rest, velocity at rest, stamps."""
+
+LEAST = 1e-9
+"""Share of a deviation whose square is lost beside it in rounding."""
+
+MEASURED = 9
+"""Most numbers a measurement has: position, orientation, velocity."""
+
+
+class Rows(NamedTuple):
+    """Where some numbers of the model come from: rows of the stored state, or, where -1, known values."""
+
+    source: np.ndarray
+    known: np.ndarray
+
+
+class Model(NamedTuple):
+    """What a cell's filter needs to know besides state, readings and poses.
+
+    Attributes
+    ----------
+    parts, tail : (p, 4), (t, 4)
+        Tables of `manifold` for the state, and for its last parts alone, which change between updates.
+    weights : (5,)
+        See `SPREAD`.
+    gyro, accel, around, robot : Rows
+        Sensor parameters; alignment, north, gravity, time offset and skew; errors of the robot.
+    turning, sharing : (a,), (b,)
+        Sigma points with gyro parameters of their own, the centre first, and with accelerometer parameters.
+    which : (2 n + 1,)
+        For every sigma point its column among these.
+    stored : (7,)
+        Where parts lie in the stored state, -1 where they are not in it.
+    order, products, inside
+        Of the sensor model; see `preintegration.force_coefficients`.
+    level, down
+        Earth rate in north and down, rad/s.
+    noise : (6,)
+        Standard deviations; see `AT_POSITION`.
+    lasting : (3,)
+        How long the reference's errors last, s, and their deviations in position and orientation.
+    walking, walk : (w,)
+        Degrees of freedom that walk, and their densities.
+    noise_step
+        Seconds of readings whose noise is taken together.
+    """
+
+    parts: np.ndarray
+    tail: np.ndarray
+    weights: np.ndarray
+    gyro: Rows
+    accel: Rows
+    around: Rows
+    robot: Rows
+    turning: np.ndarray
+    sharing: np.ndarray
+    which: np.ndarray
+    stored: np.ndarray
+    order: int
+    products: float
+    inside: bool
+    level: float
+    down: float
+    noise: np.ndarray
+    lasting: np.ndarray
+    walking: np.ndarray
+    walk: np.ndarray
+    noise_step: float
+
+
+class Steps(NamedTuple):
+    """Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
+
+    first, last, tau, resting (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says whether
+    they are measured; regressor (u, 6, e), with e = 0 without a robot.
+    """
+
+    first: np.ndarray
+    last: np.ndarray
+    tau: np.ndarray
+    resting: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    given: np.ndarray
+    regressor: np.ndarray
+
+
+class Record(NamedTuple):
+    """What updates leave: see `calibration.filter_run.History`.
+
+    mean (u, size), deviation (u, n), used (u,); innovation and whitened (u, 9), their factor and the
+    noise's covariance (u, 9, 9), gain of velocity and attitude (u, 6, 9). Of the nines the first m count.
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+    used: np.ndarray
+    innovation: np.ndarray
+    whitened: np.ndarray
+    factor: np.ndarray
+    noise: np.ndarray
+    gain: np.ndarray
+
+
+# ---- the filter ----
+
+
+@kernel
+def draw(parts, mean, upper, spread, points):
+    """Write the sigma points (size, 2 n + 1): centre, then all in plus, then all in minus direction."""
+    n = upper.shape[0]
+    change = np.zeros((n, 2 * n + 1))
+    for i in range(n):
+        for j in range(i + 1):
+            d = spread * upper[j, i]
+            change[i, 1 + j] = d
+            change[i, 1 + n + j] = -d
+    manifold.plus(parts, mean, change, points)
+
+
+@kernel
+def recombine(distance, w, first, further, shift):
+    """Put distances of sigma points from the centre together: see `estimation.sigma_points.SigmaWeights`.
+
+    Parameters
+    ----------
+    distance : (r, 2 n + 1)
+    first : (r, n)
+    further : (at least n + 2, r)
+        Further columns, as rows.
+    shift : (r,)
+
+    Returns
+    -------
+    int
+        How many rows of `further` were written: only those whose squares are not lost in rounding.
+    """
+    r, n = first.shape
+    least = np.empty(r)
+    for i in range(r):
+        total = 0.0
+        for j in range(n):
+            first[i, j] = (distance[i, 1 + j] - distance[i, 1 + n + j]) / (2.0 * w[SPREAD])
+            total += distance[i, 1 + j] + distance[i, 1 + n + j]
+        shift[i] = w[MEAN] * total
+        least[i] = LEAST * math.sqrt(np.sum(first[i] ** 2))
+    rows = 0
+    for j in range(n if w[SECOND] > 0.0 else 0):
+        counts = False
+        for i in range(r):
+            both = distance[i, 1 + j] + distance[i, 1 + n + j]
+            further[rows, i] = w[SECOND] * (both - 2.0 * w[SHIFT] * shift[i])
+            counts = counts or abs(further[rows, i]) > least[i]
+        rows += 1 if counts else 0
+    if w[CENTRE] > 0.0:
+        for i in range(r):
+            further[rows, i] = w[CENTRE] * shift[i]
+        rows += 1
+    further[rows] = 0.0
+    return rows
+
+
+@kernel
+def deviations(upper, out):
+    """Write the standard deviations of the first degrees of freedom."""
+    out[:] = 0.0
+    for r in range(out.size):
+        for j in range(r, out.size):
+            out[j] += upper[r, j] * upper[r, j]
+    out[:] = np.sqrt(out)
+
+
+@kernel
+def correct(parts, mean, gain, whitened):
+    """Move a mean (size,) in place by gain (n, m) times whitened (m,)."""
+    n, m = gain.shape
+    change = np.zeros((n, 1))
+    for i in range(n):
+        for j in range(m):
+            change[i, 0] += gain[i, j] * whitened[j]
+    out = np.empty((mean.size, 1))
+    manifold.plus(parts, mean, change, out)
+    mean[:] = out[:, 0]
+
+
+@kernel
+def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points, measurement_factor, gate):
+    """Use a measurement that sigma points predict: change the belief in place.
+
+    Parameters
+    ----------
+    mean, upper : (size,), (n, n)
+        The belief before the step, its factor transposed; the one after it on return.
+    seen, seen_noise : (m, 2 n + 1), (m, 2 k)
+        Predicted measurements as distances from the centre's: of the sigma points, and of the centre with noise
+        put in, plus and minus.
+    innovation : (m,)
+        The measurement's distance from the centre's prediction; from the mean prediction on return.
+    noise : (c, k)
+        Columns of noise of the degrees of freedom that have moved.
+    points : (size, 2 n + 1)
+        Sigma points at the update.
+    measurement_factor : (m, e)
+    gate
+        Bound of the normalised innovation squared, beyond which only the prediction is taken over.
+
+    Returns
+    -------
+    bool, (m, m), (m,), (n, m)
+        Whether the measurement was used; factor of the innovation's covariance, the innovation divided by it,
+        and the gain on what is so divided.
+    """
+    n, m, e = upper.shape[0], seen.shape[0], measurement_factor.shape[1]
+    c, k = noise.shape
+    last = tail.shape[0] - 1
+    moving = tail[last, manifold.STORED] + (4 if tail[last, manifold.ROTATION] else tail[last, manifold.DEGREES])
+    at = mean.size - moving
+    centre = points[:, 0].copy()
+    distance = np.empty((m + c, 2 * n + 1))
+    distance[:m] = seen
+    manifold.minus(tail, points[at:], centre[at:], distance[m:])
+    first = np.empty((m + c, n))
+    further = np.zeros((n + 2 + k + e, m + c))
+    shift = np.empty(m + c)
+    rows = recombine(distance, w, first, further, shift)
+    for j in range(k):
+        for r in range(m):
+            further[rows + j, r] = 0.5 * (seen_noise[r, j] - seen_noise[r, k + j])
+        for r in range(c):
+            further[rows + j, m + r] = noise[r, j]
+    further[rows + k : rows + k + e, :m] = measurement_factor.T
+    innovation -= shift[:m]
+    mean[:] = centre
+    if np.any(shift[m:] != 0.0):
+        moved = np.empty((moving, 1))
+        manifold.plus(tail, centre[at:], shift[m:].copy().reshape(c, 1), moved)
+        mean[at:] = moved[:, 0]
+    innovation_factor, whitened = np.empty((m, m)), np.empty(m)
+    gain = np.empty((n, m))
+    before = upper.copy()
+    triangular.condition(first, upper, further[: rows + k + e], innovation, innovation_factor, whitened, gain, upper)
+    used = np.sum(whitened * whitened) <= gate
+    if used:
+        correct(parts, mean, gain, whitened)
+    else:
+        nothing = np.empty((0, 0))
+        triangular.condition(
+            first[m:].copy(), before, further[: rows + k, m:].copy(), whitened[:0], nothing, whitened[:0],
+            np.empty((n, 0)), upper,
+        )  # fmt: skip
+    return used, innovation_factor, whitened, gain
+
+
+# ---- the cell ----
+
+
+@kernel
+def part(points, at, size):
+    """Return so many rows of the stored state."""
+    return points[at : at + size]
+
+
+@kernel
+def rows_of(rows, points, columns):
+    """Return some numbers of the model for some sigma points, (e, m)."""
+    out = np.empty((rows.source.size, columns.size))
+    composition.gather(points, columns, rows.source, rows.known, out)
+    return out
+
+
+@kernel
+def sensor_coefficients(model, points, rate, force, shared):
+    """Write the coefficients of `preintegration` for the sigma points."""
+    order = model.order
+    gyro = rows_of(model.gyro, points, model.turning)
+    m = gyro.shape[1]
+    preintegration.rate_coefficients(gyro[:9].reshape(3, 3, m), gyro[9:].reshape(order, 3, m), rate)
+    for some in range(2):
+        columns = model.turning if some == 0 else model.sharing
+        accel = rows_of(model.accel, points, columns)
+        m = columns.size
+        preintegration.force_coefficients(
+            rate if some == 0 else rate[:, :, :1], accel[:9].reshape(3, 3, m),
+            accel[9 : 9 + 3 * order].reshape(order, 3, m), accel[9 + 3 * order :].reshape(3, 3, m),
+            model.products, model.inside, force if some == 0 else shared,
+        )  # fmt: skip
+
+
+@kernel
+def measurement_noise(model, resting, given, velocity, omega):
+    """Return the factor (m, m + 1) of the measurement noise; the last column is that of the stamps."""
+    m = 3 * (given[0] + given[1] + resting)
+    out = np.zeros((m, m + 1))
+    at = 0
+    for kind in range(2):
+        if given[kind]:
+            for axis in range(3):
+                out[at + axis, at + axis] = model.noise[(JITTER_POSITION if resting else AT_POSITION) + kind]
+                if not resting:
+                    out[at + axis, m] = model.noise[STAMP] * (velocity[axis] if kind == 0 else omega[axis])
+            at += 3
+    if resting:
+        for axis in range(3):
+            out[at + axis, at + axis] = model.noise[STANDSTILL]
+    return out
+
+
+class Motion(NamedTuple):
+    """The motion to an update: what carries sigma points on to the reference's own time, and its noise.
+
+    Columns of omega, alpha (3, M) and force (3, 3, M) are those of `Model.which`; q_first, gravity and earth_rate
+    have one for each sigma point. noise (9, 9): factor of noise in velocity, position and attitude.
+    """
+
+    q_first: np.ndarray
+    omega: np.ndarray
+    alpha: np.ndarray
+    force: np.ndarray
+    gravity: np.ndarray
+    earth_rate: np.ndarray
+    around: np.ndarray
+    noise: np.ndarray
+
+
+@kernel
+def propagate(model, signal, first, last, points):
+    """Carry sigma points from sample `first` to `last`, in place, and return the `Motion`."""
+    at = model.stored
+    turning, sharing, sigma = model.turning.size, model.sharing.size, points.shape[1]
+    P, M = 1 + 3 * model.order, turning + sharing
+    features = preintegration.force_features(P, model.order)
+    rate = np.empty((P, 3, turning))
+    force, shared = np.empty((features, 3, turning)), np.empty((features, 3, sharing))
+    sensor_coefficients(model, points, rate, force, shared)
+    low, high = min(signal.base[first], last - 1), max(last, signal.base[last - 1] + POINTS - 1)
+    dq, dv, dp = np.empty((4, M)), np.empty((3, M)), np.empty((3, M))
+    omega, alpha, u_end = np.empty((3, M)), np.empty((3, M)), np.empty((3, 3, M))
+    u_path, q_path = np.empty((high - low + 1, 3)), np.empty((high - low + 1, 4))
+    preintegration.preintegrate(
+        first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega, alpha, u_end, u_path, q_path
+    )
+    q, v, p = part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3), part(points, at[POSITION], 3)
+    q_first = q.copy()
+    around = rows_of(model.around, points, np.arange(sigma))
+    gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
+    composition.environment(model.level, model.down, around[:4], around[4:6], around[6], gravity, earth_rate)
+    duration = signal.stamps[last] - signal.stamps[first]
+    composition.compose(duration, model.which, dq, dv, dp, gravity, earth_rate, q, v, p)
+
+    taken = max(1, int(model.noise_step * (last - first) / duration)) if duration > 0.0 else 1
+    K_omega, K_a = np.empty((3, 3)), np.empty((3, 3))
+    for row in range(3):
+        for axis in range(3):
+            K_omega[row, axis] = rate[1 + axis, row, 0]
+            K_a[row, axis] = force[P * (P + 1) // 2 + P - 1 + axis, row, 0]
+    Q, noise = np.empty((9, 9)), np.empty((9, 9))
+    preintegration.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
+    composition.navigation_noise(Q, q_first[:, 0].copy(), dq[:, 0].copy(), noise)
+    return Motion(q_first, omega, alpha, u_end, gravity, earth_rate, around, noise)
+
+
+@kernel
+def process_noise(model, navigation, duration, points):
+    """Return noise columns (c, k) of all that changes, and let lasting errors of the reference (points) fade."""
+    at, lasting = model.stored, 0
+    for name in (PATH_POSITION, PATH_ORIENTATION):
+        lasting += 3 if at[name] >= 0 else 0
+    out = np.zeros((lasting + 9, lasting + 9))
+    out[lasting:, lasting:] = navigation
+    row = 0
+    for name in (PATH_POSITION, PATH_ORIENTATION):
+        if at[name] >= 0:
+            kept = math.exp(-duration / model.lasting[0])
+            points[at[name] : at[name] + 3] *= kept
+            fresh = model.lasting[1 + name - PATH_POSITION] * math.sqrt(1.0 - kept * kept)
+            for axis in range(3):
+                out[row + axis, row + axis] = fresh
+            row += 3
+    return out
+
+
+@kernel
+def disturbed(model, centre, noise):
+    """Return the centre (size,) with columns of noise (c, k) put in, (size, 2 k): all in plus, then in minus."""
+    c, k = noise.shape
+    last = model.parts.shape[0] - 1
+    n = model.parts[last, manifold.DEGREE] + model.parts[last, manifold.DEGREES]
+    change = np.zeros((n, 2 * k))
+    change[n - c :, :k] = noise
+    change[n - c :, k:] = -noise
+    out = np.empty((centre.size, 2 * k))
+    manifold.plus(model.parts, centre, change, out)
+    return out
+
+
+@kernel
+def predicted_poses(model, signal, steps, i, motion, points, columns, own):
+    """Return attitude (4, m) and position (3, m) the reference should show, at its own time.
+
+    columns, own (m,): each point's column of the integrated motion, and its sigma point.
+    """
+    at = model.stored
+    m, last = points.shape[1], steps.last[i]
+    start, skew = motion.around[7], motion.around[8]
+    t = start + (1.0 + skew) * steps.tau[i] - signal.stamps[last]
+    before, after = signal.stamps[last] - signal.stamps[last - 1], signal.stamps[last + 1] - signal.stamps[last]
+    q, p = np.empty((4, m)), np.empty((3, m))
+    composition.pose_at(
+        t, before, after, columns, own, motion.q_first, motion.omega, motion.alpha, motion.force, motion.gravity,
+        motion.earth_rate, part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3),
+        part(points, at[POSITION], 3), q, p,
+    )  # fmt: skip
+    add_reference_errors(model, steps, i, points, q, p)
+    return q, p
+
+
+@kernel
+def observe(model, signal, steps, i, motion, points, noise):
+    """Return predicted measurements (m, 2 n + 1 + 2 k) and the measurement (m,), as distances from the centre's.
+
+    The centre with noise in it stands behind the sigma points: see `disturbed`.
+    """
+    at = model.stored
+    sigma = points.shape[1]
+    others = disturbed(model, points[:, 0].copy(), noise)
+    same = np.zeros(others.shape[1], dtype=np.int64)
+    q, p = predicted_poses(model, signal, steps, i, motion, points, model.which, np.arange(sigma))
+    q_others, p_others = predicted_poses(model, signal, steps, i, motion, others, same, same)
+    v, v_others = part(points, at[VELOCITY], 3), part(others, at[VELOCITY], 3)
+    m = 3 * (steps.given[0] + steps.given[1] + steps.resting[i])
+    seen, measured = np.empty((m, sigma)), np.empty((m, 1))
+    seen_others = np.empty((m, others.shape[1]))
+    row = 0
+    if steps.given[0]:
+        measured[:3, 0] = steps.position[i]
+        row = 3
+        for axis in range(3):
+            measured[axis] -= p[axis, 0]
+            seen[axis] = p[axis] - p[axis, 0]
+            seen_others[axis] = p_others[axis] - p[axis, 0]
+    if steps.given[1]:
+        centre = q[:, :1].copy()
+        rotation.minus(q, centre, seen[row : row + 3])
+        rotation.minus(q_others, centre, seen_others[row : row + 3])
+        rotation.minus(steps.quaternion[i].copy().reshape(4, 1), centre, measured[row : row + 3])
+        row += 3
+    if steps.resting[i]:
+        for axis in range(3):
+            measured[row + axis] = -v[axis, 0]
+            seen[row + axis] = v[axis] - v[axis, 0]
+            seen_others[row + axis] = v_others[axis] - v[axis, 0]
+    return seen, seen_others, measured[:, 0].copy()
+
+
+@kernel
+def add_reference_errors(model, steps, i, points, q, p):
+    """Turn true poses q (4, m), p (3, m) into those the reference should report, in place."""
+    resting = steps.resting[i]
+    of_position = model.stored[REST_POSITION if resting else PATH_POSITION]
+    of_attitude = model.stored[REST_ORIENTATION if resting else PATH_ORIENTATION]
+    if of_position >= 0:
+        p += points[of_position : of_position + 3]
+    if of_attitude >= 0:
+        rotation.plus(q.copy(), points[of_attitude : of_attitude + 3], q)
+    if steps.regressor.shape[2] == 0:
+        return
+    # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
+    errors = rows_of(model.robot, points, np.arange(points.shape[1]))
+    turned = np.zeros((3, points.shape[1]))
+    for axis in range(3):
+        for e in range(errors.shape[0]):
+            moves, turns = steps.regressor[i, axis, e], steps.regressor[i, 3 + axis, e]
+            for s in range(turned.shape[1]):
+                p[axis, s] -= moves * errors[e, s]
+                turned[axis, s] -= turns * errors[e, s]
+    rotation.plus(q.copy(), turned, q)
+
+
+@kernel
+def run(model, signal, steps, begin, end, gates, most, mean, upper, record, rejected):
+    """Carry a belief over the updates from `begin` to `end`, in place.
+
+    Parameters
+    ----------
+    gates : (10,)
+        Bound of the normalised innovation squared for every number of degrees.
+    most
+        Measurements set aside in a row after which to stop.
+    mean, upper : (size,), (n, n)
+        The belief, its factor transposed.
+    record : Record
+    rejected : (1,)
+        Measurements set aside in a row.
+
+    Returns
+    -------
+    int
+        The update it stopped before: less than `end` if too many measurements were set aside in a row, or the
+        state is no longer finite.
+    """
+    n, size, at = upper.shape[0], mean.size, model.stored
+    points = np.empty((size, 2 * n + 1))
+    for i in range(begin, end):
+        first, last = steps.first[i], steps.last[i]
+        duration = signal.stamps[last] - signal.stamps[first]
+        for j in range(model.walking.size):
+            triangular.widen(upper, model.walking[j], model.walk[j] * math.sqrt(duration))
+        draw(model.parts, mean, upper, model.weights[SPREAD], points)
+        motion = propagate(model, signal, first, last, points)
+        noise = process_noise(model, motion.noise, duration, points)
+        seen, seen_noise, innovation = observe(model, signal, steps, i, motion, points, noise)
+        velocity = part(points, at[VELOCITY], 3)[:, 0]
+        by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, motion.omega[:, 0])
+        m = innovation.size
+        used, innovation_factor, whitened, gain = use(
+            model.parts, model.tail, model.weights, mean, upper, seen, seen_noise, innovation, noise, points,
+            by_reference, gates[m],
+        )  # fmt: skip
+        rejected[0] = 0 if used else rejected[0] + 1
+        record.used[i] = used
+        record.mean[i] = mean
+        deviations(upper, record.deviation[i])
+        record.innovation[i, :m] = innovation
+        record.whitened[i, :m] = whitened
+        record.factor[i, :m, :m] = innovation_factor
+        record.noise[i, :m, :m] = by_reference @ by_reference.T
+        record.gain[i, :3, :m] = gain[n - 9 : n - 6]
+        record.gain[i, 3:, :m] = gain[n - 3 :]
+        if not math.isfinite(np.sum(whitened)) or rejected[0] >= most:
+            return i + 1
+    return end
