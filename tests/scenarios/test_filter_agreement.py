@@ -94,7 +94,8 @@ def _turn(q, v):
     return rotate(q, np.asarray(v, dtype=float))
 
 
-def ours(case, weights):
+def problem_and_belief(case, weights):
+    """Return the case as our problem, and the belief its prior is."""
     settings = CalibrationSettings(sigma_points=weights)
     layout = build_layout(settings, north=True, gravity=False, skew=False, rest_error=False)
     dt = np.diff(case.t)[:, None]
@@ -148,8 +149,12 @@ def ours(case, weights):
     for name, deviation in NAVIGATION.items():
         mean[layout.stored(name)] = s[GROUPS[name]]
         factor[layout[name], layout[name]] = deviation * np.eye(3)
-    run = run_filter(problem, start, gate=np.inf, belief=type(belief)(mean, factor))
-    return layout, run
+    return problem, type(belief)(mean, factor)
+
+
+def ours(case, weights):
+    problem, belief = problem_and_belief(case, weights)
+    return problem.layout, run_filter(problem, problem.start, gate=np.inf, belief=belief)
 
 
 def book(case, weights, order=None):

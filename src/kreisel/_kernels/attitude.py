@@ -1,4 +1,4 @@
-"""Attitude from rotation steps, for signals that are used before any filter runs."""
+"""Attitude from rates alone, for signals that are used before any filter runs."""
 
 from __future__ import annotations
 
@@ -9,15 +9,33 @@ from kreisel._kernels.rotation import turn
 
 
 @kernel
-def accumulate(steps, q):
-    """Write the attitudes q (n, 4) that start at the first and are turned by steps (n - 1, 3) on their right."""
+def integrate(stamps, rates, integrals, coefficients, q):
+    """Write the attitudes q (n, 4) that start at the first and turn with the rate, coning included.
+
+    rates (P, n), integrals (P, n - 1) and coefficients (P, 3): see `preintegration`.
+    """
     column = np.empty((4, 1))
     theta = np.empty((3, 1))
+    omega = np.zeros(3)
+    ahead = np.zeros(3)
     for i in range(4):
         column[i, 0] = q[0, i]
-    for k in range(steps.shape[0]):
+    for k in range(stamps.size):
         for i in range(3):
-            theta[i, 0] = steps[k, i]
+            omega[i] = ahead[i]
+            ahead[i] = 0.0
+            for f in range(rates.shape[0]):
+                ahead[i] += coefficients[f, i] * rates[f, k]
+        if k == 0:
+            continue
+        dt = stamps[k] - stamps[k - 1]
+        for i in range(3):
+            theta[i, 0] = 0.0
+            for f in range(rates.shape[0]):
+                theta[i, 0] += coefficients[f, i] * integrals[f, k - 1]
+        theta[0, 0] += dt * dt / 12.0 * (omega[1] * ahead[2] - omega[2] * ahead[1])
+        theta[1, 0] += dt * dt / 12.0 * (omega[2] * ahead[0] - omega[0] * ahead[2])
+        theta[2, 0] += dt * dt / 12.0 * (omega[0] * ahead[1] - omega[1] * ahead[0])
         turn(column, theta, 1.0)
         for i in range(4):
-            q[k + 1, i] = column[i, 0]
+            q[k, i] = column[i, 0]

@@ -53,11 +53,21 @@ def cache_folder() -> Path | None:
 _FOLDER = cache_folder()
 
 
+def part_of_kernel(function: F) -> F:
+    """Return the function for use in kernels alone, of which it becomes a part where it is called.
+
+    What is called in one place is compiled there once, not by itself and in every kernel above as well.
+    """
+    return cast(F, numba.njit(inline="always", nogil=True, error_model="numpy", fastmath={"contract"})(function))
+
+
 def _compiled(function: F, liberties: set[str]) -> F:
     config = cast(Any, numba.config)
     elsewhere, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
     try:
-        compiled = numba.njit(cache=_FOLDER is not None, nogil=True, error_model="numpy", fastmath=liberties)(function)
+        compiled = cast(Any, numba.njit)(
+            cache=_FOLDER is not None, nogil=True, error_model="numpy", fastmath=liberties, no_cfunc_wrapper=True
+        )(function)
     finally:
         config.CACHE_DIR = elsewhere
     return cast(F, compiled)

@@ -117,9 +117,9 @@ def pose_at(
 ):  # fmt: skip
     """Write attitude and position a moment dt after the last sample, |dt| at most a sampling interval.
 
-    dt (m,); q, v, p stand at the last sample, q_first at the first; u_end as `preintegrate` writes it.
-    which (m,): each state's column of omega, alpha, u_end; own (m,): its column of dt, q_first, gravity and
-    earth_rate.
+    q, v, p stand at the last sample, q_first at the first; u_end as `preintegrate` writes it.
+    which (m,): each state's column of omega, alpha, u_end; own (m,): its place in dt, and its column of q_first,
+    gravity and earth_rate.
     dt_before and dt_after are the sampling intervals on either side of the last sample.
     """
     m = q.shape[1]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel._kernels import composition, manifold, preintegration, rotation, triangular
-from kreisel._kernels.compilation import kernel
+from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.quadrature import POINTS
 
 SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
@@ -143,6 +143,23 @@ def draw(parts, mean, upper, spread, points):
 
 
 @kernel
+def place(block, row, column, out):
+    """Write a block (r, c) into an array from a row and column on."""
+    for i in range(block.shape[0]):
+        for j in range(block.shape[1]):
+            out[row + i, column + j] = block[i, j]
+
+
+@kernel
+def column_of(points, j):
+    """Return a column."""
+    out = np.empty(points.shape[0])
+    for i in range(out.size):
+        out[i] = points[i, j]
+    return out
+
+
+@part_of_kernel
 def recombine(distance, w, first, further, shift):
     """Put distances of sigma points from the centre together: see `estimation.sigma_points.SigmaWeights`.
 
@@ -163,11 +180,13 @@ def recombine(distance, w, first, further, shift):
     least = np.empty(r)
     for i in range(r):
         total = 0.0
+        square = 0.0
         for j in range(n):
             first[i, j] = (distance[i, 1 + j] - distance[i, 1 + n + j]) / (2.0 * w[SPREAD])
             total += distance[i, 1 + j] + distance[i, 1 + n + j]
+            square += first[i, j] * first[i, j]
         shift[i] = w[MEAN] * total
-        least[i] = LEAST * math.sqrt(np.sum(first[i] ** 2))
+        least[i] = LEAST * math.sqrt(square)
     rows = 0
     for j in range(n if w[SECOND] > 0.0 else 0):
         counts = False
@@ -180,21 +199,24 @@ def recombine(distance, w, first, further, shift):
         for i in range(r):
             further[rows, i] = w[CENTRE] * shift[i]
         rows += 1
-    further[rows] = 0.0
+    for i in range(r):
+        further[rows, i] = 0.0
     return rows
 
 
-@kernel
-def deviations(upper, out):
-    """Write the standard deviations of the first degrees of freedom."""
-    out[:] = 0.0
-    for r in range(out.size):
-        for j in range(r, out.size):
-            out[j] += upper[r, j] * upper[r, j]
-    out[:] = np.sqrt(out)
+@part_of_kernel
+def deviations(upper, i, out):
+    """Write the standard deviations of the first degrees of freedom into row i of out."""
+    for j in range(out.shape[1]):
+        out[i, j] = 0.0
+    for r in range(out.shape[1]):
+        for j in range(r, out.shape[1]):
+            out[i, j] += upper[r, j] * upper[r, j]
+    for j in range(out.shape[1]):
+        out[i, j] = math.sqrt(out[i, j])
 
 
-@kernel
+@part_of_kernel
 def correct(parts, mean, gain, whitened):
     """Move a mean (size,) in place by gain (n, m) times whitened (m,)."""
     n, m = gain.shape
@@ -204,10 +226,11 @@ def correct(parts, mean, gain, whitened):
             change[i, 0] += gain[i, j] * whitened[j]
     out = np.empty((mean.size, 1))
     manifold.plus(parts, mean, change, out)
-    mean[:] = out[:, 0]
+    for i in range(mean.size):
+        mean[i] = out[i, 0]
 
 
-@kernel
+@part_of_kernel
 def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points, measurement_factor, gate):
     """Use a measurement that sigma points predict: change the belief in place.
 
@@ -230,18 +253,18 @@ def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points
 
     Returns
     -------
-    bool, (m, m), (m,), (n, m)
-        Whether the measurement was used; factor of the innovation's covariance, the innovation divided by it,
-        and the gain on what is so divided.
+    bool, float, (m, m), (m,), (n, m)
+        Whether the measurement was used; its normalised innovation squared; factor of the innovation's
+        covariance, the innovation divided by it, and the gain on what is so divided.
     """
     n, m, e = upper.shape[0], seen.shape[0], measurement_factor.shape[1]
     c, k = noise.shape
     last = tail.shape[0] - 1
     moving = tail[last, manifold.STORED] + (4 if tail[last, manifold.ROTATION] else tail[last, manifold.DEGREES])
     at = mean.size - moving
-    centre = points[:, 0].copy()
+    centre = column_of(points, 0)
     distance = np.empty((m + c, 2 * n + 1))
-    distance[:m] = seen
+    place(seen, 0, 0, distance)
     manifold.minus(tail, points[at:], centre[at:], distance[m:])
     first = np.empty((m + c, n))
     further = np.zeros((n + 2 + k + e, m + c))
@@ -252,18 +275,25 @@ def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points
             further[rows + j, r] = 0.5 * (seen_noise[r, j] - seen_noise[r, k + j])
         for r in range(c):
             further[rows + j, m + r] = noise[r, j]
-    further[rows + k : rows + k + e, :m] = measurement_factor.T
-    innovation -= shift[:m]
-    mean[:] = centre
-    if np.any(shift[m:] != 0.0):
-        moved = np.empty((moving, 1))
-        manifold.plus(tail, centre[at:], shift[m:].copy().reshape(c, 1), moved)
-        mean[at:] = moved[:, 0]
+    for j in range(e):
+        for r in range(m):
+            further[rows + k + j, r] = measurement_factor[r, j]
+    for r in range(m):
+        innovation[r] -= shift[r]
+    moved, change = np.empty((moving, 1)), np.empty((c, 1))
+    for r in range(c):
+        change[r, 0] = shift[m + r]
+    manifold.plus(tail, centre[at:], change, moved)
+    for r in range(mean.size):
+        mean[r] = centre[r] if r < at else moved[r - at, 0]
     innovation_factor, whitened = np.empty((m, m)), np.empty(m)
     gain = np.empty((n, m))
     before = upper.copy()
     triangular.condition(first, upper, further[: rows + k + e], innovation, innovation_factor, whitened, gain, upper)
-    used = np.sum(whitened * whitened) <= gate
+    nis = 0.0
+    for r in range(m):
+        nis += whitened[r] * whitened[r]
+    used = nis <= gate
     if used:
         correct(parts, mean, gain, whitened)
     else:
@@ -272,7 +302,7 @@ def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points
             first[m:].copy(), before, further[: rows + k, m:].copy(), whitened[:0], nothing, whitened[:0],
             np.empty((n, 0)), upper,
         )  # fmt: skip
-    return used, innovation_factor, whitened, gain
+    return used, nis, innovation_factor, whitened, gain
 
 
 # ---- the cell ----
@@ -292,25 +322,29 @@ def rows_of(rows, points, columns):
     return out
 
 
-@kernel
+@part_of_kernel
 def sensor_coefficients(model, points, rate, force, shared):
     """Write the coefficients of `preintegration` for the sigma points."""
-    order = model.order
+    order, turning, sharing = model.order, model.turning.size, model.sharing.size
     gyro = rows_of(model.gyro, points, model.turning)
-    m = gyro.shape[1]
-    preintegration.rate_coefficients(gyro[:9].reshape(3, 3, m), gyro[9:].reshape(order, 3, m), rate)
-    for some in range(2):
-        columns = model.turning if some == 0 else model.sharing
-        accel = rows_of(model.accel, points, columns)
-        m = columns.size
-        preintegration.force_coefficients(
-            rate if some == 0 else rate[:, :, :1], accel[:9].reshape(3, 3, m),
-            accel[9 : 9 + 3 * order].reshape(order, 3, m), accel[9 + 3 * order :].reshape(3, 3, m),
-            model.products, model.inside, force if some == 0 else shared,
-        )  # fmt: skip
+    preintegration.rate_coefficients(gyro[:9].reshape(3, 3, turning), gyro[9:].reshape(order, 3, turning), rate)
+    alone = np.empty((rate.shape[0], 3, 1))
+    for f in range(rate.shape[0]):
+        for row in range(3):
+            alone[f, row, 0] = rate[f, row, 0]
+    own, others = rows_of(model.accel, points, model.turning), rows_of(model.accel, points, model.sharing)
+    at = 9 + 3 * order
+    preintegration.force_coefficients(
+        rate, own[:9].reshape(3, 3, turning), own[9:at].reshape(order, 3, turning), own[at:].reshape(3, 3, turning),
+        model.products, model.inside, force,
+    )  # fmt: skip
+    preintegration.force_coefficients(
+        alone, others[:9].reshape(3, 3, sharing), others[9:at].reshape(order, 3, sharing),
+        others[at:].reshape(3, 3, sharing), model.products, model.inside, shared,
+    )  # fmt: skip
 
 
-@kernel
+@part_of_kernel
 def measurement_noise(model, resting, given, velocity, omega):
     """Return the factor (m, m + 1) of the measurement noise; the last column is that of the stamps."""
     m = 3 * (given[0] + given[1] + resting)
@@ -346,7 +380,7 @@ class Motion(NamedTuple):
     noise: np.ndarray
 
 
-@kernel
+@part_of_kernel
 def propagate(model, signal, first, last, points):
     """Carry sigma points from sample `first` to `last`, in place, and return the `Motion`."""
     at = model.stored
@@ -364,7 +398,8 @@ def propagate(model, signal, first, last, points):
         first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega, alpha, u_end, u_path, q_path
     )
     q, v, p = part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3), part(points, at[POSITION], 3)
-    q_first = q.copy()
+    q_first = np.empty((4, sigma))
+    place(q, 0, 0, q_first)
     around = rows_of(model.around, points, np.arange(sigma))
     gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
     composition.environment(model.level, model.down, around[:4], around[4:6], around[6], gravity, earth_rate)
@@ -379,23 +414,25 @@ def propagate(model, signal, first, last, points):
             K_a[row, axis] = force[P * (P + 1) // 2 + P - 1 + axis, row, 0]
     Q, noise = np.empty((9, 9)), np.empty((9, 9))
     preintegration.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
-    composition.navigation_noise(Q, q_first[:, 0].copy(), dq[:, 0].copy(), noise)
+    composition.navigation_noise(Q, column_of(q_first, 0), column_of(dq, 0), noise)
     return Motion(q_first, omega, alpha, u_end, gravity, earth_rate, around, noise)
 
 
-@kernel
+@part_of_kernel
 def process_noise(model, navigation, duration, points):
     """Return noise columns (c, k) of all that changes, and let lasting errors of the reference (points) fade."""
     at, lasting = model.stored, 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         lasting += 3 if at[name] >= 0 else 0
     out = np.zeros((lasting + 9, lasting + 9))
-    out[lasting:, lasting:] = navigation
+    place(navigation, lasting, lasting, out)
     row = 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         if at[name] >= 0:
             kept = math.exp(-duration / model.lasting[0])
-            points[at[name] : at[name] + 3] *= kept
+            for axis in range(3):
+                for s in range(points.shape[1]):
+                    points[at[name] + axis, s] *= kept
             fresh = model.lasting[1 + name - PATH_POSITION] * math.sqrt(1.0 - kept * kept)
             for axis in range(3):
                 out[row + axis, row + axis] = fresh
@@ -403,101 +440,110 @@ def process_noise(model, navigation, duration, points):
     return out
 
 
-@kernel
+@part_of_kernel
 def disturbed(model, centre, noise):
     """Return the centre (size,) with columns of noise (c, k) put in, (size, 2 k): all in plus, then in minus."""
     c, k = noise.shape
     last = model.parts.shape[0] - 1
     n = model.parts[last, manifold.DEGREE] + model.parts[last, manifold.DEGREES]
     change = np.zeros((n, 2 * k))
-    change[n - c :, :k] = noise
-    change[n - c :, k:] = -noise
+    place(noise, n - c, 0, change)
+    for i in range(c):
+        for j in range(k):
+            change[n - c + i, k + j] = -noise[i, j]
     out = np.empty((centre.size, 2 * k))
     manifold.plus(model.parts, centre, change, out)
     return out
 
 
 @kernel
-def predicted_poses(model, signal, steps, i, motion, points, columns, own):
-    """Return attitude (4, m) and position (3, m) the reference should show, at its own time.
+def predicted_poses(model, motion, regressor, resting, t, before, after, points, columns, own):
+    """Return attitude (4, m) and position (3, m) the reference should show, a moment t (m,) after the last sample.
 
-    columns, own (m,): each point's column of the integrated motion, and its sigma point.
+    before and after are the sampling intervals beside it, regressor (6, e) that of the robot's errors, columns and
+    own (m,) each point's column of the integrated motion, and its sigma point.
     """
-    at = model.stored
-    m, last = points.shape[1], steps.last[i]
-    start, skew = motion.around[7], motion.around[8]
-    t = start + (1.0 + skew) * steps.tau[i] - signal.stamps[last]
-    before, after = signal.stamps[last] - signal.stamps[last - 1], signal.stamps[last + 1] - signal.stamps[last]
+    at, m = model.stored, points.shape[1]
     q, p = np.empty((4, m)), np.empty((3, m))
     composition.pose_at(
         t, before, after, columns, own, motion.q_first, motion.omega, motion.alpha, motion.force, motion.gravity,
         motion.earth_rate, part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3),
         part(points, at[POSITION], 3), q, p,
     )  # fmt: skip
-    add_reference_errors(model, steps, i, points, q, p)
+    of_position = at[REST_POSITION if resting else PATH_POSITION]
+    of_attitude = at[REST_ORIENTATION if resting else PATH_ORIENTATION]
+    if of_position >= 0:
+        for axis in range(3):
+            for s in range(m):
+                p[axis, s] += points[of_position + axis, s]
+    if of_attitude >= 0:
+        rotation.plus(q, part(points, of_attitude, 3), q)
+    if regressor.shape[1] == 0:
+        return q, p
+    # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
+    errors = rows_of(model.robot, points, np.arange(m))
+    turned = np.zeros((3, m))
+    for axis in range(3):
+        for e in range(errors.shape[0]):
+            moves, turns = regressor[axis, e], regressor[3 + axis, e]
+            for s in range(m):
+                p[axis, s] -= moves * errors[e, s]
+                turned[axis, s] -= turns * errors[e, s]
+    rotation.plus(q, turned, q)
     return q, p
 
 
-@kernel
+@part_of_kernel
 def observe(model, signal, steps, i, motion, points, noise):
-    """Return predicted measurements (m, 2 n + 1 + 2 k) and the measurement (m,), as distances from the centre's.
+    """Return what points predict (m, 2 n + 1), and the measurement (m,), as distances from the centre's prediction.
 
-    The centre with noise in it stands behind the sigma points: see `disturbed`.
+    Between the two: the same for the centre with noise in it, (m, 2 k), all in plus, then all in minus.
     """
-    at = model.stored
-    sigma = points.shape[1]
-    others = disturbed(model, points[:, 0].copy(), noise)
+    stamps, start, skew, tau = signal.stamps, motion.around[7], motion.around[8], steps.tau[i]
+    sigma, last, resting = points.shape[1], steps.last[i], steps.resting[i]
+    others = disturbed(model, column_of(points, 0), noise)
+    t, t_centre = np.empty(sigma), np.empty(1)
+    for s in range(sigma):
+        t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]
+    t_centre[0] = t[0]
+    before, after = stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last]
     same = np.zeros(others.shape[1], dtype=np.int64)
-    q, p = predicted_poses(model, signal, steps, i, motion, points, model.which, np.arange(sigma))
-    q_others, p_others = predicted_poses(model, signal, steps, i, motion, others, same, same)
-    v, v_others = part(points, at[VELOCITY], 3), part(others, at[VELOCITY], 3)
-    m = 3 * (steps.given[0] + steps.given[1] + steps.resting[i])
-    seen, measured = np.empty((m, sigma)), np.empty((m, 1))
-    seen_others = np.empty((m, others.shape[1]))
+    regressor = steps.regressor[i]
+    q, p = predicted_poses(model, motion, regressor, resting, t, before, after, points, model.which, np.arange(sigma))
+    q_others, p_others = predicted_poses(model, motion, regressor, resting, t_centre, before, after, others, same, same)
+    m = 3 * (steps.given[0] + steps.given[1] + resting)
+    seen, seen_others, measured = np.empty((m, sigma)), np.empty((m, others.shape[1])), np.empty((m, 1))
     row = 0
     if steps.given[0]:
-        measured[:3, 0] = steps.position[i]
+        for axis in range(3):
+            measured[axis, 0] = steps.position[i, axis] - p[axis, 0]
+        distances(p, 0, p, 0, seen, 0)
+        distances(p_others, 0, p, 0, seen_others, 0)
         row = 3
-        for axis in range(3):
-            measured[axis] -= p[axis, 0]
-            seen[axis] = p[axis] - p[axis, 0]
-            seen_others[axis] = p_others[axis] - p[axis, 0]
     if steps.given[1]:
-        centre = q[:, :1].copy()
-        rotation.minus(q, centre, seen[row : row + 3])
-        rotation.minus(q_others, centre, seen_others[row : row + 3])
-        rotation.minus(steps.quaternion[i].copy().reshape(4, 1), centre, measured[row : row + 3])
+        centre, quaternion = np.empty((4, 1)), np.empty((4, 1))
+        for j in range(4):
+            centre[j, 0] = q[j, 0]
+            quaternion[j, 0] = steps.quaternion[i, j]
+        rotation.minus(q, centre, part(seen, row, 3))
+        rotation.minus(q_others, centre, part(seen_others, row, 3))
+        rotation.minus(quaternion, centre, part(measured, row, 3))
         row += 3
-    if steps.resting[i]:
+    if resting:
+        at = model.stored[VELOCITY]
         for axis in range(3):
-            measured[row + axis] = -v[axis, 0]
-            seen[row + axis] = v[axis] - v[axis, 0]
-            seen_others[row + axis] = v_others[axis] - v[axis, 0]
-    return seen, seen_others, measured[:, 0].copy()
+            measured[row + axis, 0] = -points[at + axis, 0]
+        distances(points, at, points, at, seen, row)
+        distances(others, at, points, at, seen_others, row)
+    return seen, seen_others, column_of(measured, 0)
 
 
 @kernel
-def add_reference_errors(model, steps, i, points, q, p):
-    """Turn true poses q (4, m), p (3, m) into those the reference should report, in place."""
-    resting = steps.resting[i]
-    of_position = model.stored[REST_POSITION if resting else PATH_POSITION]
-    of_attitude = model.stored[REST_ORIENTATION if resting else PATH_ORIENTATION]
-    if of_position >= 0:
-        p += points[of_position : of_position + 3]
-    if of_attitude >= 0:
-        rotation.plus(q.copy(), points[of_attitude : of_attitude + 3], q)
-    if steps.regressor.shape[2] == 0:
-        return
-    # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
-    errors = rows_of(model.robot, points, np.arange(points.shape[1]))
-    turned = np.zeros((3, points.shape[1]))
+def distances(points, at, centre, centre_at, out, row):
+    """Write three rows of points less those of the first column of `centre` into out, from a row on."""
     for axis in range(3):
-        for e in range(errors.shape[0]):
-            moves, turns = steps.regressor[i, axis, e], steps.regressor[i, 3 + axis, e]
-            for s in range(turned.shape[1]):
-                p[axis, s] -= moves * errors[e, s]
-                turned[axis, s] -= turns * errors[e, s]
-    rotation.plus(q.copy(), turned, q)
+        for s in range(points.shape[1]):
+            out[row + axis, s] = points[at + axis, s] - centre[centre_at + axis, 0]
 
 
 @kernel
@@ -533,23 +579,37 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
         motion = propagate(model, signal, first, last, points)
         noise = process_noise(model, motion.noise, duration, points)
         seen, seen_noise, innovation = observe(model, signal, steps, i, motion, points, noise)
-        velocity = part(points, at[VELOCITY], 3)[:, 0]
-        by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, motion.omega[:, 0])
+        velocity, omega = column_of(part(points, at[VELOCITY], 3), 0), column_of(motion.omega, 0)
+        by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, omega)
         m = innovation.size
-        used, innovation_factor, whitened, gain = use(
+        used, nis, innovation_factor, whitened, gain = use(
             model.parts, model.tail, model.weights, mean, upper, seen, seen_noise, innovation, noise, points,
             by_reference, gates[m],
         )  # fmt: skip
         rejected[0] = 0 if used else rejected[0] + 1
-        record.used[i] = used
-        record.mean[i] = mean
-        deviations(upper, record.deviation[i])
-        record.innovation[i, :m] = innovation
-        record.whitened[i, :m] = whitened
-        record.factor[i, :m, :m] = innovation_factor
-        record.noise[i, :m, :m] = by_reference @ by_reference.T
-        record.gain[i, :3, :m] = gain[n - 9 : n - 6]
-        record.gain[i, 3:, :m] = gain[n - 3 :]
-        if not math.isfinite(np.sum(whitened)) or rejected[0] >= most:
+        note(record, i, used, mean, innovation, whitened, innovation_factor, by_reference, gain)
+        deviations(upper, i, record.deviation)
+        if not math.isfinite(nis) or rejected[0] >= most:
             return i + 1
     return end
+
+
+@part_of_kernel
+def note(record, i, used, mean, innovation, whitened, innovation_factor, measurement_factor, gain):
+    """Note in the record what an update leaves."""
+    n, m = gain.shape
+    record.used[i] = used
+    for j in range(mean.size):
+        record.mean[i, j] = mean[j]
+    for r in range(m):
+        record.innovation[i, r] = innovation[r]
+        record.whitened[i, r] = whitened[r]
+        for j in range(m):
+            record.factor[i, r, j] = innovation_factor[r, j]
+            variance = 0.0
+            for e in range(measurement_factor.shape[1]):
+                variance += measurement_factor[r, e] * measurement_factor[j, e]
+            record.noise[i, r, j] = variance
+        for j in range(3):
+            record.gain[i, j, r] = gain[n - 9 + j, r]
+            record.gain[i, 3 + j, r] = gain[n - 3 + j, r]

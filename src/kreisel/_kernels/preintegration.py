@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 
-from kreisel._kernels.compilation import kernel
+from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.quadrature import POINTS
 from kreisel._kernels.rotation import rotate, turn
 
@@ -135,7 +135,7 @@ def inverse(A, out):
         out[2, 2, s] = scale * (A[0, 0, s] * A[1, 1, s] - A[0, 1, s] * A[1, 0, s])
 
 
-@kernel
+@part_of_kernel
 def rotation_step(step, omega, alpha, stamps, theta):
     """Write the rotation vectors over sampling intervals, (3, c - 1), to the sixth order in their length.
 
@@ -173,7 +173,7 @@ def rotation_step(step, omega, alpha, stamps, theta):
         theta[2, k] = step[2, k] + (ux * vy - uy * vx) / 240.0
 
 
-@kernel
+@part_of_kernel
 def outer_weights(first, last, low, signal, weights):
     """Write the weights (2, count) of the samples from `low` on in the velocity and position integrals."""
     stamps, base, single, double = signal.stamps, signal.base, signal.single, signal.double
@@ -243,7 +243,7 @@ def centre_path(first, low, high, signal, rate, q):
         q[j, 3] = d
 
 
-@kernel
+@part_of_kernel
 def features_along(low, signal, psi):
     """Write the features of the specific force at the samples from `low` on, (c, features)."""
     rates, slopes, forces = signal.rates, signal.slopes, signal.forces
@@ -264,7 +264,7 @@ def features_along(low, signal, psi):
         at += 1
 
 
-@kernel
+@part_of_kernel
 def force_along(psi, C, force, u):
     """Write the specific force of the first column at every sample, turned by C, (c, 3)."""
     for j in range(psi.shape[0]):
@@ -277,7 +277,7 @@ def force_along(psi, C, force, u):
             u[j, i] = C[j, 3 * i] * x + C[j, 3 * i + 1] * y + C[j, 3 * i + 2] * z
 
 
-@kernel
+@part_of_kernel
 def block_length(first, last, signal, difference):
     """Return how many samples a block may have for parameter sets that differ so much, (P, 3, m)."""
     rates = signal.rates
@@ -382,7 +382,7 @@ def preintegrate(
     finish(last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end)
 
 
-@kernel
+@part_of_kernel
 def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp):
     """Write the increments of the sets with gyro parameters of their own, block by block.
 
@@ -454,7 +454,7 @@ def sum_products(start, stop, weights, C, psi, sums):
                 sums[1, i, f] += p * psi[j, f]
 
 
-@kernel
+@part_of_kernel
 def unit_turns(low, signal, C, turns):
     """Write how far a unit of difference in each rate coefficient turns a set over each interval, (c - 1, 9 P).
 
@@ -476,7 +476,7 @@ def unit_turns(low, signal, C, turns):
                 turns[j, 9 * f + i] = mean * integral + slope * (C[j + 1, i] - C[j, i])
 
 
-@kernel
+@part_of_kernel
 def sum_turns(begin, centre, end, weights, units, u_path, turns):
     """Write the sums of `unit_turns` I_k times R_k over a block, (6, 9 P).
 
@@ -527,7 +527,7 @@ def advance(signal, low, begin, end, span_before, units, difference, before, the
     return span
 
 
-@kernel
+@part_of_kernel
 def finish(
     last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end
 ):  # fmt: skip

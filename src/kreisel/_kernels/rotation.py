@@ -62,7 +62,7 @@ def rotate(q, vector, out):
 
 @kernel
 def plus(q, theta, out):
-    """Write q * exp(theta) for columns: q (4, m) or (4, 1), theta (3, m), out (4, m), angles of any size."""
+    """Write q * exp(theta) for columns: q (4, m) or (4, 1), theta (3, m), angles of any size; out (4, m) may be q."""
     m = theta.shape[1]
     one = q.shape[1] == 1
     largest = 0.0
@@ -81,14 +81,15 @@ def plus(q, theta, out):
         z = theta[2, s]
         half = 0.5 * math.sqrt(x * x + y * y + z * z)
         k = 0.5 if half == 0.0 else 0.5 * math.sin(half) / half
-        c = math.cos(half)
+        w = math.cos(half)
         x *= k
         y *= k
         z *= k
-        out[0, s] = q[0, j] * c - q[1, j] * x - q[2, j] * y - q[3, j] * z
-        out[1, s] = q[0, j] * x + q[1, j] * c + q[2, j] * z - q[3, j] * y
-        out[2, s] = q[0, j] * y - q[1, j] * z + q[2, j] * c + q[3, j] * x
-        out[3, s] = q[0, j] * z + q[1, j] * y - q[2, j] * x + q[3, j] * c
+        a, b, c, d = q[0, j], q[1, j], q[2, j], q[3, j]
+        out[0, s] = a * w - b * x - c * y - d * z
+        out[1, s] = a * x + b * w + c * z - d * y
+        out[2, s] = a * y - b * z + c * w + d * x
+        out[3, s] = a * z + b * y - c * x + d * w
 
 
 @kernel

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel._kernels import attitude, filtering
+from kreisel._kernels import filtering
 from kreisel.calibration.cell_model import filter_model, filter_record, filter_steps
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import LASTING, Problem, Update
@@ -15,7 +15,7 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import chi_square
 from kreisel.estimation.filter import Belief, renew
 from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
-from kreisel.inertial.strapdown import SensorColumns
+from kreisel.inertial.strapdown import SensorColumns, integrate_attitude
 from kreisel.recording import ReferencePoses
 
 GATE = 1.0 - 1e-6
@@ -219,11 +219,7 @@ def look_back(problem: Problem, run: FilterRun) -> Problem:
         return problem
     p, last = run.parameters, problem.updates[-1].last
     columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
-    omega, steps = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.integrals))
-    steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
-    free = np.empty((signal.stamps.size, 4))
-    free[0] = (1.0, 0.0, 0.0, 0.0)
-    attitude.accumulate(steps, free)
+    free = integrate_attitude(signal, columns.rate[..., 0])
     earth = np.zeros(3)
     if problem.site.earth_rate_n is not None:
         level, _, down = problem.site.earth_rate_n

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels import attitude, quadrature
+from kreisel._kernels import quadrature
 from kreisel.geometry.rotation import (
     Array,
     Mask,
@@ -25,7 +25,7 @@ from kreisel.geometry.rotation import (
     multiply,
     nearest_rotation,
 )
-from kreisel.inertial.strapdown import InertialSignal
+from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.synchronization import Clock, RateFit
 
 HALF_WINDOW = 0.25
@@ -68,15 +68,10 @@ class ForceFit:
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
     """Return q_rb at every IMU sample, (n, 4): integrated rates held to the reference over seconds."""
     b = fit.K_omega @ fit.k_w0
-    omega = signal.rates @ fit.K_omega.T + b
-    steps = signal.integrals @ fit.K_omega.T + np.diff(signal.stamps)[:, None] * b
-    steps = steps + np.diff(signal.stamps)[:, None] ** 2 / 12.0 * np.cross(omega[:-1], omega[1:])
-    free = np.empty((signal.stamps.size, 4))
-    free[0] = (1.0, 0.0, 0.0, 0.0)
-    attitude.accumulate(steps, free)
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, b, signal.order))
     t = fit.clock.imu_time(tau)
     k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
-    at_pose = multiply(free[k], exp(omega[k] * (t - signal.stamps[k])[:, None]))
+    at_pose = multiply(free[k], exp((signal.rates[k] @ fit.K_omega.T + b) * (t - signal.stamps[k])[:, None]))
     # left error: q = exp(error) * exp(first error) * free, slowly varying
     error = multiply(q, conjugate(at_pose))
     turned = log(multiply(error, conjugate(error[0])))
@@ -124,9 +119,7 @@ def attitude_from_positions(
     seconds has a turn of its own.
     """
     b = fit.K_omega @ fit.k_w0
-    free = np.empty((signal.stamps.size, 4))
-    free[0] = (1.0, 0.0, 0.0, 0.0)
-    attitude.accumulate(signal.integrals @ fit.K_omega.T + np.diff(signal.stamps)[:, None] * b, free)
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, b, signal.order))
     windows = Windows.over(signal, fit.clock, tau)
     shown = windows.second_difference(p)
     f = signal.accelerations

@@ -6,11 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kreisel._kernels import attitude, filtering, quadrature
+from kreisel._kernels import filtering, quadrature
 from kreisel.estimation.filter import Belief, triangularise, widen
 from kreisel.estimation.state import Part, StateLayout
-from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import Samples, navigate, prepare
+from kreisel.inertial.strapdown import Samples, integrate_attitude, prepare
 
 
 def _filter() -> None:
@@ -36,17 +35,9 @@ def _belief() -> None:
     layout.minus(layout.plus(belief.mean, np.zeros((6, 1))), belief.mean)
 
 
-def _navigation() -> None:
-    still = np.zeros((12, 3))
-    level = np.array([1.0, 0.0, 0.0, 0.0])
-    signal = prepare(np.arange(12.0), still, still)
-    navigate(signal, SensorParameters.ideal(), level, still[0], still[0], still[0], still[0])
-
-
-_STEPS: tuple[Callable[[], None], ...] = (
-    _navigation,
+_STEPS: tuple[Callable[[], object], ...] = (
+    lambda: integrate_attitude(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3))), np.zeros((4, 3))),
     _belief,
-    lambda: attitude.accumulate(np.zeros((2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))),
     lambda: quadrature.double_integral(
         np.arange(3.0), np.zeros((3, 3)), np.zeros(1, dtype=np.int64), np.zeros(1), np.empty((1, 3))
     ),

@@ -71,13 +71,13 @@ class SensorParameters:
 
 def powers(raw: Array, order: int) -> Array:
     """Return 1 and the powers 1 to `order` of raw readings (n, 3), power by power, as (1 + 3 order, n)."""
-    return np.vstack([np.ones(raw.shape[0]), *(raw.T**i for i in range(1, order + 1))])
+    return np.ascontiguousarray(np.vstack([np.ones(raw.shape[0]), *(raw.T**i for i in range(1, order + 1))]))
 
 
 def power_slopes(raw: Array, slope: Array, order: int) -> Array:
     """Return the time derivatives of `powers`, given those of the readings, (1 + 3 order, n)."""
-    first = [np.zeros(raw.shape[0]), slope.T]
-    return np.vstack([*first, *((i * raw ** (i - 1) * slope).T for i in range(2, order + 1))])
+    rows = [np.zeros(raw.shape[0]), slope.T, *((i * raw ** (i - 1) * slope).T for i in range(2, order + 1))]
+    return np.ascontiguousarray(np.vstack(rows))
 
 
 def polynomial(raw: Array, coefficients: Array) -> Array:

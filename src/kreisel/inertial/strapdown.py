@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import composition, preintegration, quadrature
+from kreisel._kernels import attitude, composition, preintegration, quadrature
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
@@ -280,6 +280,23 @@ def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increm
         first, last, step.low, every, signal.samples, step.u_path, step.q_path, columns.K_omega, columns.K_a, Q,
     )  # fmt: skip
     return Q
+
+
+def linear_rate(K: Array, b: Array, order: int) -> Array:
+    """Return the rate coefficients (P, 3) of omega = K w' + b, for `integrate_attitude`."""
+    return np.vstack([b, K.T, np.zeros((3 * (order - 1), 3))])
+
+
+def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
+    """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (P, 3) and nothing else.
+
+    See `SensorColumns`; gaps are bridged by straight lines.
+    """
+    q = np.empty((signal.stamps.size, 4))
+    q[0] = (1.0, 0.0, 0.0, 0.0)
+    samples = signal.samples
+    attitude.integrate(samples.stamps, samples.rates, samples.integrals, np.ascontiguousarray(rate), q)
+    return q
 
 
 def navigate(

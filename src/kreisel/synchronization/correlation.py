@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -53,11 +54,19 @@ class _Norm:
 
     def at(self, t: Array) -> Array:
         """Return the norm between samples, not a number where it is not known."""
-        value: Array = np.interp(t, self.stamps, self.value, left=np.nan, right=np.nan).astype(np.float64)
-        if not self.known.all():
-            k = np.clip(((t - self.first) / self.step).astype(np.int64), 0, self.value.size - 2)
-            value[~(self.known[k] & self.known[k + 1])] = np.nan
+        place = (t - self.first) / self.step
+        k = np.clip(place.astype(np.int64), 0, self.value.size - 2)
+        value = np.asarray(self.value[k] + (place - k) * self._rise[k], dtype=np.float64)
+        value[(place < 0.0) | (place > self.value.size - 1.0) | self._gap[k]] = np.nan
         return value
+
+    @cached_property
+    def _rise(self) -> Array:
+        return np.diff(self.value)
+
+    @cached_property
+    def _gap(self) -> Mask:
+        return np.asarray(~(self.known[1:] & self.known[:-1]))
 
 
 def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:

@@ -11,10 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from kreisel._kernels import attitude
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, Mask, conjugate, exp, log, multiply
-from kreisel.inertial.strapdown import InertialSignal
+from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
 
@@ -207,13 +206,7 @@ class _Comparison:
 
 
 def _compare(signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
-    steps = signal.integrals @ K.T + np.diff(signal.stamps)[:, None] * b
-    omega = signal.rates @ K.T + b
-    dt = np.diff(signal.stamps)[:, None]
-    steps = steps + dt**2 / 12.0 * np.cross(omega[:-1], omega[1:])
-    q = np.empty((signal.stamps.size, 4))
-    q[0] = (1.0, 0.0, 0.0, 0.0)
-    attitude.accumulate(steps, q)
+    omega, q = signal.rates @ K.T + b, integrate_attitude(signal, linear_rate(K, b, signal.order))
     turned, duration, _, inside = _integrated(signal, stretches, clock)
     t1, t2 = clock.imu_time(stretches.tau_first[inside]), clock.imu_time(stretches.tau_last[inside])
     q1, w1 = _attitude_at(signal.stamps, q, omega, t1)

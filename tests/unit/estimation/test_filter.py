@@ -33,7 +33,7 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     filtering.draw(layout.table, mean, upper, w.spread, points)
     points = F @ points
     centre = points[:, :1]
-    used, factor, whitened, gain = filtering.use(
+    used, nis, factor, whitened, gain = filtering.use(
         layout.table, layout.tail(changing).table, figures, mean, upper, H @ (points - centre),
         np.hstack([H @ Q, -H @ Q]), z - H @ points[:, 0], noise, points, R, gate,
     )  # fmt: skip
@@ -42,6 +42,7 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     S = H @ P1 @ H.T + R @ R.T
     K = P1 @ H.T @ np.linalg.inv(S)
     assert used == (gate > 0.0)
+    assert nis == pytest.approx(whitened @ whitened)
     np.testing.assert_allclose(factor @ factor.T, S, atol=1e-9)
     np.testing.assert_allclose(factor @ whitened, z - H @ F @ x, atol=1e-9)
     np.testing.assert_allclose(gain @ factor.T, P1 @ H.T, atol=1e-9)

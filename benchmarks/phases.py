@@ -1,0 +1,66 @@
+"""Where the time of ``kreisel calibrate`` goes: ``python -m benchmarks.phases [RECORDING]``.
+
+Without a recording, ten minutes at 400 Hz of the virtual cell are made and read back from CSV. Phases are timed
+in one process, one after another, as the command runs them; the filter also in strapdown passes.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from . import yardstick
+
+
+def main(folder: Path | None) -> None:
+    """Print the table."""
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", "import kreisel.cli.main, kreisel.calibration.calibrate"], check=True)
+    phases = {"start Python, imports": time.perf_counter() - began}
+
+    def lap(name: str, since: float) -> float:
+        now = time.perf_counter()
+        phases[name] = now - since
+        return now
+
+    from kreisel.calibration.calibrate import run_calibration
+    from kreisel.calibration.kernels import compile_kernels
+    from kreisel.calibration.run import estimate
+    from kreisel.calibration.settings import CalibrationSettings
+    from kreisel.calibration.setup import build_problem, prepare_recording
+    from kreisel.recording import load
+    from kreisel.recording.write import write
+    from kreisel.simulation import Cell, simulate
+
+    with tempfile.TemporaryDirectory() as scratch:
+        if folder is None:
+            folder = Path(scratch) / "recording"
+            _, recording = simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), folder)
+            write(recording, folder)
+        at = time.perf_counter()
+        compile_kernels()
+        at = lap("load kernels", at)
+        recording = load(folder)
+        at = lap("read and check", at)
+        settings = CalibrationSettings()
+        preparation = prepare_recording(recording, settings)
+        at = lap("synchronise, first values", at)
+        problem = build_problem(preparation, settings)
+        at = lap("build the problem", at)
+        found = estimate(problem, reference_given=True, imu_given=True)
+        at = lap(f"filter, {found.passes} pass(es)", at)
+        run_calibration(recording, settings)
+        whole = time.perf_counter() - at
+        phases["judge and write down"] = whole - sum(list(phases.values())[3:])
+        unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
+    total = sum(phases.values())
+    for name, seconds in phases.items():
+        print(f"{name:28s} {seconds:7.3f} s {100 * seconds / total:5.1f} %")
+    print(f"{'sum':28s} {total:7.3f} s; one strapdown pass {unit * 1e3:.2f} ms")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

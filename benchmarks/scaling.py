@@ -1,0 +1,112 @@
+"""Cost against duration and states, and trials a minute: ``python -m benchmarks.scaling -o FOLDER``.
+
+Writes `scaling.html`, a plot, and prints exponents. Long recordings are ten minutes of the virtual cell over and
+over: the filter's work does not hang on what is in them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from plotly.subplots import make_subplots
+
+from kreisel.calibration.filter_run import run_filter
+from kreisel.calibration.kernels import compile_kernels
+from kreisel.calibration.problem import Problem
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.setup import build_problem, prepare_recording
+from kreisel.simulation import Cell, simulate
+from kreisel.study.dask import dask_map
+from kreisel.study.monte_carlo import run_trial
+
+from . import yardstick
+
+FEWER = (
+    ("gyro_cross_coupling", "accel_cross_coupling", "lever_arms"), ("lever_arms", "accel_cross_coupling"),
+    ("lever_arms",), (),
+)  # fmt: skip
+
+
+def shortest(problem: Problem, repeats: int = 3) -> float:
+    """Return the shortest time of a filter pass."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        run_filter(problem, problem.start)
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def part(problem: Problem, minutes: float) -> Problem:
+    """Return the problem's first minutes, or its updates over and over for more than there are."""
+    end = problem.signal.stamps[-1]
+    if minutes * 60.0 < end:
+        stamps = problem.signal.stamps
+        return replace(problem, updates=tuple(u for u in problem.updates if stamps[u.last] < minutes * 60.0))
+    return replace(problem, updates=problem.updates * round(minutes * 60.0 / end))
+
+
+def trial(number: int) -> float:
+    """Run one trial of a study and return its number."""
+    cell = Cell.model_validate({"seed": 1, "duration": 60.0, "imu": {"rate": 400.0}})
+    run_trial(cell, CalibrationSettings(), number)
+    return float(number)
+
+
+def main() -> None:
+    """Measure, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", dest="folder", type=Path, required=True)
+    parser.add_argument("--trials", type=int, default=24)
+    arguments = parser.parse_args()
+    compile_kernels()
+    recording = simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), Path("ten minutes"))[1]
+    unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
+    alone = replace(recording, joints=None)
+    settings = CalibrationSettings()
+    problem = build_problem(prepare_recording(alone, settings), settings)
+
+    minutes = np.array([1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 180.0, 600.0])
+    seconds = np.array([shortest(part(problem, m), 1 if m > 60 else 3) for m in minutes])
+    exponent = np.polyfit(np.log(minutes), np.log(seconds), 1)[0]
+    for m, s in zip(minutes, seconds, strict=True):
+        print(f"{m:6.0f} min {s:8.3f} s, {s / (unit * m / 10.0):6.1f} strapdown passes")
+    print(f"exponent of the duration: {exponent:.2f}")
+
+    states, multiples = [], []
+    for robot, fixed in [*((False, f) for f in FEWER), (True, ())]:
+        chosen = replace(settings, fixed=fixed)
+        other = build_problem(prepare_recording(recording if robot else alone, chosen), chosen)
+        states.append(other.layout.degrees)
+        multiples.append(shortest(other) / unit)
+        print(f"{states[-1]:6d} states {multiples[-1]:6.1f} strapdown passes")
+    growth = np.polyfit(np.log(states), np.log(multiples), 1)[0]
+    print(f"exponent of the states: {growth:.2f}")
+
+    rates = []
+    for workers in (1, 2):
+        began = time.perf_counter()
+        done = list(dask_map(trial, range(arguments.trials), scheduler=None, workers=workers))
+        rates.append(len(done) / (time.perf_counter() - began) * 60.0)
+        print(f"{workers} worker(s): {rates[-1]:.1f} trials of 60 s a minute")
+    print(f"efficiency of two: {rates[1] / rates[0] / 2:.2f}")
+    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+
+    figure = make_subplots(cols=2, subplot_titles=("filter against duration", "filter against states"))
+    figure.add_scatter(x=minutes, y=seconds, mode="lines+markers", name=f"exponent {exponent:.2f}", row=1, col=1)
+    figure.add_scatter(x=states, y=multiples, mode="lines+markers", name=f"exponent {growth:.2f}", row=1, col=2)
+    figure.update_xaxes(type="log", title="minutes at 400 Hz", row=1, col=1)
+    figure.update_yaxes(type="log", title="seconds a pass", row=1, col=1)
+    figure.update_xaxes(title="states", row=1, col=2)
+    figure.update_yaxes(title="strapdown passes", rangemode="tozero", row=1, col=2)
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    figure.write_html(arguments.folder / "scaling.html", include_plotlyjs=True)
+
+
+if __name__ == "__main__":
+    main()
