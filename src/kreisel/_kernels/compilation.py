@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import hashlib
 import os
 import tempfile
@@ -39,7 +40,7 @@ def cache_folder() -> Path | None:
     name = f"kreisel-kernels-{source.hexdigest()[:16]}"
     given = os.environ.get("NUMBA_CACHE_DIR")
     user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    for parent in [given] if given else [user, Path(tempfile.gettempdir()) / f"kreisel-{os.getuid()}"]:
+    for parent in [given] if given else [user, Path(tempfile.gettempdir()) / f"kreisel-{getpass.getuser()}"]:
         folder = Path(parent) / name
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from kreisel._kernels.compilation import kernel
-from kreisel._kernels.preintegration import direction_cosines
 from kreisel._kernels.rotation import rotate, turn
 
 
@@ -159,44 +156,3 @@ def pose_at(
             p_out[i, s] = p[i, s] + moment[s] * (v[i, s] + moment[s] / 2.0 * (a + moment[s] / 3.0 * slope[i, s]))
     q_out[:] = q
     turn(q_out, theta, 1.0)
-
-
-@kernel
-def navigation_noise(Q, q_first, dq, out):
-    """Write the lower triangular factor (9, 9) of noise in velocity, position and attitude, in r, r and b.
-
-    Q (9, 9): covariance of attitude, velocity and position as `preintegration.noise_covariance` writes it.
-    """
-    C = np.empty((1, 9))
-    D = np.empty((1, 9))
-    T = np.zeros((9, 9))
-    direction_cosines(q_first.reshape(1, 4), C)
-    direction_cosines(dq.reshape(1, 4), D)
-    for i in range(3):
-        for j in range(3):
-            T[i, 3 + j] = C[0, 3 * i + j]
-            T[3 + i, 6 + j] = C[0, 3 * i + j]
-            T[6 + i, j] = D[0, 3 * j + i]
-    TQ = np.zeros((9, 9))
-    P = np.zeros((9, 9))
-    for i in range(9):
-        for k in range(9):
-            if T[i, k] != 0.0:
-                for j in range(9):
-                    TQ[i, j] += T[i, k] * Q[k, j]
-    for i in range(9):
-        for j in range(9):
-            for k in range(9):
-                P[i, j] += TQ[i, k] * T[j, k]
-    out[:] = 0.0
-    for j in range(9):
-        left = P[j, j]
-        for k in range(j):
-            left -= out[j, k] * out[j, k]
-        # velocity and position noise are nearly the same thing over one sample
-        out[j, j] = math.sqrt(max(left, 1e-13 * P[j, j], 1e-300))
-        for i in range(j + 1, 9):
-            total = P[i, j]
-            for k in range(j):
-                total -= out[i, k] * out[j, k]
-            out[i, j] = total / out[j, j]

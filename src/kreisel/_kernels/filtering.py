@@ -1,7 +1,6 @@
 """The filter over many updates without leaving compiled code: sigma points, motion, measurement, update.
 
-What is general about the filter (drawing points, putting them together, using a measurement) knows nothing
-of the cell; what is known of the cell stands in a `Model`.
+What is general about the filter stands in `sigma_points`; what is known of the cell, in a `Model`.
 """
 
 from __future__ import annotations
@@ -11,21 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import composition, manifold, preintegration, rotation, triangular
+from kreisel._kernels import (
+    coefficients,
+    composition,
+    manifold,
+    preintegration,
+    rotation,
+    sensor_noise,
+    sigma_points,
+    triangular,
+)
 from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.quadrature import POINTS
-
-SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
-"""Places of the figures of `estimation.sigma_points.SigmaWeights`."""
 
 VELOCITY, POSITION, ATTITUDE, REST_POSITION, REST_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
 """Places of parts in `Model.stored`."""
 
 AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL, STAMP = range(6)
 """Places of figures in `Model.noise`: reference on the path and at rest, velocity at rest, stamps."""
-
-LEAST = 1e-9
-"""Share of a deviation whose square is lost beside it in rounding."""
 
 MEASURED = 9
 """Most numbers a measurement has: position, orientation, velocity."""
@@ -46,7 +48,7 @@ class Model(NamedTuple):
     parts, tail : (p, 4), (t, 4)
         Tables of `manifold` for the state, and for its last parts alone, which change between updates.
     weights : (5,)
-        See `SPREAD`.
+        See `sigma_points.SPREAD`.
     gyro, accel, around, robot : Rows
         Sensor parameters; alignment, north, gravity, time offset and skew; errors of the robot.
     turning, sharing : (a,), (b,)
@@ -56,7 +58,7 @@ class Model(NamedTuple):
     stored : (7,)
         Where parts lie in the stored state, -1 where they are not in it.
     order, products, inside
-        Of the sensor model; see `preintegration.force_coefficients`.
+        Of the sensor model; see `coefficients.force_coefficients`.
     level, down
         Earth rate in north and down, rad/s.
     noise : (6,)
@@ -126,188 +128,6 @@ class Record(NamedTuple):
     gain: np.ndarray
 
 
-# ---- the filter ----
-
-
-@kernel
-def draw(parts, mean, upper, spread, points):
-    """Write the sigma points (size, 2 n + 1): centre, then all in plus, then all in minus direction."""
-    n = upper.shape[0]
-    change = np.zeros((n, 2 * n + 1))
-    for i in range(n):
-        for j in range(i + 1):
-            d = spread * upper[j, i]
-            change[i, 1 + j] = d
-            change[i, 1 + n + j] = -d
-    manifold.plus(parts, mean, change, points)
-
-
-@kernel
-def place(block, row, column, out):
-    """Write a block (r, c) into an array from a row and column on."""
-    for i in range(block.shape[0]):
-        for j in range(block.shape[1]):
-            out[row + i, column + j] = block[i, j]
-
-
-@kernel
-def column_of(points, j):
-    """Return a column."""
-    out = np.empty(points.shape[0])
-    for i in range(out.size):
-        out[i] = points[i, j]
-    return out
-
-
-@part_of_kernel
-def recombine(distance, w, first, further, shift):
-    """Put distances of sigma points from the centre together: see `estimation.sigma_points.SigmaWeights`.
-
-    Parameters
-    ----------
-    distance : (r, 2 n + 1)
-    first : (r, n)
-    further : (at least n + 2, r)
-        Further columns, as rows.
-    shift : (r,)
-
-    Returns
-    -------
-    int
-        How many rows of `further` were written: only those whose squares are not lost in rounding.
-    """
-    r, n = first.shape
-    least = np.empty(r)
-    for i in range(r):
-        total = 0.0
-        square = 0.0
-        for j in range(n):
-            first[i, j] = (distance[i, 1 + j] - distance[i, 1 + n + j]) / (2.0 * w[SPREAD])
-            total += distance[i, 1 + j] + distance[i, 1 + n + j]
-            square += first[i, j] * first[i, j]
-        shift[i] = w[MEAN] * total
-        least[i] = LEAST * math.sqrt(square)
-    rows = 0
-    for j in range(n if w[SECOND] > 0.0 else 0):
-        counts = False
-        for i in range(r):
-            both = distance[i, 1 + j] + distance[i, 1 + n + j]
-            further[rows, i] = w[SECOND] * (both - 2.0 * w[SHIFT] * shift[i])
-            counts = counts or abs(further[rows, i]) > least[i]
-        rows += 1 if counts else 0
-    if w[CENTRE] > 0.0:
-        for i in range(r):
-            further[rows, i] = w[CENTRE] * shift[i]
-        rows += 1
-    for i in range(r):
-        further[rows, i] = 0.0
-    return rows
-
-
-@part_of_kernel
-def deviations(upper, i, out):
-    """Write the standard deviations of the first degrees of freedom into row i of out."""
-    for j in range(out.shape[1]):
-        out[i, j] = 0.0
-    for r in range(out.shape[1]):
-        for j in range(r, out.shape[1]):
-            out[i, j] += upper[r, j] * upper[r, j]
-    for j in range(out.shape[1]):
-        out[i, j] = math.sqrt(out[i, j])
-
-
-@part_of_kernel
-def correct(parts, mean, gain, whitened):
-    """Move a mean (size,) in place by gain (n, m) times whitened (m,)."""
-    n, m = gain.shape
-    change = np.zeros((n, 1))
-    for i in range(n):
-        for j in range(m):
-            change[i, 0] += gain[i, j] * whitened[j]
-    out = np.empty((mean.size, 1))
-    manifold.plus(parts, mean, change, out)
-    for i in range(mean.size):
-        mean[i] = out[i, 0]
-
-
-@part_of_kernel
-def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points, measurement_factor, gate):
-    """Use a measurement that sigma points predict: change the belief in place.
-
-    Parameters
-    ----------
-    mean, upper : (size,), (n, n)
-        The belief before the step, its factor transposed; the one after it on return.
-    seen, seen_noise : (m, 2 n + 1), (m, 2 k)
-        Predicted measurements as distances from the centre's: of the sigma points, and of the centre with noise
-        put in, plus and minus.
-    innovation : (m,)
-        The measurement's distance from the centre's prediction; from the mean prediction on return.
-    noise : (c, k)
-        Columns of noise of the degrees of freedom that have moved.
-    points : (size, 2 n + 1)
-        Sigma points at the update.
-    measurement_factor : (m, e)
-    gate
-        Bound of the normalised innovation squared, beyond which only the prediction is taken over.
-
-    Returns
-    -------
-    bool, float, (m, m), (m,), (n, m)
-        Whether the measurement was used; its normalised innovation squared; factor of the innovation's
-        covariance, the innovation divided by it, and the gain on what is so divided.
-    """
-    n, m, e = upper.shape[0], seen.shape[0], measurement_factor.shape[1]
-    c, k = noise.shape
-    last = tail.shape[0] - 1
-    moving = tail[last, manifold.STORED] + (4 if tail[last, manifold.ROTATION] else tail[last, manifold.DEGREES])
-    at = mean.size - moving
-    centre = column_of(points, 0)
-    distance = np.empty((m + c, 2 * n + 1))
-    place(seen, 0, 0, distance)
-    manifold.minus(tail, points[at:], centre[at:], distance[m:])
-    first = np.empty((m + c, n))
-    further = np.zeros((n + 2 + k + e, m + c))
-    shift = np.empty(m + c)
-    rows = recombine(distance, w, first, further, shift)
-    for j in range(k):
-        for r in range(m):
-            further[rows + j, r] = 0.5 * (seen_noise[r, j] - seen_noise[r, k + j])
-        for r in range(c):
-            further[rows + j, m + r] = noise[r, j]
-    for j in range(e):
-        for r in range(m):
-            further[rows + k + j, r] = measurement_factor[r, j]
-    for r in range(m):
-        innovation[r] -= shift[r]
-    moved, change = np.empty((moving, 1)), np.empty((c, 1))
-    for r in range(c):
-        change[r, 0] = shift[m + r]
-    manifold.plus(tail, centre[at:], change, moved)
-    for r in range(mean.size):
-        mean[r] = centre[r] if r < at else moved[r - at, 0]
-    innovation_factor, whitened = np.empty((m, m)), np.empty(m)
-    gain = np.empty((n, m))
-    before = upper.copy()
-    triangular.condition(first, upper, further[: rows + k + e], innovation, innovation_factor, whitened, gain, upper)
-    nis = 0.0
-    for r in range(m):
-        nis += whitened[r] * whitened[r]
-    used = nis <= gate
-    if used:
-        correct(parts, mean, gain, whitened)
-    else:
-        nothing = np.empty((0, 0))
-        triangular.condition(
-            first[m:].copy(), before, further[: rows + k, m:].copy(), whitened[:0], nothing, whitened[:0],
-            np.empty((n, 0)), upper,
-        )  # fmt: skip
-    return used, nis, innovation_factor, whitened, gain
-
-
-# ---- the cell ----
-
-
 @kernel
 def part(points, at, size):
     """Return so many rows of the stored state."""
@@ -327,18 +147,18 @@ def sensor_coefficients(model, points, rate, force, shared):
     """Write the coefficients of `preintegration` for the sigma points."""
     order, turning, sharing = model.order, model.turning.size, model.sharing.size
     gyro = rows_of(model.gyro, points, model.turning)
-    preintegration.rate_coefficients(gyro[:9].reshape(3, 3, turning), gyro[9:].reshape(order, 3, turning), rate)
+    coefficients.rate_coefficients(gyro[:9].reshape(3, 3, turning), gyro[9:].reshape(order, 3, turning), rate)
     alone = np.empty((rate.shape[0], 3, 1))
     for f in range(rate.shape[0]):
         for row in range(3):
             alone[f, row, 0] = rate[f, row, 0]
     own, others = rows_of(model.accel, points, model.turning), rows_of(model.accel, points, model.sharing)
     at = 9 + 3 * order
-    preintegration.force_coefficients(
+    coefficients.force_coefficients(
         rate, own[:9].reshape(3, 3, turning), own[9:at].reshape(order, 3, turning), own[at:].reshape(3, 3, turning),
         model.products, model.inside, force,
     )  # fmt: skip
-    preintegration.force_coefficients(
+    coefficients.force_coefficients(
         alone, others[:9].reshape(3, 3, sharing), others[9:at].reshape(order, 3, sharing),
         others[at:].reshape(3, 3, sharing), model.products, model.inside, shared,
     )  # fmt: skip
@@ -386,7 +206,7 @@ def propagate(model, signal, first, last, points):
     at = model.stored
     turning, sharing, sigma = model.turning.size, model.sharing.size, points.shape[1]
     P, M = 1 + 3 * model.order, turning + sharing
-    features = preintegration.force_features(P, model.order)
+    features = coefficients.force_features(P, model.order)
     rate = np.empty((P, 3, turning))
     force, shared = np.empty((features, 3, turning)), np.empty((features, 3, sharing))
     sensor_coefficients(model, points, rate, force, shared)
@@ -399,7 +219,7 @@ def propagate(model, signal, first, last, points):
     )
     q, v, p = part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3), part(points, at[POSITION], 3)
     q_first = np.empty((4, sigma))
-    place(q, 0, 0, q_first)
+    sigma_points.place(q, 0, 0, q_first)
     around = rows_of(model.around, points, np.arange(sigma))
     gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
     composition.environment(model.level, model.down, around[:4], around[4:6], around[6], gravity, earth_rate)
@@ -413,8 +233,8 @@ def propagate(model, signal, first, last, points):
             K_omega[row, axis] = rate[1 + axis, row, 0]
             K_a[row, axis] = force[P * (P + 1) // 2 + P - 1 + axis, row, 0]
     Q, noise = np.empty((9, 9)), np.empty((9, 9))
-    preintegration.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
-    composition.navigation_noise(Q, column_of(q_first, 0), column_of(dq, 0), noise)
+    sensor_noise.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
+    sensor_noise.navigation_noise(Q, sigma_points.column_of(q_first, 0), sigma_points.column_of(dq, 0), noise)
     return Motion(q_first, omega, alpha, u_end, gravity, earth_rate, around, noise)
 
 
@@ -425,7 +245,7 @@ def process_noise(model, navigation, duration, points):
     for name in (PATH_POSITION, PATH_ORIENTATION):
         lasting += 3 if at[name] >= 0 else 0
     out = np.zeros((lasting + 9, lasting + 9))
-    place(navigation, lasting, lasting, out)
+    sigma_points.place(navigation, lasting, lasting, out)
     row = 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         if at[name] >= 0:
@@ -447,7 +267,7 @@ def disturbed(model, centre, noise):
     last = model.parts.shape[0] - 1
     n = model.parts[last, manifold.DEGREE] + model.parts[last, manifold.DEGREES]
     change = np.zeros((n, 2 * k))
-    place(noise, n - c, 0, change)
+    sigma_points.place(noise, n - c, 0, change)
     for i in range(c):
         for j in range(k):
             change[n - c + i, k + j] = -noise[i, j]
@@ -501,7 +321,7 @@ def observe(model, signal, steps, i, motion, points, noise):
     """
     stamps, start, skew, tau = signal.stamps, motion.around[7], motion.around[8], steps.tau[i]
     sigma, last, resting = points.shape[1], steps.last[i], steps.resting[i]
-    others = disturbed(model, column_of(points, 0), noise)
+    others = disturbed(model, sigma_points.column_of(points, 0), noise)
     t, t_centre = np.empty(sigma), np.empty(1)
     for s in range(sigma):
         t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]
@@ -535,7 +355,7 @@ def observe(model, signal, steps, i, motion, points, noise):
             measured[row + axis, 0] = -points[at + axis, 0]
         distances(points, at, points, at, seen, row)
         distances(others, at, points, at, seen_others, row)
-    return seen, seen_others, column_of(measured, 0)
+    return seen, seen_others, sigma_points.column_of(measured, 0)
 
 
 @kernel
@@ -575,20 +395,23 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
         duration = signal.stamps[last] - signal.stamps[first]
         for j in range(model.walking.size):
             triangular.widen(upper, model.walking[j], model.walk[j] * math.sqrt(duration))
-        draw(model.parts, mean, upper, model.weights[SPREAD], points)
+        sigma_points.draw(model.parts, mean, upper, model.weights[sigma_points.SPREAD], points)
         motion = propagate(model, signal, first, last, points)
         noise = process_noise(model, motion.noise, duration, points)
         seen, seen_noise, innovation = observe(model, signal, steps, i, motion, points, noise)
-        velocity, omega = column_of(part(points, at[VELOCITY], 3), 0), column_of(motion.omega, 0)
+        velocity, omega = (
+            sigma_points.column_of(part(points, at[VELOCITY], 3), 0),
+            sigma_points.column_of(motion.omega, 0),
+        )
         by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, omega)
         m = innovation.size
-        used, nis, innovation_factor, whitened, gain = use(
+        used, nis, innovation_factor, whitened, gain = sigma_points.use(
             model.parts, model.tail, model.weights, mean, upper, seen, seen_noise, innovation, noise, points,
             by_reference, gates[m],
         )  # fmt: skip
         rejected[0] = 0 if used else rejected[0] + 1
         note(record, i, used, mean, innovation, whitened, innovation_factor, by_reference, gain)
-        deviations(upper, i, record.deviation)
+        sigma_points.deviations(upper, i, record.deviation)
         if not math.isfinite(nis) or rejected[0] >= most:
             return i + 1
     return end

@@ -131,3 +131,19 @@ def minus(q, origin, out):
         out[0, s] *= k
         out[1, s] *= k
         out[2, s] *= k
+
+
+@kernel
+def direction_cosines(q, C):
+    """Write the matrices of unit quaternions (c, 4), row by row, (c, 9)."""
+    for j in range(q.shape[0]):
+        w, x, y, z = q[j, 0], q[j, 1], q[j, 2], q[j, 3]
+        C[j, 0] = 1.0 - 2.0 * (y * y + z * z)
+        C[j, 1] = 2.0 * (x * y - w * z)
+        C[j, 2] = 2.0 * (x * z + w * y)
+        C[j, 3] = 2.0 * (x * y + w * z)
+        C[j, 4] = 1.0 - 2.0 * (x * x + z * z)
+        C[j, 5] = 2.0 * (y * z - w * x)
+        C[j, 6] = 2.0 * (x * z - w * y)
+        C[j, 7] = 2.0 * (y * z + w * x)
+        C[j, 8] = 1.0 - 2.0 * (x * x + y * y)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import attitude, composition, preintegration, quadrature
+from kreisel._kernels import attitude, coefficients, composition, preintegration, quadrature, sensor_noise
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
@@ -26,7 +26,7 @@ class Samples(NamedTuple):
     base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
         Stencils of `_kernels.quadrature`.
     rates, slopes : (P, n)
-        Features of the rate and their derivatives, P = 1 + 3 N: see `_kernels.preintegration`.
+        Features of the rate and their derivatives, P = 1 + 3 N: see `_kernels.coefficients`.
     integrals : (P, n - 1)
         Integrals of the features over each sampling interval.
     forces : (3 N, n)
@@ -109,7 +109,7 @@ class SensorColumns:
     """Sensor parameters for many sigma points, as the coefficients the kernels work with.
 
     `rate` and `force` (P, 3, m), (features, 3, m), and `shared` (features, 3, M - m), whose columns turn as the
-    first of `rate` does: see `_kernels.preintegration`.
+    first of `rate` does: see `_kernels.coefficients`.
     """
 
     rate: Array
@@ -125,13 +125,13 @@ class SensorColumns:
         """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
         order, turning = k_w.shape[0], K_omega.shape[-1]
         rate = np.empty((1 + 3 * order, 3, turning))
-        preintegration.rate_coefficients(K_omega, k_w, rate)
-        features = preintegration.force_features(1 + 3 * order, order)
+        coefficients.rate_coefficients(K_omega, k_w, rate)
+        features = coefficients.force_features(1 + 3 * order, order)
         parts = []
         for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1].copy(), slice(turning, None))):
             accel = [np.ascontiguousarray(part[..., chosen]) for part in (K_a, k_a, lever_arms)]
             out = np.empty((features, 3, accel[0].shape[-1]))
-            preintegration.force_coefficients(turns, accel[0], accel[1], accel[2], form.products, form.inside, out)
+            coefficients.force_coefficients(turns, accel[0], accel[1], accel[2], form.products, form.inside, out)
             parts.append(out)
         return cls(rate, parts[0], parts[1], K_omega[..., 0].copy(), K_a[..., 0].copy())
 
@@ -276,7 +276,7 @@ def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increm
     """
     Q = np.empty((9, 9))
     every = max(1, int(_NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
-    preintegration.noise_covariance(
+    sensor_noise.noise_covariance(
         first, last, step.low, every, signal.samples, step.u_path, step.q_path, columns.K_omega, columns.K_a, Q,
     )  # fmt: skip
     return Q
