@@ -305,6 +305,8 @@ def predicted_poses(model, motion, regressor, resting, t, before, after, points,
     turned = np.zeros((3, m))
     for axis in range(3):
         for e in range(errors.shape[0]):
+            if model.robot.source[e] < 0 and model.robot.known[e] == 0.0:
+                continue
             moves, turns = regressor[axis, e], regressor[3 + axis, e]
             for s in range(m):
                 p[axis, s] -= moves * errors[e, s]
