@@ -26,11 +26,12 @@ def main(folder: Path | None) -> None:
         phases[name] = now - since
         return now
 
-    from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.kernels import compile_kernels
+    from kreisel.calibration.observability import observability
     from kreisel.calibration.run import estimate
     from kreisel.calibration.settings import CalibrationSettings
     from kreisel.calibration.setup import build_problem, prepare_recording
+    from kreisel.calibration.verdict import consistency, judge
     from kreisel.recording import load
     from kreisel.recording.write import write
     from kreisel.simulation import Cell, simulate
@@ -52,9 +53,8 @@ def main(folder: Path | None) -> None:
         at = lap("build the problem", at)
         found = estimate(problem, reference_given=True, imu_given=True)
         at = lap(f"filter, {found.passes} pass(es)", at)
-        run_calibration(recording, settings)
-        whole = time.perf_counter() - at
-        phases["judge and write down"] = whole - sum(list(phases.values())[3:])
+        judge(found, observability(found.problem, found.run), consistency(found))
+        lap("judge", at)
         unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
     total = sum(phases.values())
     for name, seconds in phases.items():

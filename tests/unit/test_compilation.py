@@ -42,6 +42,16 @@ def test_without_a_place_in_the_users_cache_another_is_found(elsewhere, tmp_path
     assert compilation.cache_folder() is None
 
 
+def test_a_user_without_name_and_home_has_a_place(elsewhere, tmp_path, monkeypatch):
+    def nobody():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(compilation.Path, "home", nobody)
+    monkeypatch.setattr(compilation.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
+    assert compilation.cache_folder().is_relative_to(tmp_path / "temporary")
+
+
 def test_numba_is_left_as_it_was(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "somebody's")
     compilation.kernel(lambda x: x)

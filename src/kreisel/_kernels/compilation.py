@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import os
 import tempfile
@@ -38,10 +37,8 @@ def cache_folder() -> Path | None:
     for file in sorted(Path(__file__).parent.glob("*.py")):
         source.update(file.read_bytes())
     name = f"kreisel-kernels-{source.hexdigest()[:16]}"
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    for parent in [given] if given else [user, Path(tempfile.gettempdir()) / f"kreisel-{getpass.getuser()}"]:
-        folder = Path(parent) / name
+    for parent in _parents():
+        folder = parent / name
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -49,6 +46,19 @@ def cache_folder() -> Path | None:
         if os.access(folder, os.W_OK):
             return folder
     return None
+
+
+def _parents() -> list[Path]:
+    """Return where the folder may lie, best first."""
+    given, user = os.environ.get("NUMBA_CACHE_DIR"), os.environ.get("XDG_CACHE_HOME")
+    if given:
+        return [Path(given)]
+    own = getattr(os, "getuid", lambda: "user")()
+    temporary = Path(tempfile.gettempdir()) / f"kreisel-{own}"
+    try:
+        return [Path(user) if user else Path.home() / ".cache", temporary]
+    except RuntimeError:  # no home: a container's nameless user
+        return [temporary]
 
 
 _FOLDER = cache_folder()

@@ -10,9 +10,7 @@ from kreisel._kernels import filtering
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.calibration.problem import LASTING, Problem
 from kreisel.estimation.sigma_points import weights
-
-_NOISE_STEP = 0.02
-"""Seconds of readings whose noise is taken together."""
+from kreisel.inertial.strapdown import NOISE_STEP
 
 
 def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
@@ -63,7 +61,7 @@ def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
         lasting=np.array([problem.correlation_time, LASTING**0.5 * noise.position, LASTING**0.5 * noise.orientation]),
         walking=np.array(walking, dtype=np.int64),
         walk=np.repeat(list(walks.values()), 3).astype(float),
-        noise_step=_NOISE_STEP,
+        noise_step=NOISE_STEP,
     )  # fmt: skip
 
 
@@ -97,7 +95,7 @@ def filter_record(problem: Problem) -> filtering.Record:
         deviation=np.empty((u, len(problem.parameter_names))),
         used=np.zeros(u, dtype=bool),
         innovation=np.empty((u, m)),
-        whitened=np.empty((u, m)),
+        whitened=np.zeros((u, m)),
         factor=np.empty((u, m, m)),
         noise=np.empty((u, m, m)),
         gain=np.empty((u, 6, m)),

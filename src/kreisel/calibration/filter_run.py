@@ -167,7 +167,7 @@ def run_filter(
             mean, upper, record, rejected,
         )  # fmt: skip
         belief = Belief(mean, upper.T.copy())
-        if not np.isfinite(record.whitened[done - 1, 0]):
+        if not np.isfinite(record.whitened[done - 1]).all():
             raise EstimationError(
                 f"the filter's state is no longer finite at {problem.signal.stamps[updates[done - 1].last]:.2f} s; "
                 "check units and noise figures, or fix groups the motion does not show"
@@ -272,7 +272,6 @@ def _history(problem: Problem, record: filtering.Record) -> History:
         m = present.size
         S, R, gain = record.factor[which, :m, :m], record.noise[which, :m, :m], record.gain[which, :, :m]
         white, innovation = record.whitened[which, :m], record.innovation[which, :m]
-        S = np.tril(S)
         # what is left of an innovation: the noise's covariance times the inverse of the innovation's
         solved = np.linalg.solve(np.swapaxes(S, 1, 2), white[..., None])
         parts = (white, innovation, (R @ solved)[..., 0], np.diagonal(R, axis1=1, axis2=2))

@@ -12,7 +12,7 @@ from kreisel._kernels import attitude, coefficients, composition, preintegration
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
-_NOISE_STEP = 0.02
+NOISE_STEP = 0.02
 """Seconds of readings whose noise is taken together."""
 
 
@@ -275,7 +275,7 @@ def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increm
     at `first`; attitude errors as left perturbations there.
     """
     Q = np.empty((9, 9))
-    every = max(1, int(_NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
+    every = max(1, int(NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
     sensor_noise.noise_covariance(
         first, last, step.low, every, signal.samples, step.u_path, step.q_path, columns.K_omega, columns.K_a, Q,
     )  # fmt: skip
