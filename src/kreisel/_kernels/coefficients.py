@@ -52,7 +52,11 @@ def force_coefficients(rate, K_a, k_a, lever_arms, products, inside, out):
     axes = np.zeros((3, 3, m))
     field = np.zeros((3, 3, m))
     W = np.empty((P, 3, m))
-    W[:] = rate
+    one = rate.shape[2] == 1
+    for f in range(P):
+        for row in range(3):
+            for s in range(m):
+                W[f, row, s] = rate[f, row, 0 if one else s]
     if inside:
         inverse(K_a, axes)
     x = np.empty((3, m))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel
 from kreisel._kernels.rotation import rotate, turn
 
@@ -154,5 +155,5 @@ def pose_at(
         for s in range(m):
             a = accel[i, s] + gravity[i, own[s]] - 2.0 * coriolis[i, s]
             p_out[i, s] = p[i, s] + moment[s] * (v[i, s] + moment[s] / 2.0 * (a + moment[s] / 3.0 * slope[i, s]))
-    q_out[:] = q
+    place(q, 0, 0, q_out)
     turn(q_out, theta, 1.0)

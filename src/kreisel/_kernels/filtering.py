@@ -20,6 +20,7 @@ from kreisel._kernels import (
     sigma_points,
     triangular,
 )
+from kreisel._kernels.blocks import column_of, place, rows_from
 from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.quadrature import POINTS
 
@@ -129,12 +130,6 @@ class Record(NamedTuple):
 
 
 @kernel
-def part(points, at, size):
-    """Return so many rows of the stored state."""
-    return points[at : at + size]
-
-
-@kernel
 def rows_of(rows, points, columns):
     """Return some numbers of the model for some sigma points, (e, m)."""
     out = np.empty((rows.source.size, columns.size))
@@ -142,7 +137,7 @@ def rows_of(rows, points, columns):
     return out
 
 
-@part_of_kernel
+@kernel
 def sensor_coefficients(model, points, rate, force, shared):
     """Write the coefficients of `preintegration` for the sigma points."""
     order, turning, sharing = model.order, model.turning.size, model.sharing.size
@@ -217,9 +212,9 @@ def propagate(model, signal, first, last, points):
     preintegration.preintegrate(
         first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega, alpha, u_end, u_path, q_path
     )
-    q, v, p = part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3), part(points, at[POSITION], 3)
+    q, v, p = rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3), rows_from(points, at[POSITION], 3)
     q_first = np.empty((4, sigma))
-    sigma_points.place(q, 0, 0, q_first)
+    place(q, 0, 0, q_first)
     around = rows_of(model.around, points, np.arange(sigma))
     gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
     composition.environment(model.level, model.down, around[:4], around[4:6], around[6], gravity, earth_rate)
@@ -234,7 +229,7 @@ def propagate(model, signal, first, last, points):
             K_a[row, axis] = force[P * (P + 1) // 2 + P - 1 + axis, row, 0]
     Q, noise = np.empty((9, 9)), np.empty((9, 9))
     sensor_noise.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
-    sensor_noise.navigation_noise(Q, sigma_points.column_of(q_first, 0), sigma_points.column_of(dq, 0), noise)
+    sensor_noise.navigation_noise(Q, column_of(q_first, 0), column_of(dq, 0), noise)
     return Motion(q_first, omega, alpha, u_end, gravity, earth_rate, around, noise)
 
 
@@ -245,7 +240,7 @@ def process_noise(model, navigation, duration, points):
     for name in (PATH_POSITION, PATH_ORIENTATION):
         lasting += 3 if at[name] >= 0 else 0
     out = np.zeros((lasting + 9, lasting + 9))
-    sigma_points.place(navigation, lasting, lasting, out)
+    place(navigation, lasting, lasting, out)
     row = 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         if at[name] >= 0:
@@ -267,7 +262,7 @@ def disturbed(model, centre, noise):
     last = model.parts.shape[0] - 1
     n = model.parts[last, manifold.DEGREE] + model.parts[last, manifold.DEGREES]
     change = np.zeros((n, 2 * k))
-    sigma_points.place(noise, n - c, 0, change)
+    place(noise, n - c, 0, change)
     for i in range(c):
         for j in range(k):
             change[n - c + i, k + j] = -noise[i, j]
@@ -287,8 +282,8 @@ def predicted_poses(model, motion, regressor, resting, t, before, after, points,
     q, p = np.empty((4, m)), np.empty((3, m))
     composition.pose_at(
         t, before, after, columns, own, motion.q_first, motion.omega, motion.alpha, motion.force, motion.gravity,
-        motion.earth_rate, part(points, at[ATTITUDE], 4), part(points, at[VELOCITY], 3),
-        part(points, at[POSITION], 3), q, p,
+        motion.earth_rate, rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3),
+        rows_from(points, at[POSITION], 3), q, p,
     )  # fmt: skip
     of_position = at[REST_POSITION if resting else PATH_POSITION]
     of_attitude = at[REST_ORIENTATION if resting else PATH_ORIENTATION]
@@ -297,7 +292,7 @@ def predicted_poses(model, motion, regressor, resting, t, before, after, points,
             for s in range(m):
                 p[axis, s] += points[of_position + axis, s]
     if of_attitude >= 0:
-        rotation.plus(q, part(points, of_attitude, 3), q)
+        rotation.plus(q, rows_from(points, of_attitude, 3), q)
     if regressor.shape[1] == 0:
         return q, p
     # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
@@ -323,7 +318,7 @@ def observe(model, signal, steps, i, motion, points, noise):
     """
     stamps, start, skew, tau = signal.stamps, motion.around[7], motion.around[8], steps.tau[i]
     sigma, last, resting = points.shape[1], steps.last[i], steps.resting[i]
-    others = disturbed(model, sigma_points.column_of(points, 0), noise)
+    others = disturbed(model, column_of(points, 0), noise)
     t, t_centre = np.empty(sigma), np.empty(1)
     for s in range(sigma):
         t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]
@@ -347,9 +342,9 @@ def observe(model, signal, steps, i, motion, points, noise):
         for j in range(4):
             centre[j, 0] = q[j, 0]
             quaternion[j, 0] = steps.quaternion[i, j]
-        rotation.minus(q, centre, part(seen, row, 3))
-        rotation.minus(q_others, centre, part(seen_others, row, 3))
-        rotation.minus(quaternion, centre, part(measured, row, 3))
+        rotation.minus(q, centre, rows_from(seen, row, 3))
+        rotation.minus(q_others, centre, rows_from(seen_others, row, 3))
+        rotation.minus(quaternion, centre, rows_from(measured, row, 3))
         row += 3
     if resting:
         at = model.stored[VELOCITY]
@@ -357,7 +352,7 @@ def observe(model, signal, steps, i, motion, points, noise):
             measured[row + axis, 0] = -points[at + axis, 0]
         distances(points, at, points, at, seen, row)
         distances(others, at, points, at, seen_others, row)
-    return seen, seen_others, sigma_points.column_of(measured, 0)
+    return seen, seen_others, column_of(measured, 0)
 
 
 @kernel
@@ -402,8 +397,8 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
         noise = process_noise(model, motion.noise, duration, points)
         seen, seen_noise, innovation = observe(model, signal, steps, i, motion, points, noise)
         velocity, omega = (
-            sigma_points.column_of(part(points, at[VELOCITY], 3), 0),
-            sigma_points.column_of(motion.omega, 0),
+            column_of(rows_from(points, at[VELOCITY], 3), 0),
+            column_of(motion.omega, 0),
         )
         by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, omega)
         m = innovation.size

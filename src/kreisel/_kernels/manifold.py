@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels import rotation
+from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel
 
 DEGREE, DEGREES, STORED, ROTATION = range(4)
@@ -27,7 +28,7 @@ def plus(parts, x, change, out):
                     out[at + j, s] = x[at + j] + change[d + j, s]
             continue
         theta = np.zeros((3, m))
-        theta[: parts[i, DEGREES]] = change[d : d + parts[i, DEGREES]]
+        place(change[d : d + parts[i, DEGREES]], 0, 0, theta)
         rotation.plus(x[at : at + 4].reshape(4, 1), theta, out[at : at + 4])
 
 
@@ -45,4 +46,4 @@ def minus(parts, states, x, out):
             continue
         theta = np.empty((3, m))
         rotation.minus(states[at : at + 4], x[at : at + 4].reshape(4, 1), theta)
-        out[d : d + parts[i, DEGREES]] = theta[: parts[i, DEGREES]]
+        place(theta[: parts[i, DEGREES]], d, 0, out)

@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.quadrature import POINTS
 from kreisel._kernels.rotation import direction_cosines, rotate, turn
@@ -194,18 +195,15 @@ def block_length(first, last, signal, difference):
 
 
 @kernel
-def combine(sums, coefficients, out, start):
-    """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, start + s]."""
-    total = np.empty(coefficients.shape[2])
+def combine(sums, coefficients, out):
+    """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, s]."""
+    out[:] = 0.0
     for i in range(3):
-        total[:] = 0.0
         for j in range(3):
             for f in range(coefficients.shape[0]):
                 c = sums[3 * i + j, f]
-                for s in range(total.size):
-                    total[s] += c * coefficients[f, j, s]
-        for s in range(total.size):
-            out[i, start + s] = total[s]
+                for s in range(out.shape[1]):
+                    out[i, s] += c * coefficients[f, j, s]
 
 
 @kernel
@@ -263,14 +261,12 @@ def preintegrate(
     q = np.zeros((4, m))
     q[0] = 1.0
     neighbours = np.zeros((2, 3, m))
-    if m == 1:
-        sum_products(0, count, weights, C, psi, total)
-        combine(total[0], force, dv, 0)
-        combine(total[1], force, dp, 0)
-    else:
-        relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp)
-    combine(total[0], shared, dv, m)
-    combine(total[1], shared, dp, m)
+    relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp)
+    others = np.empty((3, shared.shape[2]))
+    combine(total[0], shared, others)
+    place(others, 0, m, dv)
+    combine(total[1], shared, others)
+    place(others, 0, m, dp)
     finish(last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end)
 
 
@@ -306,7 +302,10 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
         begin, end = b * count // blocks, (b + 1) * count // blocks
         centre = (begin + end) // 2
         sum_products(begin, end, weights, C, psi, sums)
-        total += sums
+        for which in range(2):
+            for i in range(9):
+                for f in range(features):
+                    total[which, i, f] += sums[which, i, f]
         sum_turns(begin, centre, end, weights, units, u_path, turns)
         span_before = advance(signal, low, at, centre, span_before, units, difference, before, theta, q)
         at = centre
@@ -318,7 +317,7 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
                         lever[which, f + 3 * i + r] = (
                             turns[3 * which + k, f + 3 * j + r] - turns[3 * which + j, f + 3 * k + r]
                         )
-            combine(sums[which], force, part, 0)
+            combine(sums[which], force, part)
             contract(lever[which], difference, part)
             rotate(q, part, part)
             out = dv if which == 0 else dp
@@ -382,7 +381,8 @@ def sum_turns(begin, centre, end, weights, units, u_path, turns):
             carried[j - begin + 1, i] = carried[j - begin, i] - weights[0, j] * u_path[j, i]
             carried[j - begin + 1, 3 + i] = carried[j - begin, 3 + i] - weights[1, j] * u_path[j, i]
     for j in range(begin, centre):
-        carried[j - begin] = carried[j - begin + 1]
+        for x in range(6):
+            carried[j - begin, x] = carried[j - begin + 1, x]
     carried[centre - begin :] = 0.0
     for j in range(end - 2, centre - 1, -1):
         for i in range(3):
@@ -408,7 +408,7 @@ def advance(signal, low, begin, end, span_before, units, difference, before, the
     for j in range(min(begin, end), max(begin, end)):
         for f in range(turns.size):
             turns[f] += sign * units[j, f]
-    before[:] = theta
+    place(theta, 0, 0, before)
     theta[:] = 0.0
     contract(turns, difference, theta)
     # The classic two-interval form: what the change of the turn's axis adds to it.
@@ -450,16 +450,16 @@ def finish(
     for which in range(3):
         k = last - 1 + which
         if k > high:  # no sample beyond `last`
-            u_end[which] = u_end[which - 1]
+            place(u_end[which - 1], 0, 0, u_end[which])
             continue
         force_at(k - low, psi, C, force, part)
-        turned[:] = q
+        place(q, 0, 0, turned)
         if which != 1:
             turn(turned, neighbours[which // 2], 1.0)
         rotate(turned, part, part)
-        u_end[which, :, :m] = part
+        place(part, 0, 0, u_end[which])
         force_at(k - low, psi, C, shared, others)
-        u_end[which, :, m:] = others
+        place(others, 0, m, u_end[which])
 
 
 @kernel

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from kreisel._kernels import manifold, triangular
+from kreisel._kernels.blocks import column_of, place
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
 SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
@@ -31,23 +32,6 @@ def draw(parts, mean, upper, spread, points):
             change[i, 1 + j] = d
             change[i, 1 + n + j] = -d
     manifold.plus(parts, mean, change, points)
-
-
-@kernel
-def place(block, row, column, out):
-    """Write a block (r, c) into an array from a row and column on."""
-    for i in range(block.shape[0]):
-        for j in range(block.shape[1]):
-            out[row + i, column + j] = block[i, j]
-
-
-@kernel
-def column_of(points, j):
-    """Return a column."""
-    out = np.empty(points.shape[0])
-    for i in range(out.size):
-        out[i] = points[i, j]
-    return out
 
 
 @part_of_kernel
@@ -121,7 +105,7 @@ def correct(parts, mean, gain, whitened):
         mean[i] = out[i, 0]
 
 
-@part_of_kernel
+@kernel
 def use(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points, measurement_factor, gate):
     """Use a measurement that sigma points predict: change the belief in place.
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel, reassociating_kernel
 
 
@@ -16,7 +17,10 @@ def triangularise(rows):
     Householder's reflections; the diagonal comes out positive.
     """
     r = rows.shape[1]
-    columns = np.ascontiguousarray(rows.T)
+    columns = np.empty((r, rows.shape[0]))
+    for i in range(r):
+        for j in range(rows.shape[0]):
+            columns[i, j] = rows[j, i]
     reflect(columns)
     rows[:] = 0.0
     for i in range(r):
@@ -87,13 +91,15 @@ def condition(first, upper, further, innovation, innovation_factor, whitened, ga
     for i in range(changing):
         for r in range(m + changing):
             small[i, r] = first[r, held + i]
-    small[changing : changing + further.shape[0]] = further
+    place(further, changing, 0, small)
     triangularise(small)
     head = np.zeros((m, m))
     pivot = np.zeros((m, n))
     for i in range(m):
-        head[i, i:] = small[i, i:m]
-        pivot[i, held:] = small[i, m:]
+        for r in range(i, m):
+            head[i, r] = small[i, r]
+        for r in range(changing):
+            pivot[i, held + r] = small[i, m + r]
     for j in range(changing):
         for r in range(j, changing):
             posterior[held + j, held + r] = small[m + j, m + r]

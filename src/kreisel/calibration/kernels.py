@@ -1,59 +1,143 @@
-"""Every kernel made ready before the work begins, so that compiling shows as a step of its own."""
+"""Every kernel made ready before the work begins, so that compiling shows as a step of its own.
+
+What is compiled for the first time is compiled by helping processes, as far as possible two at once, into the cache
+that all later starts load from.
+"""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 
 import numpy as np
 
-from kreisel._kernels import filtering, quadrature
+from kreisel._kernels import (
+    compilation,
+    composition,
+    filtering,
+    preintegration,
+    quadrature,
+    sensor_noise,
+    sigma_points,
+)
 from kreisel.estimation.filter import Belief, triangularise, widen
 from kreisel.estimation.state import Part, StateLayout
 from kreisel.inertial.strapdown import Samples, integrate_attitude, prepare
 
+Progress = Callable[[float], None]
 
-def _filter() -> None:
-    """Run the filter over no updates: nothing is computed, all of it compiled."""
-    layout = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
-    number, numbers, table, block = np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 1))
-    index, flags, rows = np.zeros(1, dtype=np.int64), np.zeros(2, dtype=bool), filtering.Rows
-    some = rows(index, number)
-    model = filtering.Model(
-        layout.table, layout.table, number, some, some, some, some, index, index, index, index, 1, 1.0, True, 0.0, 0.0,
-        number, number, index, number, 0.02,
-    )  # fmt: skip
-    samples = Samples(number, index, numbers, numbers, table, table, table, table, numbers, numbers)
-    steps = filtering.Steps(index, index, number, flags, numbers, numbers, flags, block)
-    record = filtering.Record(numbers, numbers, flags, numbers, numbers, block, block, block)
-    filtering.run(model, samples, steps, 0, 0, number, 1, number.copy(), numbers.copy(), record, index)
+_LAYOUT = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
+_NUMBER, _NUMBERS, _BLOCK = np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1, 1))
+_INDEX, _FLAGS = np.zeros(1, dtype=np.int64), np.zeros(2, dtype=bool)
+
+
+def _signal() -> None:
+    """Integrate readings of no motion."""
+    signal = prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))
+    integrate_attitude(signal, np.zeros((4, 3)))
+    quadrature.double_integral(np.arange(3.0), np.zeros((3, 3)), _INDEX, _NUMBER, np.empty((1, 3)))
 
 
 def _belief() -> None:
-    layout = StateLayout([Part("held", 3), Part("turn", 3, rotation=True)])
-    belief = widen(layout, Belief(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(6)), "held", 1.0)
+    """Widen, triangularise and change a belief in six numbers."""
+    belief = widen(_LAYOUT, Belief(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(6)), "held", 1.0)
     triangularise(np.hstack([belief.factor, np.eye(6)]))
-    layout.minus(layout.plus(belief.mean, np.zeros((6, 1))), belief.mean)
+    _LAYOUT.minus(_LAYOUT.plus(belief.mean, np.zeros((6, 1))), belief.mean)
 
 
-_STEPS: tuple[Callable[[], object], ...] = (
-    lambda: integrate_attitude(prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3))), np.zeros((4, 3))),
-    _belief,
-    lambda: quadrature.double_integral(
-        np.arange(3.0), np.zeros((3, 3)), np.zeros(1, dtype=np.int64), np.zeros(1), np.empty((1, 3))
-    ),
-    _filter,
-)
+def _model() -> filtering.Model:
+    some = filtering.Rows(_INDEX, _NUMBER)
+    return filtering.Model(
+        _LAYOUT.table, _LAYOUT.table, _NUMBER, some, some, some, some, _INDEX, _INDEX, _INDEX, _INDEX, 1, 1.0, True,
+        0.0, 0.0, _NUMBER, _NUMBER, _INDEX, _NUMBER, 0.02,
+    )  # fmt: skip
 
 
-def compile_kernels(progress: Callable[[float], None] | None = None) -> None:
-    """Compile every kernel, or load it from the cache, by small problems; seconds the first time.
+def _samples() -> Samples:
+    x = _NUMBERS
+    return Samples(_NUMBER, _INDEX, x, x, x, x, x, x, x, x)
+
+
+def _filter() -> None:
+    """Run the filter over no updates: nothing is computed, all of it compiled."""
+    steps = filtering.Steps(_INDEX, _INDEX, _NUMBER, _FLAGS, _NUMBERS, _NUMBERS, _FLAGS, _BLOCK)
+    record = filtering.Record(_NUMBERS, _NUMBERS, _FLAGS, _NUMBERS, _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
+    filtering.run(_model(), _samples(), steps, 0, 0, _NUMBER, 1, _NUMBER, _NUMBERS, record, _INDEX)
+
+
+def _motion_kernels() -> None:
+    compilation.compile_for(filtering.sensor_coefficients, _model(), _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
+    out = (*[_NUMBERS] * 5, _BLOCK, _NUMBERS, _NUMBERS)
+    compilation.compile_for(preintegration.preintegrate, 0, 0, 0, 0, _samples(), _BLOCK, _BLOCK, _BLOCK, *out)
+
+
+def _update_kernels() -> None:
+    compilation.compile_for(sigma_points.draw, _LAYOUT.table, _NUMBER, _NUMBERS, 0.0, _NUMBERS)
+    out = (_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+    compilation.compile_for(
+        sigma_points.use, _LAYOUT.table, _LAYOUT.table, _NUMBER, _NUMBER, *out[:3], _NUMBER, *out[:3], 0.0
+    )
+    compilation.compile_for(composition.compose, 0.0, _INDEX, *out, *out)
+    compilation.compile_for(
+        sensor_noise.noise_covariance, 0, 0, 0, 0, _samples(), _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
+    )
+    compilation.compile_for(sensor_noise.navigation_noise, _NUMBERS, _NUMBER, _NUMBER, _NUMBERS)
+    motion = filtering.Motion(*[_NUMBERS] * 3, _BLOCK, *[_NUMBERS] * 4)
+    compilation.compile_for(
+        filtering.predicted_poses, _model(), motion, _NUMBERS, True, _NUMBER, 0.0, 0.0, _NUMBERS, _INDEX, _INDEX
+    )
+
+
+_NEEDED = (_signal, _belief, _filter)
+"""What leaves every kernel ready in this process."""
+
+_ASIDE: dict[str, tuple[Callable[[], None], ...]] = {
+    "motion": (_motion_kernels, _signal),
+    "update": (_update_kernels, _belief),
+    "filter": (_filter,),
+}
+"""What helping processes compile."""
+
+_ROUNDS = (("motion", "update"), ("filter",))
+"""Which of them work at once; the last puts together what the others have compiled."""
+
+
+def compile_kernels(progress: Progress | None = None) -> None:
+    """Compile every kernel, or load it from the cache, by small problems; half a minute the first time.
 
     Parameters
     ----------
     progress
         Called with the share done.
     """
-    for i, step in enumerate(_STEPS):
+    if compilation.is_cold(filtering.run):
+        for works in _ROUNDS:
+            _compile_aside(works, progress)
+    for step in _NEEDED:
         step()
-        if progress is not None:
-            progress((i + 1) / len(_STEPS))
+    if progress is not None:
+        progress(1.0)
+
+
+def _compile_aside(works: tuple[str, ...], progress: Progress | None) -> None:
+    """Compile in a process for each work; should one fail, what it leaves is compiled in this process."""
+    command = [sys.executable, "-m", __name__]
+    quiet = subprocess.DEVNULL
+    helpers = [subprocess.Popen([*command, work], stdout=quiet, stderr=quiet) for work in works]
+    try:
+        while any(helper.poll() is None for helper in helpers):
+            time.sleep(0.1)
+            if progress is not None:
+                progress(compilation.share_compiled())
+    finally:
+        for helper in helpers:
+            helper.kill()
+            helper.wait()
+
+
+if __name__ == "__main__":
+    compilation.favour_short_loops()
+    for compile_some in _ASIDE[sys.argv[1]]:
+        compile_some()

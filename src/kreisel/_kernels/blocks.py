@@ -1,0 +1,34 @@
+"""Rows, columns and blocks of arrays, copied by plain loops.
+
+An assignment of one array to another brings with it, wherever it stands, all that NumPy says of shapes that do not fit;
+compiled, that is longer than most kernels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel._kernels.compilation import kernel
+
+
+@kernel
+def place(block, row, column, out):
+    """Write a block (r, c) into an array from a row and column on."""
+    for i in range(block.shape[0]):
+        for j in range(block.shape[1]):
+            out[row + i, column + j] = block[i, j]
+
+
+@kernel
+def column_of(points, j):
+    """Return a column."""
+    out = np.empty(points.shape[0])
+    for i in range(out.size):
+        out[i] = points[i, j]
+    return out
+
+
+@kernel
+def rows_from(points, at, size):
+    """Return so many rows from one on, not copied."""
+    return points[at : at + size]

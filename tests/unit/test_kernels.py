@@ -1,0 +1,31 @@
+"""What helping processes compile is what the filter loads."""
+
+import pytest
+
+from kreisel._kernels import composition, filtering, preintegration, sensor_noise, sigma_points
+from kreisel.calibration import kernels
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        filtering.sensor_coefficients, preintegration.preintegrate, sigma_points.draw, sigma_points.use,
+        composition.compose, sensor_noise.noise_covariance, sensor_noise.navigation_noise, filtering.predicted_poses,
+    ],
+)  # fmt: skip
+def test_nothing_is_compiled_twice(kernel):
+    kernels._filter()
+    for works in kernels._ASIDE.values():
+        for compile_some in works:
+            compile_some()
+    assert len(kernel.signatures) == 1
+
+
+def test_what_a_helper_leaves_is_compiled_here(monkeypatch):
+    monkeypatch.setattr(kernels.compilation, "is_cold", lambda function: True)
+    monkeypatch.setattr(kernels, "_ROUNDS", (("no such work",),))
+    shares = []
+    kernels.compile_kernels(shares.append)
+    assert shares
+    assert shares[-1] == 1.0
+    assert filtering.run.signatures
