@@ -78,7 +78,7 @@ def share_compiled() -> float:
 
 def compile_for(function: Callable[..., object], *examples: object) -> None:
     """Compile a kernel for arguments of the examples' types, without calling it."""
-    cast(Any, function).compile(tuple(numba.typeof(example) for example in examples))
+    cast(Any, function).compile(tuple(cast(Any, numba).typeof(example) for example in examples))
 
 
 def favour_short_loops() -> None:

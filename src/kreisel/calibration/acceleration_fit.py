@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.initial import Windows, field_column
 from kreisel.calibration.setup import Preparation
-from kreisel.geometry.rotation import Array, matrix
+from kreisel.geometry.rotation import Array
 
 _LEAST_WINDOWS = 20
 
@@ -47,19 +46,10 @@ class AccelerationFit:
 
 def fit_accelerations(preparation: Preparation) -> AccelerationFit:
     """Return the fit of a recording with positions and orientations."""
-    reference, signal, fit = preparation.reference, preparation.signal, preparation.rate_fit
+    reference, force = preparation.reference, preparation.force_fit
     assert reference.positions is not None  # noqa: S101 - for the type checker; the caller looked
-    C = matrix(preparation.attitude)
-    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
-    alpha = signal.slopes @ fit.K_omega.T
-    a = signal.accelerations
-    windows = Windows.over(signal, fit.clock, reference.seconds)
-    columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
-    columns += [C[:, :, j] for j in range(3)]
-    columns += [-field_column(C, omega, alpha, j) for j in range(3)]
-    felt = np.stack([windows.integrate(column) for column in columns], axis=2)  # (windows, axis, 15)
-    shown = windows.second_difference(reference.positions)
-    return _fit(felt, shown, preparation.site.gravity)
+    shown = force.windows.second_difference(reference.positions)
+    return _fit(force.felt, shown, preparation.site.gravity)
 
 
 def _fit(felt: Array, shown: Array, gravity: float) -> AccelerationFit:

@@ -24,6 +24,7 @@ from kreisel.geometry.rotation import (
     matrix,
     multiply,
     nearest_rotation,
+    skew,
 )
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.synchronization import Clock, RateFit
@@ -51,6 +52,8 @@ class ForceFit:
         What is left in a second difference, as an acceleration, m/s^2.
     K_a_sd, k_a0_sd, lever_arm_sd, tilt_sd
         Standard deviations of the fit; that of gravity's direction in rad.
+    windows, felt : (windows, 3, 15)
+        The windows compared, and what `felt_columns` makes in each.
     """
 
     K_a: Array
@@ -63,6 +66,8 @@ class ForceFit:
     k_a0_sd: Array
     lever_arm_sd: Array
     tilt_sd: float
+    windows: Windows
+    felt: Array
 
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
@@ -165,16 +170,10 @@ def fit_forces(
     rests
         First and last IMU second of every rest.
     """
-    C = matrix(q)
-    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
-    alpha = signal.slopes @ fit.K_omega.T
-    a = signal.accelerations
-    columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
-    columns += [C[:, :, j] for j in range(3)]
-    columns += [-field_column(C, omega, alpha, j) for j in range(3)]
-    columns += [np.tile(np.eye(3)[j], (a.shape[0], 1)) for j in range(3)]
+    columns = felt_columns(signal, fit, q)
     windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
-    A = np.stack([windows.integrate(column) for column in columns], axis=2)  # (windows, axis, 18)
+    felt_in_windows = np.stack([windows.integrate(column) for column in columns], axis=2)
+    A = np.concatenate([felt_in_windows, np.broadcast_to(np.eye(3), (len(felt_in_windows), 3, 3))], axis=2)
     target = np.zeros(A.shape[:2]) if p is None else windows.second_difference(p)
     R = nearest_rotation(fit.K_omega)
     felt = A[:, :, :9] @ R.ravel()
@@ -185,7 +184,7 @@ def fit_forces(
         moved, expected = target - target.mean(axis=0), felt - felt.mean(axis=0)
         slope = float(np.sum(moved * expected) / max(np.sum(expected**2), 1e-12))
     else:
-        still = [_mean_over(signal.stamps, columns, *rest) for rest in rests]
+        still = [np.hstack([_mean_over(signal.stamps, columns, *rest), np.eye(3)]) for rest in rests]
         A = np.concatenate([A, *(_REST_WEIGHT * row[None] for row in still)])
         target = np.zeros(A.shape[:2])
     solution, deviation, residual = _solve(A, target, R, g, gravity)
@@ -201,6 +200,8 @@ def fit_forces(
         k_a0_sd=deviation[9:12],
         lever_arm_sd=deviation[12:15],
         tilt_sd=float(np.max(deviation[15:18])) / gravity,
+        windows=windows,
+        felt=felt_in_windows,
     )
 
 
@@ -210,12 +211,18 @@ def _mean_over(stamps: Array, columns: list[Array], start: float, stop: float) -
     return np.stack([column[part].mean(axis=0) for column in columns], axis=1)
 
 
-def field_column(C: Array, omega: Array, alpha: Array, j: int) -> Array:
-    """Return C ([alpha x] + [omega x]^2) e_j at every sample."""
-    e = np.zeros(3)
-    e[j] = 1.0
-    w = np.cross(omega, e)
-    return np.asarray(np.einsum("nij,nj->ni", C, np.cross(alpha, e) + np.cross(omega, w)))
+def felt_columns(signal: InertialSignal, fit: RateFit, q: Array) -> list[Array]:
+    """Return what the accelerometers make felt in r, for a unit of each of 15 parameters, (n, 3) each.
+
+    Nine couplings, row by row, three offsets, and a lever arm all three have in common. q (n, 4): attitude q_rb.
+    """
+    C, a = matrix(q), signal.accelerations
+    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
+    turning = skew(signal.slopes @ fit.K_omega.T) + omega[:, :, None] * omega[:, None, :]
+    turning -= np.sum(omega**2, axis=1)[:, None, None] * np.eye(3)
+    by_arm = C @ turning
+    columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
+    return columns + [C[:, :, j] for j in range(3)] + [-by_arm[:, :, j] for j in range(3)]
 
 
 def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple[Array, Array, float]:

@@ -84,7 +84,8 @@ def _update_kernels() -> None:
         sensor_noise.noise_covariance, 0, 0, 0, 0, _samples(), _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
     )
     compilation.compile_for(sensor_noise.navigation_noise, _NUMBERS, _NUMBER, _NUMBER, _NUMBERS)
-    motion = filtering.Motion(*[_NUMBERS] * 3, _BLOCK, *[_NUMBERS] * 4)
+    x = _NUMBERS
+    motion = filtering.Motion(x, x, x, _BLOCK, x, x, x, x)
     compilation.compile_for(
         filtering.predicted_poses, _model(), motion, _NUMBERS, True, _NUMBER, 0.0, 0.0, _NUMBERS, _INDEX, _INDEX
     )

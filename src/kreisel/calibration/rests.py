@@ -114,14 +114,12 @@ def _imu_still(imu: ImuSamples) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 def _spread(values: Array, n: int) -> Array:
     """Return the standard deviation within a centred window of n samples, all axes together."""
-    kernel = np.ones(n) / n
     centred = values - values.mean(axis=0)
-    mean = np.column_stack([np.convolve(centred[:, i], kernel, mode="same") for i in range(3)])
-    square = np.convolve((centred**2).sum(axis=1), kernel, mode="same")
-    spread = np.sqrt(np.maximum(square - (mean**2).sum(axis=1), 0.0))
-    half = n // 2 + 1
-    spread[:half], spread[-half:] = spread[half], spread[-half - 1]
-    return np.asarray(spread)
+    sums = np.zeros((len(values) + 1, 4))
+    np.cumsum(np.column_stack([centred, (centred**2).sum(axis=1)]), axis=0, out=sums[1:])
+    mean = (sums[n:] - sums[:-n]) / n
+    inside = np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0))
+    return np.pad(inside, (n // 2, len(values) - inside.size - n // 2), mode="edge")
 
 
 def _reference_moving(

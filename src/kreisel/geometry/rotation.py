@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -67,17 +66,39 @@ def matrix(q: ArrayLike) -> Array:
     """Return the direction cosine matrices (..., 3, 3) of unit quaternions (..., 4)."""
     q = np.asarray(q, dtype=float)
     w, x, y, z = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _matrices(
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _matrices(*rows: tuple[Array, ...]) -> Array:
+    """Return matrices (..., 3, 3) of entries (...)."""
+    out = np.empty((*np.shape(rows[0][0]), 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            out[..., i, j] = entry
+    return out
 
 
 def from_matrix(C: ArrayLike) -> Array:
-    """Return the unit quaternion (..., 4) of direction cosine matrices (..., 3, 3)."""
-    return np.asarray(Rotation.from_matrix(np.asarray(C)).as_quat(scalar_first=True))
+    """Return the unit quaternion (..., 4) of direction cosine matrices (..., 3, 3).
+
+    The products 4 q q^T are sums of the matrix' entries; of their rows the one with the largest diagonal is taken.
+    """
+    C = np.asarray(C, dtype=float)
+    x, y, z = C[..., 0, 0], C[..., 1, 1], C[..., 2, 2]
+    products = np.empty((*C.shape[:-2], 4, 4))
+    for i, diagonal in enumerate((1.0 + x + y + z, 1.0 + x - y - z, 1.0 - x + y - z, 1.0 - x - y + z)):
+        products[..., i, i] = diagonal
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[..., 0, 1 + i] = products[..., 1 + i, 0] = C[..., k, j] - C[..., j, k]
+        products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = C[..., i, j] + C[..., j, i]
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
 def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
@@ -103,8 +124,7 @@ def skew(v: ArrayLike) -> Array:
     v = np.asarray(v, dtype=float)
     x, y, z = np.moveaxis(v, -1, 0)
     zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _matrices((zero, -z, y), (z, zero, -x), (-y, x, zero))
 
 
 def right_jacobian(theta: ArrayLike) -> Array:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from kreisel.geometry.rotation import Array
 from kreisel.robot.kinematics import Arm, pinocchio
@@ -50,10 +48,8 @@ def _move(joint: ElementTree.Element, error: Array) -> None:
         origin = ElementTree.SubElement(joint, "origin")
     xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     step = pin.exp6(pin.Motion(error[:3], error[3:]))
-    C = Rotation.from_euler("xyz", rpy).as_matrix()
+    C = pin.rpy.rpyToMatrix(rpy)
     moved = xyz + C @ step.translation
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # at pitch 90 deg one of the angles is free
-        turned = Rotation.from_matrix(C @ step.rotation).as_euler("xyz")
+    turned = pin.rpy.matrixToRpy(C @ step.rotation)
     origin.set("xyz", " ".join(f"{v:.12g}" for v in moved))
     origin.set("rpy", " ".join(f"{v:.12g}" for v in turned))

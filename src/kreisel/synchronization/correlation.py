@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import fft
 
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, Mask, conjugate, log, multiply
@@ -159,8 +158,8 @@ def _search(x: _Norm, y: _Norm) -> Clock:
     best = (-1.0, 0.0, 0.0)
     for skew, yv, _ in _stretched(yc):
         centred = yv - yv.mean()
-        size = fft.next_fast_len(xv.size + yv.size, real=True)
-        product = fft.irfft(fft.rfft(xv, size) * np.conj(fft.rfft(centred, size)), size)
+        size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
+        product = np.fft.irfft(np.fft.rfft(xv, size) * np.conj(np.fft.rfft(centred, size)), size)
         k = int(np.argmax(product))
         value = float(product[k]) / max(float(np.linalg.norm(xv) * np.linalg.norm(centred)), 1e-30)
         if value > best[0]:
@@ -176,13 +175,13 @@ def _search_part(x: _Norm, y: _Norm) -> Clock:
     xv = known_x * (xc.value - xc.value.mean())
     best = (-1.0, 0.0, 0.0)
     for skew, yv, known_y in _stretched(yc):
-        size = fft.next_fast_len(xv.size + yv.size, real=True)
+        size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
         yv = known_y * (yv - yv.mean())
-        of_x = [fft.rfft(part, size) for part in (known_x, xv, xv**2)]
-        of_y = [np.conj(fft.rfft(part, size)) for part in (known_y, yv, yv**2)]
+        of_x = [np.fft.rfft(part, size) for part in (known_x, xv, xv**2)]
+        of_y = [np.conj(np.fft.rfft(part, size)) for part in (known_y, yv, yv**2)]
         # sums over the overlap, for every shift: how many, x, y, x^2, y^2, x y
         count, sum_x, sum_y, square_x, square_y, product = (
-            fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+            np.fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
         )
         n = np.maximum(np.round(count), 1.0)
         spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
@@ -274,26 +273,46 @@ def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
 
 
 def _polish(x: _Norm, y: _Norm, clock: Clock) -> Clock:
-    found = _local_shift(x, y, clock, y.stamps[np.isfinite(x.at(clock.imu_time(y.stamps)))], 0.5)
+    overlap = np.flatnonzero(np.isfinite(x.at(clock.imu_time(y.stamps))))
+    found = _local_shift(x, y, clock, y.stamps[overlap[0] : overlap[-1] + 1], 0.5) if overlap.size else None
     return clock if found is None else Clock(clock.start + found[0], clock.skew, 0.01, 0.0)
 
 
 def _local_shift(x: _Norm, y: _Norm, clock: Clock, tau: Array, reach: float) -> tuple[float, float] | None:
-    """Return the shift near a guess that fits a window best, and the coefficient there."""
+    """Return the shift near a guess that fits a window best, and the coefficient there.
+
+    tau (m,): evenly spaced by the norms' step; shifts are multiples of that step on the IMU's clock.
+    """
     yv = y.at(tau)
-    if not yv.size or not np.isfinite(yv).all() or np.std(yv) < 1e-2:
+    if yv.size < 2 or not np.isfinite(yv).all() or np.std(yv) < 1e-2:
         return None
-    shifts = np.arange(-reach, reach + 1e-9, x.step)
-    base = clock.imu_time(tau)
-    scores = np.array([_pearson(x.at(base + shift), yv) for shift in shifts])
+    step = float(tau[-1] - tau[0]) / (tau.size - 1)
+    most = round(reach / step)
+    wide = tau[0] + step * np.arange(-most, tau.size + most)
+    scores = _sliding_pearson(x.at(clock.imu_time(wide)), yv)
+    shifts = (1.0 + clock.skew) * step * np.arange(-most, most + 1)
     if not np.isfinite(scores).any():
         return None
     k = int(np.nanargmax(scores))
     if 0 < k < shifts.size - 1 and np.isfinite(scores[k - 1 : k + 2]).all():
         a, b, c = scores[k - 1 : k + 2]
         bend = a - 2.0 * b + c
-        return float(shifts[k] + (0.5 * (a - c) / bend * x.step if bend < 0.0 else 0.0)), float(b)
+        return float(shifts[k] + (0.5 * (a - c) / bend * (shifts[1] - shifts[0]) if bend < 0.0 else 0.0)), float(b)
     return float(shifts[k]), float(scores[k])
+
+
+def _sliding_pearson(x: Array, y: Array) -> Array:
+    """Return the coefficients of y (m,) with x[k : k + m] for every k, over what is known of x (not NaN)."""
+    known = np.isfinite(x)
+    u, v = np.where(known, x - np.mean(x[known]) if known.any() else 0.0, 0.0), y - y.mean()
+    m = known.astype(float)
+    ones = np.ones_like(v)
+    count, sum_x, square_x = (np.correlate(part, ones, "valid") for part in (m, u, u**2))
+    sum_y, square_y, product = (np.correlate(a, b, "valid") for a, b in ((m, v), (m, v**2), (u, v)))
+    n = np.maximum(count, 1.0)
+    size = np.sqrt(np.maximum(square_x - sum_x**2 / n, 0.0) * np.maximum(square_y - sum_y**2 / n, 0.0))
+    enough = (count >= 0.6 * y.size) & (size > 0.0)
+    return np.asarray(np.where(enough, (product - sum_x * sum_y / n) / np.where(enough, size, 1.0), np.nan))
 
 
 def _pearson(a: Array, b: Array) -> float:

@@ -62,6 +62,10 @@ class RateFit:
     wander: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
+ROUNDS, SETTLED = 40, 0.1
+"""Gauss-Newton steps at most; they end once none moves by more than this share of its standard deviation."""
+
+
 @dataclass(frozen=True)
 class _Stretches:
     """Reference rotations between pairs of stamps."""
@@ -69,6 +73,21 @@ class _Stretches:
     tau_first: Array
     tau_last: Array
     rotation: Array
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Raw rates and their integral from the first sample, (n, 3), row by row."""
+
+    signal: InertialSignal
+    rates: Array
+    integral: Array
+
+    @classmethod
+    def of(cls, signal: InertialSignal) -> _Readings:
+        integral = np.zeros((signal.stamps.size, 3))
+        np.cumsum(signal.integrals, axis=0, out=integral[1:])
+        return cls(signal, np.ascontiguousarray(signal.rates), integral)
 
 
 def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
@@ -84,7 +103,8 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
 def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
     stretches = _short(tau, q)
-    turned, duration, _, inside = _integrated(signal, stretches, clock)
+    inside = _inside(signal, stretches, clock)
+    turned, duration = _integrated(_Readings.of(signal), stretches, clock, inside)
     A = np.hstack([turned, duration[:, None]])
     target = stretches.rotation[inside]
     solution, *_ = np.linalg.lstsq(A, target, rcond=None)
@@ -92,15 +112,23 @@ def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) 
     return 1.0 - float(np.sum((target - A @ solution) ** 2)) / max(total, 1e-30)
 
 
-def _integrated(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array, Mask]:
-    """Return integrated readings over the stretches, durations, and reading differences between their ends."""
+def _inside(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> Mask:
+    """Return which stretches lie within the IMU's recording."""
     t = signal.stamps
     t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
-    inside = (t1 > t[1]) & (t2 < t[-2]) & _unbroken(signal, t1, t2)
-    integral = np.vstack([np.zeros(3), np.cumsum(signal.integrals, axis=0)])
-    at = [np.column_stack([np.interp(s[inside], t, integral[:, i]) for i in range(3)]) for s in (t1, t2)]
-    rate = [np.column_stack([np.interp(s[inside], t, signal.rates[:, i]) for i in range(3)]) for s in (t1, t2)]
-    return at[1] - at[0], (t2 - t1)[inside], rate[1] - rate[0], inside
+    return np.asarray((t1 > t[1]) & (t2 < t[-2]) & _unbroken(signal, t1, t2))
+
+
+def _integrated(readings: _Readings, stretches: _Stretches, clock: Clock, inside: Mask) -> tuple[Array, Array]:
+    """Return integrated readings over the stretches inside, and durations."""
+    t = readings.signal.stamps
+    ends = [clock.imu_time(tau[inside]) for tau in (stretches.tau_first, stretches.tau_last)]
+    at = []
+    for end in ends:
+        k = np.searchsorted(t, end) - 1
+        share = ((end - t[k]) / (t[k + 1] - t[k]))[:, None]
+        at.append((1.0 - share) * readings.integral[k] + share * readings.integral[k + 1])
+    return at[1] - at[0], ends[1] - ends[0]
 
 
 def _unbroken(signal: InertialSignal, t1: Array, t2: Array) -> Mask:
@@ -125,7 +153,7 @@ def check_overlap(signal: InertialSignal, reference: ReferencePoses, clock: Cloc
         _short(reference.seconds, reference.quaternions),
         _long(reference.seconds, reference.quaternions),
     ):
-        _, _, _, inside = _integrated(signal, stretches, clock)
+        inside = _inside(signal, stretches, clock)
         if int(inside.sum()) >= LEAST_STRETCHES:
             continue
         first, last = stretches.tau_first[inside], stretches.tau_last[inside]
@@ -161,24 +189,41 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
     stretches = _long(tau, q)
-    turned, duration, _, inside = _integrated(signal, stretches, clock)
+    readings = _Readings.of(signal)
+    inside = _inside(signal, stretches, clock)
+    turned, duration = _integrated(readings, stretches, clock, inside)
     A = np.hstack([turned, duration[:, None]])
     solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
     K, b = np.asarray(solution[:3].T, dtype=float), np.asarray(solution[3], dtype=float)
-    skewed = True
-    fit = None
-    for _ in range(6):
-        fit = _refine(signal, stretches, K, b, clock, skewed=skewed)
-        K, b, clock = fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock
-    assert fit is not None  # noqa: S101 - the loop runs
+    fit = _settle(readings, stretches, K, b, clock, skewed=True)
     # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
     doubt = max(4.0 * fit.clock.skew_sd, 1e-6)
     if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
-        clock = replace(clock, start=clock.start + clock.skew * float(np.mean(tau)), skew=0.0)
-        for _ in range(3):
-            fit = _refine(signal, stretches, K, b, clock, skewed=False)
-            K, b, clock = fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock
-    return replace(fit, wander=_wander(_compare(signal, stretches, K, b, clock)))
+        clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
+        fit = _settle(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, clock, skewed=False)
+    return replace(fit, wander=_wander(_compare(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock)))
+
+
+def _settle(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool) -> RateFit:
+    """Refine until nothing moves any more."""
+    fit = _refine(readings, stretches, K, b, clock, skewed=skewed)
+    for _ in range(ROUNDS - 1):
+        before = fit
+        fit = _refine(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock, skewed=skewed)
+        if _moved(before, fit) < SETTLED:
+            break
+    return fit
+
+
+def _moved(before: RateFit, after: RateFit) -> float:
+    """Return the largest change between two fits, in standard deviations."""
+    steps = (
+        (after.K_omega - before.K_omega, after.K_omega_sd),
+        (after.k_w0 - before.k_w0, after.k_w0_sd),
+        (after.clock.start - before.clock.start, after.clock.start_sd),
+        (after.clock.skew - before.clock.skew, after.clock.skew_sd),
+    )
+    return max(float(np.max(np.abs(step) / np.maximum(sd, 1e-12))) for step, sd in steps)
 
 
 @dataclass(frozen=True)
@@ -205,12 +250,14 @@ class _Comparison:
     slope: Array
 
 
-def _compare(signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
-    omega, q = signal.rates @ K.T + b, integrate_attitude(signal, linear_rate(K, b, signal.order))
-    turned, duration, _, inside = _integrated(signal, stretches, clock)
+def _compare(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
+    signal = readings.signal
+    q = integrate_attitude(signal, linear_rate(K, b, signal.order))
+    inside = _inside(signal, stretches, clock)
+    turned, duration = _integrated(readings, stretches, clock, inside)
     t1, t2 = clock.imu_time(stretches.tau_first[inside]), clock.imu_time(stretches.tau_last[inside])
-    q1, w1 = _attitude_at(signal.stamps, q, omega, t1)
-    q2, w2 = _attitude_at(signal.stamps, q, omega, t2)
+    q1, w1 = _attitude_at(readings, q, K, b, t1)
+    q2, w2 = _attitude_at(readings, q, K, b, t2)
     predicted = multiply(conjugate(q1), q2)
     rotation = stretches.rotation[inside]
     return _Comparison(
@@ -224,11 +271,9 @@ def _compare(signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, 
     )
 
 
-def _refine(
-    signal: InertialSignal, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
-) -> RateFit:
+def _refine(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool) -> RateFit:
     """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
-    seen = _compare(signal, stretches, K, b, clock)
+    seen = _compare(readings, stretches, K, b, clock)
     residual, slope = seen.residual, seen.slope
     weight = _robust_weight(residual)
     pivot = float(seen.tau.mean())
@@ -293,13 +338,15 @@ def _wander(seen: _Comparison) -> Array:
     return np.array(found).reshape(-1, 3)
 
 
-def _attitude_at(stamps: Array, q: Array, omega: Array, t: Array) -> tuple[Array, Array]:
-    """Return attitude and rate at times between samples."""
+def _attitude_at(readings: _Readings, q: Array, K: Array, b: Array, t: Array) -> tuple[Array, Array]:
+    """Return attitude and rate at times between samples, of attitudes (n, 4) at the samples."""
+    stamps = readings.signal.stamps
     k = np.clip(np.searchsorted(stamps, t) - 1, 0, stamps.size - 2)
     s = (t - stamps[k])[:, None]
     h = (stamps[k + 1] - stamps[k])[:, None]
-    slope = (omega[k + 1] - omega[k]) / h
-    return multiply(q[k], exp(omega[k] * s + 0.5 * slope * s**2)), omega[k] + slope * s
+    omega, after = (readings.rates[at] @ K.T + b for at in (k, k + 1))
+    slope = (after - omega) / h
+    return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), omega + slope * s
 
 
 def _turn_back(q: Array, v: Array) -> Array:
