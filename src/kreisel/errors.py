@@ -8,6 +8,8 @@
     ├── ExcitationError         the motion does not show what is asked for
     ├── SettingsError           a setting that does not exist or makes no sense
     ├── RobotError              an arm that cannot be read, or a pose it cannot reach
+    ├── ProtocolError           bytes that are not what the protocol says
+    ├── DeviceError             a device that cannot be reached, or does not answer
     └── EstimationError         the estimator could not continue, with advice
 """
 
@@ -17,9 +19,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 __all__ = [
+    "DeviceError",
     "EstimationError",
     "ExcitationError",
     "KreiselError",
+    "ProtocolError",
     "RecordingError",
     "RobotError",
     "SettingsError",
@@ -71,6 +75,18 @@ class SettingsError(KreiselError):
 
 class RobotError(KreiselError):
     """An arm that cannot be read, or a pose it cannot reach; the message names joint and limit."""
+
+
+class ProtocolError(KreiselError):
+    """Bytes that are not what the protocol says; `protocol` names it, the message what came and what was expected."""
+
+    def __init__(self, protocol: str, message: str) -> None:
+        self.protocol = protocol
+        super().__init__(f"{protocol}: {message}")
+
+
+class DeviceError(KreiselError):
+    """A device that cannot be reached, or does not answer; the message names its address and the remedy."""
 
 
 class EstimationError(KreiselError):

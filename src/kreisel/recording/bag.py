@@ -22,9 +22,12 @@ from kreisel.recording.folder import description_beside
 from kreisel.recording.mcap import (
     IMU_TOPIC,
     JOINT_TOPIC,
+    NOTE_TYPE,
     ORIENTATION_TOPIC,
     POSE_TOPIC,
     POSITION_TOPIC,
+    RECORDED,
+    WARN,
     Contents,
     Topic,
     in_log_order,
@@ -77,6 +80,8 @@ _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     _JOINTS: lambda message: tuple(message.position),
     **_REFERENCE_ROWS,
 }
+
+_WANTED = frozenset({*_ROWS, NOTE_TYPE})
 
 
 @dataclass(frozen=True)
@@ -134,8 +139,21 @@ def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
     samples = _imu_samples(_body(contents, _IMU_ROLE, imu, findings), contents)
     poses = _reference_poses(_body(contents, _REFERENCE_ROLE, reference, findings), path)
     joints = _joint_angles(contents, findings)
+    findings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
     return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
+
+
+def _notes(contents: Contents) -> list[Finding]:
+    """Return what a recorder noted that may have cost readings: the first few, and how many more there are."""
+    texts = []
+    for topic in contents.topics:
+        if topic.msgtype == NOTE_TYPE and topic.encoding == "cdr":
+            with _translated(contents.path, "record again", f"a note on {topic.name}"):
+                notes = [_deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
+            texts += [one_line(note.msg) for note in notes if note.level >= WARN]
+    more = [f"and {len(texts) - 3} more such notes"] if len(texts) > 4 else []
+    return [Finding("while recording", text) for text in texts[: 3 if more else 4] + more]
 
 
 # Files -> messages
@@ -145,8 +163,10 @@ def _read(path: Path) -> Contents:
     if not path.exists():
         raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
     if path.is_file() and path.suffix.lower() == ".mcap":
-        return read_mcap(path, _ROWS)
+        return read_mcap(path, _WANTED)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    if [file.name for file in files] == [RECORDED]:
+        return read_mcap(files[0], _WANTED)
     if files and not (path / "metadata.yaml").is_file():
         return _read_each(path, files, "no metadata.yaml, as where a recorder was stopped; read its .mcap files")
     try:
@@ -178,7 +198,7 @@ def _read_with_rosbags(path: Path) -> Contents:
     with Ros1Reader(path) if is_ros1 else Ros2Reader(path) as reader:
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
-        wanted = [connection for connection in reader.connections if connection.msgtype in _ROWS]
+        wanted = [connection for connection in reader.connections if connection.msgtype in _WANTED]
         # An empty list would mean all connections.
         for connection, log_time, payload in reader.messages(wanted) if wanted else ():
             messages[connection.topic, connection.msgtype].append((log_time, payload))
@@ -189,7 +209,7 @@ def _read_with_rosbags(path: Path) -> Contents:
 
 def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
     """Return the contents of several MCAP files as if they were one."""
-    parts = [read_mcap(file, _ROWS) for file in files]
+    parts = [read_mcap(file, _WANTED) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
     urdf = None

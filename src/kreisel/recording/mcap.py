@@ -10,7 +10,7 @@ from __future__ import annotations
 import operator
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -27,7 +27,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings
 
@@ -36,11 +35,21 @@ POSE_TOPIC = "/robot/pose"
 POSITION_TOPIC = "/robot/position"
 ORIENTATION_TOPIC = "/robot/orientation"
 JOINT_TOPIC = "/robot/joint_states"
+NOTE_TOPIC = "/kreisel/notes"
+"""What happened while recording: devices lost and back, clocks that leapt."""
+
+NOTE_TYPE = "rcl_interfaces/msg/Log"
+INFO, WARN = 20, 30
+"""Levels of notes."""
+
 SETTINGS_RECORD = "kreisel/recording"
 """Name of the metadata record with the settings; its keys are `table.key` as in `recording.toml`."""
 
 URDF_RECORD = "kreisel.robot"
 """Name of the metadata record with the robot's description, under the key `urdf`."""
+
+RECORDED = "recording.mcap"
+"""Name of the file in the folder of a recording that was made live."""
 
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: what a recorder that is killed may lose."""
@@ -49,7 +58,7 @@ _LAST_STAMP = 2**31 * 10**9 - 1  # seconds are an int32 in a ROS header
 _NO_COVARIANCE = np.zeros(9)
 _NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 says that there is none
 _NO_EFFORT = np.zeros(0)
-_IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 _RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -83,8 +92,19 @@ class McapWriter:
         """Write the robot's description; like the settings, before the messages."""
         self._writer.add_metadata(URDF_RECORD, {"urdf": text})
 
-    def add_imu(self, stamp_ns: int, rate: Array, acceleration: Array) -> None:
-        """Write angular rate (rad/s) and acceleration (m/s^2) as sensor_msgs/Imu without orientation."""
+    def add_imu(
+        self, stamp_ns: int, rate: Sequence[float], acceleration: Sequence[float], log_ns: int | None = None,
+        epoch: int = 1,
+    ) -> None:  # fmt: skip
+        """Write angular rate (rad/s) and acceleration (m/s^2) as sensor_msgs/Imu without orientation.
+
+        Parameters
+        ----------
+        stamp_ns, log_ns
+            The device's own time, and the host's, at which it came in; the same by default.
+        epoch
+            Which of a device's clocks it is: one that was started anew has a topic of its own.
+        """
         message = self._new(
             "sensor_msgs/msg/Imu",
             self._header(stamp_ns, "imu"),
@@ -95,27 +115,36 @@ class McapWriter:
             self._vector(acceleration),
             _NO_COVARIANCE,
         )
-        self._add(IMU_TOPIC, stamp_ns, message)
+        self._add(_of_epoch(IMU_TOPIC, epoch), stamp_ns, message, log_ns)
 
-    def add_pose(self, stamp_ns: int, position: Array | None, quaternion: Array | None) -> None:
-        """Write a pose as PoseStamped, or its one half as PointStamped or QuaternionStamped."""
+    def add_pose(
+        self, stamp_ns: int, position: Sequence[float] | None, quaternion: Sequence[float] | None,
+        log_ns: int | None = None, epoch: int = 1,
+    ) -> None:  # fmt: skip
+        """Write a pose as PoseStamped, or its one half as PointStamped or QuaternionStamped; see `add_imu`."""
         header = self._header(stamp_ns, "reference")
         if position is not None and quaternion is not None:
             pose = self._new("geometry_msgs/msg/Pose", self._point(position), self._quaternion(quaternion))
-            self._add(POSE_TOPIC, stamp_ns, self._new("geometry_msgs/msg/PoseStamped", header, pose))
+            posed = self._new("geometry_msgs/msg/PoseStamped", header, pose)
+            self._add(_of_epoch(POSE_TOPIC, epoch), stamp_ns, posed, log_ns)
         elif position is not None:
             point = self._new("geometry_msgs/msg/PointStamped", header, self._point(position))
-            self._add(POSITION_TOPIC, stamp_ns, point)
+            self._add(_of_epoch(POSITION_TOPIC, epoch), stamp_ns, point, log_ns)
         elif quaternion is not None:
             turn = self._new("geometry_msgs/msg/QuaternionStamped", header, self._quaternion(quaternion))
-            self._add(ORIENTATION_TOPIC, stamp_ns, turn)
+            self._add(_of_epoch(ORIENTATION_TOPIC, epoch), stamp_ns, turn, log_ns)
 
-    def add_joints(self, stamp_ns: int, angles: Array) -> None:
-        """Write joint angles (rad) as sensor_msgs/JointState with the names joint_1, joint_2, …."""
+    def add_joints(self, stamp_ns: int, angles: Sequence[float], log_ns: int | None = None, epoch: int = 1) -> None:
+        """Write joint angles (rad) as sensor_msgs/JointState with the names joint_1, joint_2, …; see `add_imu`."""
         names = [f"joint_{k}" for k in range(1, len(angles) + 1)]
         header = self._header(stamp_ns, "robot")
-        message = self._new("sensor_msgs/msg/JointState", header, names, angles, _NO_EFFORT, _NO_EFFORT)
-        self._add(JOINT_TOPIC, stamp_ns, message)
+        message = self._new("sensor_msgs/msg/JointState", header, names, np.array(angles), _NO_EFFORT, _NO_EFFORT)
+        self._add(_of_epoch(JOINT_TOPIC, epoch), stamp_ns, message, log_ns)
+
+    def add_note(self, stamp_ns: int, level: int, source: str, text: str) -> None:
+        """Write what happened, as rcl_interfaces/Log, on the host's clock."""
+        stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
+        self._add(NOTE_TOPIC, stamp_ns, self._new(NOTE_TYPE, stamp, level, source, text, "", "", 0))
 
     def flush(self) -> None:
         """Write out the chunk that is being filled, so that a stop costs nothing written before."""
@@ -132,25 +161,30 @@ class McapWriter:
         stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
         return self._new("std_msgs/msg/Header", stamp, frame)
 
-    def _vector(self, v: Array) -> Any:
-        return self._new("geometry_msgs/msg/Vector3", *v.tolist())
+    def _vector(self, v: Sequence[float]) -> Any:
+        return self._new("geometry_msgs/msg/Vector3", *v)
 
-    def _point(self, p: Array) -> Any:
-        return self._new("geometry_msgs/msg/Point", *p.tolist())
+    def _point(self, p: Sequence[float]) -> Any:
+        return self._new("geometry_msgs/msg/Point", *p)
 
-    def _quaternion(self, q: Array) -> Any:
-        w, x, y, z = q.tolist()
+    def _quaternion(self, q: Sequence[float]) -> Any:
+        w, x, y, z = q
         return self._new("geometry_msgs/msg/Quaternion", x, y, z, w)
 
-    def _add(self, topic: str, stamp_ns: int, message: Any) -> None:
+    def _add(self, topic: str, stamp_ns: int, message: Any, log_ns: int | None = None) -> None:
         msgtype = message.__msgtype__
         if topic not in self._channels:
             text, _ = self._store.generate_msgdef(msgtype, ros_version=2)
             schema = self._writer.register_schema(msgtype, "ros2msg", text.encode())
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
         data = bytes(self._store.serialize_cdr(message, msgtype, little_endian=True))
-        self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, self._counts[topic])
+        log = stamp_ns if log_ns is None else log_ns
+        self._writer.add_message(self._channels[topic], log, data, stamp_ns, self._counts[topic])
         self._counts[topic] += 1
+
+
+def _of_epoch(topic: str, epoch: int) -> str:
+    return topic if epoch == 1 else f"{topic}_{epoch}"
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
@@ -214,16 +248,18 @@ def _write_all(recording: Recording, writer: McapWriter) -> None:
 
 def _imu_adder(recording: Recording, writer: McapWriter) -> Callable[[int, int], None]:
     imu = recording.imu
-    return lambda stamp, k: writer.add_imu(stamp, imu.rates[k], imu.accelerations[k])
+    return lambda stamp, k: writer.add_imu(stamp, imu.rates[k].tolist(), imu.accelerations[k].tolist())
 
 
 def _pose_adder(reference: ReferencePoses, writer: McapWriter) -> Callable[[int, int], None]:
     p, q = reference.positions, reference.quaternions
-    return lambda stamp, k: writer.add_pose(stamp, None if p is None else p[k], None if q is None else q[k])
+    return lambda stamp, k: writer.add_pose(
+        stamp, None if p is None else p[k].tolist(), None if q is None else q[k].tolist()
+    )
 
 
 def _joint_adder(joints: JointAngles, writer: McapWriter) -> Callable[[int, int], None]:
-    return lambda stamp, k: writer.add_joints(stamp, joints.angles[k])
+    return lambda stamp, k: writer.add_joints(stamp, joints.angles[k].tolist())
 
 
 @dataclass(frozen=True)
@@ -279,10 +315,10 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
         If it is not an MCAP file or cannot be opened. A cut or damaged one gives a finding that says where
         it broke and what is lost.
     """
-    scan = _Scan(frozenset(wanted))
+    scan = McapScan(frozenset(wanted))
     try:
         with path.open("rb") as file:
-            _check_magic(file.read(len(MCAP0_MAGIC)), path)
+            check_magic(file.read(len(MCAP0_MAGIC)), path)
             scan.read(file, path.stat().st_size)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
@@ -291,7 +327,8 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
     return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf)
 
 
-def _check_magic(start: bytes, path: Path) -> None:
+def check_magic(start: bytes, path: Path) -> None:
+    """Raise an error unless a file starts as MCAP files do."""
     if not start:
         raise RecordingError("is empty; expected an MCAP file", file=path)
     if start != MCAP0_MAGIC:
@@ -325,7 +362,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
         stream.seek(end)
 
 
-class _Scan:
+class McapScan:
     """One pass through a file: what was found so far, and what was lost."""
 
     def __init__(self, wanted: frozenset[str]) -> None:
@@ -365,7 +402,7 @@ class _Scan:
             self._lost.append(f"the {name} at byte {offset} is damaged{span} ({reason(error)})")
 
     def _take_chunk(self, content: bytes) -> None:
-        chunk = Chunk.read(_stream(content))
+        chunk = Chunk.read(record_stream(content))
         data, length = get_chunk_data_stream(chunk, validate_crc=True)
         if length != chunk.uncompressed_size:
             raise ValueError(f"{length} bytes, expected {chunk.uncompressed_size}")
@@ -376,15 +413,15 @@ class _Scan:
         if opcode == Opcode.MESSAGE:
             self._take_message(content)
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
+            schema = Schema.read(record_stream(content))
             self._schemas.setdefault(schema.id, schema)
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
+            channel = Channel.read(record_stream(content))
             self._channels.setdefault(channel.id, channel)
         elif opcode == Opcode.STATISTICS:
-            self._announced = Statistics.read(_stream(content)).message_count
+            self._announced = Statistics.read(record_stream(content)).message_count
         elif opcode == Opcode.METADATA:
-            metadata = Metadata.read(_stream(content))
+            metadata = Metadata.read(record_stream(content))
             if metadata.name == SETTINGS_RECORD:
                 self.settings.update(metadata.metadata)
             elif metadata.name == URDF_RECORD:
@@ -436,7 +473,8 @@ def normal_type(msgtype: str) -> str:
     return msgtype if "/" in name or not name else f"{package}/msg/{name}"
 
 
-def _stream(content: bytes) -> ReadDataStream:
+def record_stream(content: bytes) -> ReadDataStream:
+    """Return the content of a record as the library reads it."""
     return ReadDataStream(BytesIO(content))
 
 

@@ -55,13 +55,18 @@ def write_folder(recording: Recording, path: Path) -> None:
         raise RecordingError(f"is a {kind} already; delete it, or give another name", file=path)
     try:
         _write_streams(recording, path)
-        text = settings_toml(recording.settings)
-        if text:
-            (path / "recording.toml").write_text(text, encoding="utf-8")
-        if recording.urdf is not None:
-            (path / (recording.settings.robot.urdf or "robot.urdf")).write_text(recording.urdf, encoding="utf-8")
+        write_settings(recording, path)
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
+
+
+def write_settings(recording: Recording, folder: Path) -> None:
+    """Write what is known of a recording into a folder that exists: recording.toml and the robot's description."""
+    text = settings_toml(recording.settings)
+    if text:
+        (folder / "recording.toml").write_text(text, encoding="utf-8")
+    if recording.urdf is not None:
+        (folder / (recording.settings.robot.urdf or "robot.urdf")).write_text(recording.urdf, encoding="utf-8")
 
 
 def _write_streams(recording: Recording, path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Recording live: the only place with tasks and queues."""

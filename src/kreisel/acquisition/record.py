@@ -1,0 +1,237 @@
+"""Recording: what devices send into one file that stays readable whatever happens."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from kreisel.acquisition.streams import Stream
+from kreisel.devices.address import Address
+from kreisel.devices.drivers import events
+from kreisel.devices.events import Arrival, Event, Level
+from kreisel.errors import RecordingError
+from kreisel.protocols import ImuSample, RobotSample
+from kreisel.recording.mcap import INFO, RECORDED, WARN, McapWriter
+from kreisel.recording.settings import RecordingSettings
+
+FLUSH = 0.5
+"""Seconds after which what has come in is written out: with the system's own delay, what a kill may cost."""
+
+_QUEUE = 50_000
+
+
+@dataclass
+class Excitation:
+    """How the IMU has been moved so far: what calibration needs is turns about all axes, and rests.
+
+    Attributes
+    ----------
+    turned : (3,)
+        Angle each axis has turned through, to and fro, rad.
+    tilted : (3,)
+        Lowest and highest acceleration of each axis, m/s^2.
+    """
+
+    turned: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    lowest: list[float] = field(default_factory=lambda: [math.inf] * 3)
+    highest: list[float] = field(default_factory=lambda: [-math.inf] * 3)
+
+    def take(self, sample: ImuSample, seconds: float) -> None:
+        """Take a reading, so many seconds after the one before."""
+        for i in range(3):
+            self.turned[i] += abs(sample.rate[i]) * seconds
+            self.lowest[i] = min(self.lowest[i], sample.acceleration[i])
+            self.highest[i] = max(self.highest[i], sample.acceleration[i])
+
+    def missing(self) -> list[str]:
+        """Return what is still to be done, in words."""
+        out = [f"turn about {axis}" for axis, angle in zip("xyz", self.turned, strict=True) if angle < 2.0 * math.pi]
+        for axis, low, high in zip("xyz", self.lowest, self.highest, strict=True):
+            if not high - low > 9.0:
+                out.append(f"turn {axis} up and down")
+        return out
+
+
+@dataclass
+class Status:
+    """What a recorder shows while it runs."""
+
+    began_ns: int
+    imu: Stream = field(default_factory=Stream)
+    robot: Stream = field(default_factory=Stream)
+    excitation: Excitation = field(default_factory=Excitation)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    written: int = 0
+
+
+Show = Callable[[Status], None]
+
+
+class Recorder:
+    """Readings and notes into an MCAP stream.
+
+    Parameters
+    ----------
+    stream
+        Open for writing, binary.
+    settings, urdf
+        Written first.
+    unix_ns, host_ns
+        One moment on the host's two clocks: log times are the monotonic one, brought once onto the other.
+    """
+
+    def __init__(
+        self, stream: BinaryIO, settings: RecordingSettings, urdf: str | None, unix_ns: int, host_ns: int
+    ) -> None:
+        self.status = Status(host_ns)
+        self._stream = stream
+        self._shift = unix_ns - host_ns
+        self._writer = McapWriter(stream)
+        self._writer.add_settings(settings)
+        if urdf is not None:
+            self._writer.add_urdf(urdf)
+        self._imu_ns: int | None = None
+
+    def take(self, source: str, event: Event) -> None:
+        """Write an event of a device, by its name."""
+        if not isinstance(event, Arrival):
+            self.note(event.text, event.host_ns, WARN if event.level is not Level.INFO else INFO)
+            return
+        sample, log_ns = event.sample, event.host_ns + self._shift
+        stream = self.status.imu if isinstance(sample, ImuSample) else self.status.robot
+        said = stream.take(sample.stamp_ns, event.host_ns)
+        if said is not None:
+            self.note(f"{source}: {said}", event.host_ns, WARN)
+        if not stream.fresh:
+            return
+        if isinstance(sample, ImuSample):
+            self._writer.add_imu(sample.stamp_ns, sample.rate, sample.acceleration, log_ns, stream.epoch)
+            if self._imu_ns is not None:
+                self.status.excitation.take(sample, min(0.1, max(0.0, (sample.stamp_ns - self._imu_ns) * 1e-9)))
+            self._imu_ns = sample.stamp_ns
+            return
+        self._pose(sample, log_ns, stream.epoch)
+
+    def _pose(self, sample: RobotSample, log_ns: int, epoch: int) -> None:
+        if sample.position is not None or sample.quaternion is not None:
+            self._writer.add_pose(sample.stamp_ns, sample.position, sample.quaternion, log_ns, epoch)
+        if sample.joints:
+            self._writer.add_joints(sample.stamp_ns, sample.joints, log_ns, epoch)
+
+    def note(self, text: str, host_ns: int, level: int = INFO) -> None:
+        """Write what happened."""
+        self.status.notes.append(text)
+        self._writer.add_note(host_ns + self._shift, level, "kreisel", text)
+
+    def flush(self) -> None:
+        """Write out what has come in."""
+        self._writer.flush()
+        self._stream.flush()
+        self.status.written = self._stream.tell()
+
+    def finish(self) -> None:
+        """Write the index."""
+        self._writer.finish()
+        self._stream.flush()
+
+
+async def record(
+    imu: Address,
+    robot: Address | None,
+    output: Path,
+    *,
+    seconds: float | None = None,
+    settings: RecordingSettings | None = None,
+    urdf: str | None = None,
+    stop: asyncio.Event | None = None,
+    show: Show | None = None,
+) -> Status:
+    """Record until so many seconds have passed since readings of all devices come in, or until told to stop.
+
+    Parameters
+    ----------
+    output
+        An .mcap file, or a folder in which one is made.
+    show
+        Called twice a second.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written; what was recorded before is kept.
+    SettingsError, DeviceError
+        If an address makes no sense, or is not free to listen on.
+    """
+    file = output if output.suffix == ".mcap" else output / RECORDED
+    if file.exists():
+        raise RecordingError("exists already; delete it, or give another name", file=file)
+    sources = {str(address): events(address) for address in (imu, robot) if address is not None}
+    stop = stop or asyncio.Event()
+    queue: asyncio.Queue[tuple[str, Event]] = asyncio.Queue(_QUEUE)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("xb") as stream:
+            recorder = Recorder(stream, settings or RecordingSettings(), urdf, time.time_ns(), time.monotonic_ns())
+            feeding = [asyncio.create_task(_feed(name, source, queue)) for name, source in sources.items()]
+            try:
+                await _write(recorder, queue, feeding, stop, seconds, robot is not None, show)
+            finally:
+                for task in feeding:
+                    task.cancel()
+                await asyncio.gather(*feeding, return_exceptions=True)
+            recorder.finish()
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be written any more ({error.strerror or error}); what was recorded before is kept: "
+            f"`kreisel recover {file}` makes it whole",
+            file=file,
+        ) from error
+    return recorder.status
+
+
+async def _feed(name: str, source: object, queue: asyncio.Queue[tuple[str, Event]]) -> None:
+    async for event in source:  # type: ignore[attr-defined]
+        await queue.put((name, event))
+
+
+async def _write(
+    recorder: Recorder,
+    queue: asyncio.Queue[tuple[str, Event]],
+    feeding: list[asyncio.Task[None]],
+    stop: asyncio.Event,
+    seconds: float | None,
+    with_robot: bool,
+    show: Show | None,
+) -> None:
+    """Write what comes until it is time to stop."""
+    status, began, flushed = recorder.status, None, time.monotonic()
+    while not stop.is_set():
+        for task in feeding:
+            if task.done() and task.exception() is not None:
+                raise task.exception()  # type: ignore[misc]
+        now = time.monotonic()
+        if began is None and status.imu.count and (status.robot.count or not with_robot):
+            began = now
+        status.seconds = 0.0 if began is None else now - began
+        if seconds is not None and began is not None and now - began >= seconds:
+            return
+        if now - flushed >= FLUSH:
+            recorder.flush()
+            flushed = now
+            if show is not None:
+                show(status)
+        try:
+            async with asyncio.timeout(0.1):
+                name, event = await queue.get()
+        except TimeoutError:
+            continue
+        recorder.take(name, event)
+        while not queue.empty():
+            recorder.take(*queue.get_nowait())
+        await asyncio.sleep(0.01)

@@ -1,0 +1,123 @@
+"""A virtual cell in real time: the simulated controller and IMU as processes of their own, on the loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from kreisel.devices.twins import Pace, TcpTwin, imu_samples, play_datagrams, robot_samples
+from kreisel.errors import DeviceError
+from kreisel.recording import Recording
+
+INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004}
+"""Usual seconds between two poses of each kind of controller."""
+
+_HOST = "127.0.0.1"
+_HEAD_START = 0.2  # for the controller to hear of the beginning
+
+
+@dataclass(frozen=True)
+class Urls:
+    """Where the devices are, as `kreisel record` takes them."""
+
+    robot: str
+    imu: str
+
+
+@contextmanager
+def running(
+    recording: Recording, robot: str, imu: str, *, speed: float = 1.0, robot_port: int = 0, imu_port: int = 0
+) -> Iterator[tuple[Urls, list[BaseProcess]]]:
+    """Yield the addresses of the two devices, and their processes; both are ended on leaving.
+
+    The motion begins when a client asks the IMU for its readings, and ends with the recording.
+
+    Parameters
+    ----------
+    robot, imu
+        `rsi`, `rtde` or `egm`; `ixcom` or `csv`.
+    speed
+        How many seconds pass in the cell in one of ours.
+    robot_port, imu_port
+        Any free one by default.
+
+    Raises
+    ------
+    DeviceError
+        If a port is not free.
+    """
+    context = multiprocessing.get_context("spawn")
+    began = context.Value("d", -1.0)
+    processes: list[BaseProcess] = []
+    ports = []
+    try:
+        for what, scheme, port in (("robot", robot, robot_port), ("imu", imu, imu_port)):
+            ours, theirs = context.Pipe()
+            if scheme in ("rsi", "egm") and not port:
+                port = _free_port()
+            process: BaseProcess = context.Process(
+                target=_play, args=(what, scheme, port, recording, speed, began, theirs), daemon=True
+            )
+            process.start()
+            processes.append(process)
+            theirs.close()
+            ports.append(_answer(ours, f"{scheme}://{_HOST}:{port}"))
+        yield Urls(f"{robot}://{_HOST}:{ports[0]}", f"{imu}://{_HOST}:{ports[1]}"), processes
+    finally:
+        for process in processes:
+            process.terminate()
+            process.join()
+
+
+def _answer(connection: Connection, address: str) -> int:
+    try:
+        found = connection.recv()
+    except EOFError:
+        raise DeviceError(f"{address}: the simulated device did not start") from None
+    if isinstance(found, str):
+        raise DeviceError(f"{address}: cannot be served: {found}")
+    return int(found)
+
+
+def _free_port() -> int:
+    """Return a UDP port nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((_HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def _play(what: str, scheme: str, port: int, recording: Recording, speed: float, began: Any, ready: Connection) -> None:
+    """Be one device, in a process of its own."""
+    with suppress(KeyboardInterrupt):
+        asyncio.run(_device(what, scheme, port, recording, speed, began, ready))
+
+
+async def _device(
+    what: str, scheme: str, port: int, recording: Recording, speed: float, began: Any, ready: Connection
+) -> None:
+    pace = Pace(lambda: began.value if began.value >= 0.0 else None, speed)
+    samples: Any = robot_samples(recording) if what == "robot" else imu_samples(recording.imu)
+    if scheme in ("rsi", "egm"):
+        ready.send(port)
+        await play_datagrams(scheme, samples, _HOST, port, pace)
+        return
+
+    def begin() -> None:
+        if what == "imu" and began.value < 0.0:
+            began.value = time.monotonic() + _HEAD_START
+
+    twin = TcpTwin(scheme, begin)
+    try:
+        ready.send(await twin.serve(_HOST, port))
+    except OSError as error:
+        ready.send(error.strerror or str(error))
+        return
+    await twin.play(samples, pace)

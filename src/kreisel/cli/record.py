@@ -1,0 +1,117 @@
+"""`kreisel record`: readings of an IMU and poses of a robot into one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kreisel.acquisition.record import Status
+    from kreisel.recording.settings import RecordingSettings
+
+
+def record(
+    imu: str = typer.Option(..., "--imu", help="Address of the IMU, such as ixcom://192.168.1.30:3000 or csv://…"),
+    robot: str | None = typer.Option(
+        None, "--robot", help="Address of the robot, such as rsi://0.0.0.0:49152, rtde://…, egm://… or varproxy://…"
+    ),
+    output: Path = typer.Option(..., "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
+    seconds: float | None = typer.Option(
+        None, "--seconds", min=0.1, help="End by itself, so long after readings of both come in."
+    ),
+    settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
+    urdf: Path | None = typer.Option(None, help="The robot's description, for joint angles to be of use."),
+) -> None:
+    """Record until interrupted; nothing is ever sent that moves the robot."""
+    import asyncio
+    import signal
+    import sys
+
+    from kreisel.acquisition.record import record as record_streams
+    from kreisel.devices.address import IMUS, ROBOTS, parse_address
+    from kreisel.recording.settings import RecordingSettings, read_settings
+
+    of_imu = parse_address(imu, IMUS)
+    of_robot = None if robot is None else parse_address(robot, ROBOTS)
+    known = RecordingSettings() if settings is None else read_settings(settings)
+    description = None if urdf is None else _description(urdf)
+
+    async def until_told() -> Status:
+        stop = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for name in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(name, stop.set)
+        return await record_streams(
+            of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()
+        )
+
+    status = asyncio.run(until_told())
+    if sys.stderr.isatty():
+        typer.echo(err=True)
+    poses = f", {status.robot.count} poses at {status.robot.rate:.1f} Hz" if robot is not None else ""
+    typer.echo(
+        f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples at {status.imu.rate:.1f} Hz{poses}; missing "
+        f"{status.imu.missing} and {status.robot.missing}, twice or late {status.imu.late} and {status.robot.late}; "
+        f"next: kreisel calibrate {output} -o OUT"
+    )
+    _check_settings(known, status)
+
+
+def _check_settings(known: RecordingSettings, status: Status) -> None:
+    """Say what is still missing for a calibration."""
+    if known.site.latitude_deg is None and known.site.gravity is None:
+        typer.echo("without a latitude gravity is known to 0.3 % only: say it in recording.toml (--settings)", err=True)
+    missing = status.excitation.missing()
+    if missing:
+        typer.echo(f"for a calibration the motion lacks: {', '.join(missing)}", err=True)
+
+
+def _description(path: Path) -> str:
+    from kreisel.errors import SettingsError
+
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: cannot be read as a robot's description: {error}") from error
+
+
+def _show() -> Callable[[Status], None]:
+    """Return what shows notes as they come, and a line that is written over on a terminal."""
+    import sys
+
+    told = 0
+
+    def show(status: Status) -> None:
+        nonlocal told
+        for note in status.notes[told:]:
+            typer.echo(f"\r{note}" + " " * 20, err=True)
+        told = len(status.notes)
+        if not sys.stderr.isatty():
+            return
+        parts = [f"{status.seconds:6.1f} s", f"{status.written / 1e6:.1f} MB"]
+        for name, stream in (("IMU", status.imu), ("robot", status.robot)):
+            drift = "" if stream.drift_ppm is None else f" {stream.drift_ppm:+.0f} ppm"
+            parts.append(f"{name} {stream.rate:.1f} Hz{drift}, {stream.missing} missing")
+        parts.append(
+            "lacks: " + ", ".join(status.excitation.missing()) if status.excitation.missing() else "well moved"
+        )
+        typer.echo("\r" + " | ".join(parts)[:140].ljust(100), nl=False, err=True)
+
+    return show
+
+
+def recover(
+    file: Path = typer.Argument(..., help="An .mcap file that was cut or damaged."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="The copy; FILE_recovered.mcap by default."),
+) -> None:
+    """Write a readable copy of a damaged recording beside it, and say what was lost."""
+    from kreisel.recording.recover import recover as recover_file
+
+    found = recover_file(file, output)
+    counts = ", ".join(f"{count} on {topic}" for topic, count in sorted(found.messages.items()))
+    typer.echo(f"{found.path}: {found.seconds:.1f} s, {counts or 'no messages'}")
+    typer.echo(f"lost: {found.lost}" if found.lost else "nothing was lost: the file is whole")

@@ -1,0 +1,79 @@
+"""`kreisel virtual-cell`: a simulated robot and IMU to record from."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+
+class RobotKind(StrEnum):
+    """Controllers that can be simulated."""
+
+    rsi = "rsi"
+    rtde = "rtde"
+    egm = "egm"
+
+
+class ImuKind(StrEnum):
+    """IMUs that can be simulated."""
+
+    ixcom = "ixcom"
+    csv = "csv"
+
+
+def virtual_cell(
+    cell: Path | None = typer.Argument(None, help="CELL.toml as for `kreisel simulate`; the default cell without."),
+    robot: RobotKind = typer.Option(RobotKind.rsi, help="How the controller speaks."),
+    imu: ImuKind = typer.Option(ImuKind.ixcom, help="How the IMU speaks."),
+    interval: float | None = typer.Option(
+        None, min=0.001, max=1.0, help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm) by default."
+    ),
+    seconds: float | None = typer.Option(None, help="Another length than the cell's."),
+    seed: int | None = typer.Option(None, help="Another seed than the cell's."),
+    speed: float = typer.Option(1.0, min=0.1, max=100.0, help="How much faster than real time."),
+    robot_port: int = typer.Option(0, min=0, max=65535, help="Where the controller sends or listens; any by default."),
+    imu_port: int = typer.Option(0, min=0, max=65535, help="Where the IMU listens; any by default."),
+    output: Path | None = typer.Option(
+        None, "-o", "--output", help="Folder for what is known of the cell: truth.json, recording.toml, robot.urdf."
+    ),
+) -> None:
+    """Play a virtual cell over the wire, once: the motion begins when a recorder asks the IMU for readings.
+
+    When both devices are ready one line of JSON says where they are: {"robot": URL, "imu": URL}.
+    """
+    import json
+    import signal
+    import sys
+
+    from kreisel.acquisition.virtual_cell import INTERVALS, running
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress import progress_bar
+    from kreisel.recording.write import write_settings
+    from kreisel.simulation import simulate, write_truth
+    from kreisel.simulation.settings import Cell, parse_cell, read_cell
+
+    described = (Cell() if cell is None else read_cell(cell)).model_dump()
+    described["reference"]["interval"] = interval or INTERVALS[robot]
+    described.update({name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None})
+    if output is not None:
+        check_output(output)
+    with progress_bar() as show:
+        truth, recording = simulate(parse_cell(described, cell or Path("CELL.toml")), Path("virtual cell"), show)
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        write_truth(truth, output / "truth.json")
+        write_settings(recording, output)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with running(recording, robot.value, imu.value, speed=speed, robot_port=robot_port, imu_port=imu_port) as (
+        urls,
+        processes,
+    ):
+        typer.echo(json.dumps({"robot": urls.robot, "imu": urls.imu}))
+        sys.stdout.flush()
+        try:
+            for process in processes:
+                process.join()
+        except KeyboardInterrupt:
+            return

@@ -1,0 +1,220 @@
+"""Drivers: an endless stream of events from the device at an address, through every loss of it.
+
+A driver never ends by itself and never raises for what a device does. It reads; what it sends is what makes a device
+stream, and nothing that moves a robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from typing import Any
+
+from kreisel.devices.address import Address
+from kreisel.devices.events import Arrival, Event, Level, Notice
+from kreisel.devices.sessions import SESSIONS, Session
+from kreisel.errors import DeviceError, KreiselError, ProtocolError, SettingsError
+from kreisel.protocols import egm, rsi
+
+SILENCE = 1.0
+"""Seconds without a message after which a device counts as lost."""
+
+RETRY = 0.5
+"""Seconds between attempts to connect."""
+
+_PATIENCE = 5.0
+_WAITING = 20_000  # datagrams that may wait for a slow consumer
+_BUFFER = 1 << 22
+_CHUNK = 65536
+
+Clock = Callable[[], int]
+
+
+def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:
+    """Return the events of the device at an address.
+
+    Raises
+    ------
+    SettingsError, ProtocolError
+        If an option of the address makes no sense.
+    """
+    if address.scheme in ("rsi", "egm"):
+        return _datagrams(address, clock)
+    session = SESSIONS[address.scheme]
+    make: Any = session
+    make(address)  # so that a wrong option is told at once
+    return _stream(address, clock, lambda: make(address))
+
+
+class _Faults:
+    """Faults of one device, told once a second at most, with how many there were."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._last_ns: int | None = None
+
+    def tell(self, error: KreiselError, now_ns: int) -> list[Notice]:
+        self._count += 1
+        if self._last_ns is not None and now_ns - self._last_ns < 1_000_000_000:
+            return []
+        self._last_ns = now_ns
+        more = "" if self._count == 1 else f" ({self._count} such messages so far)"
+        return [Notice(Level.WARNING, f"{error}{more}", now_ns)]
+
+
+class _Receiver(asyncio.DatagramProtocol):
+    """Datagrams into a queue, stamped as they come."""
+
+    def __init__(self, clock: Clock, *, answers: bool) -> None:
+        self.queue: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue(_WAITING)
+        self.dropped = 0
+        self._clock, self._answers = clock, answers
+        self._transport: Any = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
+        now = self._clock()
+        if self._answers:
+            with suppress(ProtocolError):
+                self._transport.sendto(rsi.encode_answer(data), addr)
+        try:
+            self.queue.put_nowait((data, now))
+        except asyncio.QueueFull:
+            self.dropped += 1
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on: an answer did not reach the controller, which says so itself."""
+
+
+async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
+    """Yield what controllers send to a port of ours."""
+    decode = {"rsi": rsi.decode, "egm": egm.decode}[address.scheme]
+    answers = address.options.get("answer", "no").lower() in ("yes", "true", "1")
+    try:
+        transport, receiver = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: _Receiver(clock, answers=answers), local_addr=(address.host, address.port)
+        )
+    except OSError as error:
+        raise DeviceError(
+            f"{address}: cannot listen there ({error.strerror or error}): is another program doing so, or is it not an "
+            "address of this machine?"
+        ) from error
+    with suppress(OSError):
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+    faults, silent, dropped = _Faults(), False, 0
+    try:
+        while True:
+            try:
+                async with asyncio.timeout(SILENCE):
+                    data, now = await receiver.queue.get()
+            except TimeoutError:
+                if not silent:
+                    yield Notice(Level.LOST, f"{address}: nothing comes in; is the robot's program running?", clock())
+                silent = True
+                continue
+            if receiver.dropped > dropped:
+                yield Notice(Level.WARNING, f"{address}: {receiver.dropped - dropped} messages dropped here", now)
+                dropped = receiver.dropped
+            try:
+                sample = decode(data)
+            except ProtocolError as error:
+                for notice in faults.tell(error, now):
+                    yield notice
+                continue
+            if silent:
+                silent = False
+                yield Notice(Level.INFO, f"{address}: messages come in", now)
+            yield Arrival(sample, now)
+    finally:
+        transport.close()
+
+
+async def _stream(address: Address, clock: Clock, session: Callable[[], Session]) -> AsyncIterator[Event]:
+    """Yield what comes over a connection; connect again whenever it is lost."""
+    faults, lost_ns = _Faults(), None
+    while True:
+        try:
+            async with asyncio.timeout(_PATIENCE):
+                reader, writer = await _connect(address)
+        except (OSError, TimeoutError) as error:
+            if lost_ns is None:
+                lost_ns = clock()
+                yield Notice(Level.LOST, f"{address}: cannot be reached ({_why(error)}); trying again", lost_ns)
+            await asyncio.sleep(RETRY)
+            continue
+        why = ProtocolError("connection", "closed by the device")
+        try:
+            async for event in _converse(session(), reader, writer, clock, faults):
+                if lost_ns is not None and isinstance(event, Arrival):
+                    gap = (event.host_ns - lost_ns) * 1e-9
+                    yield Notice(Level.INFO, f"{address}: readings come in again after {gap:.1f} s", event.host_ns)
+                    lost_ns = None
+                yield event
+        except TimeoutError:
+            why = ProtocolError("connection", f"silent for {SILENCE:g} s")
+        except OSError as error:
+            why = ProtocolError("connection", _why(error))
+        except ProtocolError as error:
+            why = error
+        finally:
+            writer.close()
+        if lost_ns is None:
+            lost_ns = clock()
+            yield Notice(Level.LOST, f"{address}: lost ({why}); trying to connect again", lost_ns)
+        await asyncio.sleep(RETRY)
+
+
+async def _converse(
+    session: Session, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, clock: Clock, faults: _Faults
+) -> AsyncIterator[Event]:
+    """Yield what one connection brings, until it ends."""
+    writer.write(session.begin())
+    asking = None if session.period is None else asyncio.ensure_future(_ask(session, writer, clock))
+    try:
+        while True:
+            async with asyncio.timeout(SILENCE):
+                data = await reader.read(_CHUNK)
+            now = clock()
+            if not data:
+                return
+            found, answer = session.receive(data, now)
+            writer.write(answer)
+            for item in found:
+                if isinstance(item, ProtocolError):
+                    for notice in faults.tell(item, now):
+                        yield notice
+                else:
+                    yield Arrival(item, now)
+    finally:
+        if asking is not None:
+            asking.cancel()
+
+
+async def _ask(session: Session, writer: asyncio.StreamWriter, clock: Clock) -> None:
+    while session.period is not None:
+        writer.write(session.ask(clock()))
+        await asyncio.sleep(session.period)
+
+
+async def _connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Return the streams of a new connection, or of a serial line."""
+    if address.scheme != "serial":
+        return await asyncio.open_connection(address.host, address.port)
+    try:
+        import serial  # here, for it is an extra
+    except ImportError as error:
+        raise SettingsError("serial lines need pyserial: pip install 'kreisel[live]'") from error
+    device = serial.Serial(address.path, int(address.number("baud", 115200, 50, 4e6)), timeout=0)
+    loop, reader = asyncio.get_running_loop(), asyncio.StreamReader()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), device)
+    transport, protocol = await loop.connect_write_pipe(asyncio.streams.FlowControlMixin, device)
+    return reader, asyncio.StreamWriter(transport, protocol, reader, loop)
+
+
+def _why(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error) or f"no answer within {_PATIENCE:g} s"

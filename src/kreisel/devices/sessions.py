@@ -1,0 +1,143 @@
+"""What is said over one connection, from its beginning: bytes in, readings and answers out. No sockets here."""
+
+from __future__ import annotations
+
+from kreisel.devices.address import Address
+from kreisel.errors import ProtocolError
+from kreisel.protocols import ImuSample, RobotSample, ixcom, line, rtde, varproxy
+
+Found = ImuSample | RobotSample | ProtocolError
+
+
+class Session:
+    """One connection to a device; made anew for each.
+
+    Attributes
+    ----------
+    period
+        Seconds between two questions, where a device sends only what it is asked for; otherwise None.
+    """
+
+    period: float | None = None
+
+    def begin(self) -> bytes:
+        """Return what to send first."""
+        return b""
+
+    def ask(self, now_ns: int) -> bytes:
+        """Return the next question, on the host's clock."""
+        raise NotImplementedError(f"{type(self).__name__} at {now_ns} asks nothing")
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
+        """Return readings and errors in what came in at a moment, and what to send.
+
+        Raises
+        ------
+        ProtocolError
+            If the connection is of no more use.
+        """
+        raise NotImplementedError(f"{type(self).__name__} reads nothing of {len(data)} bytes at {now_ns}")
+
+
+class RtdeSession(Session):
+    """A Universal Robots controller."""
+
+    def __init__(self, address: Address) -> None:
+        self._client = rtde.Client(address.number("rate", 500.0, 1.0, 1000.0))
+
+    def begin(self) -> bytes:
+        """Return the request for a protocol version."""
+        return self._client.begin()
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return poses and the controller's messages."""
+        samples, answer, texts = self._client.receive(data)
+        said = [ProtocolError("RTDE", f"the controller says: {text}") for text in texts]
+        return [*said, *samples], answer
+
+
+class IxcomSession(Session):
+    """An iMAR system, asked for its raw readings."""
+
+    def __init__(self, address: Address) -> None:
+        self._channel = int(address.number("channel", 0, 0, 31))
+        self._divider = int(address.number("divider", 1, 1, 65535))
+        self._decoder = ixcom.Decoder()
+        self._skipped = self._missing = 0
+
+    def begin(self) -> bytes:
+        """Return the commands that open a channel and have readings sent."""
+        return ixcom.open_channel(self._channel) + ixcom.add_log(ixcom.IMURAW, self._divider)
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return readings, refusals, and what was lost on the way."""
+        out: list[Found] = []
+        for frame in self._decoder.receive(data):
+            try:
+                if frame.message == ixcom.IMURAW:
+                    out.append(ixcom.sample(frame))
+                elif frame.message == ixcom.RESPONSE:
+                    ixcom.check_response(frame)
+            except ProtocolError as error:
+                out.append(error)
+        skipped, missing = self._decoder.skipped, self._decoder.missing
+        if skipped > self._skipped:
+            out.append(ProtocolError("iXCOM", f"{skipped - self._skipped} bytes that belong to no frame"))
+        if missing > self._missing:
+            out.append(ProtocolError("iXCOM", f"{missing - self._missing} frames were lost on the way"))
+        self._skipped, self._missing = skipped, missing
+        return out, b""
+
+
+class LineSession(Session):
+    """An IMU that sends lines of text."""
+
+    def __init__(self, address: Address) -> None:
+        named = address.options.get("columns")
+        self._decoder = line.Decoder(None if named is None else line.Columns.parse(named))
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return readings, and an error for each line that is none."""
+        return list(self._decoder.receive(data)), b""
+
+
+class VarproxySession(Session):
+    """A KUKA controller asked for its pose.
+
+    It tells no time: a pose is stamped with the host's, half way between question and answer.
+    """
+
+    def __init__(self, address: Address) -> None:
+        self.period = 1.0 / address.number("rate", 50.0, 0.1, 250.0)
+        self._splitter = varproxy.Splitter()
+        self._asked: dict[int, int] = {}
+        self._number = 0
+
+    def ask(self, now_ns: int) -> bytes:
+        """Return the question for the tool's pose."""
+        self._number = (self._number + 1) % 2**16
+        self._asked[self._number] = now_ns
+        return varproxy.encode_request(varproxy.Request(self._number, "$POS_ACT"))
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
+        """Return poses, and an error for each answer that is none."""
+        out: list[Found] = []
+        for number, content in self._splitter.receive(data):
+            asked = self._asked.pop(number, None)
+            try:
+                answer = varproxy.decode_answer(number, content)
+                if asked is not None and answer.well:
+                    out.append(varproxy.pose(answer.value, (asked + now_ns) // 2))
+            except ProtocolError as error:
+                out.append(error)
+        return out, b""
+
+
+SESSIONS: dict[str, type[Session]] = {
+    "rtde": RtdeSession,
+    "ixcom": IxcomSession,
+    "csv": LineSession,
+    "serial": LineSession,
+    "varproxy": VarproxySession,
+}
+"""By the scheme of the address; each is made from it."""

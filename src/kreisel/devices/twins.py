@@ -1,0 +1,179 @@
+"""Simulated controllers and IMUs that play a recording back over the wire, as the real ones would send it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import suppress
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde
+from kreisel.recording import ImuSamples, Recording
+
+Sleep = Callable[[float], Awaitable[None]]
+
+
+def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
+    """Yield the readings of a recording one by one."""
+    rows = zip(imu.stamps_ns.tolist(), imu.rates.tolist(), imu.accelerations.tolist(), strict=True)
+    for stamp, rate, acceleration in rows:
+        yield ImuSample(stamp, tuple(rate), tuple(acceleration))
+
+
+def robot_samples(recording: Recording) -> Iterator[RobotSample]:
+    """Yield the poses of a recording one by one, with joint angles where it has them."""
+    reference, joints = recording.reference, recording.joints
+    if reference is None:
+        return
+    for k, stamp in enumerate(reference.stamps_ns.tolist()):
+        yield RobotSample(
+            stamp,
+            None if reference.positions is None else tuple(reference.positions[k].tolist()),
+            None if reference.quaternions is None else tuple(reference.quaternions[k].tolist()),
+            () if joints is None else tuple(joints.angles[k].tolist()),
+        )
+
+
+class Pace:
+    """Real time, or a multiple of it, from a moment that all twins of a cell share.
+
+    Parameters
+    ----------
+    began
+        Return the moment, s of the system's monotonic clock, or None before it is known.
+    speed
+        How many seconds pass on the devices' clocks in one of ours.
+    """
+
+    def __init__(self, began: Callable[[], float | None], speed: float = 1.0) -> None:
+        self._began, self._speed = began, speed
+
+    async def until(self, seconds: float) -> None:
+        """Wait until so many seconds of a device's clock have passed."""
+        while (began := self._began()) is None:
+            await asyncio.sleep(0.005)
+        wait = began + seconds / self._speed - time.monotonic()
+        if wait > 0.0:
+            await asyncio.sleep(wait)
+
+
+async def play_datagrams(scheme: str, samples: Iterator[RobotSample], host: str, port: int, pace: Pace) -> None:
+    """Send poses to a port, as an RSI or EGM controller does; answers are let lie."""
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=(host, port))
+    first_ns: int | None = None
+    try:
+        for number, sample in enumerate(samples):
+            first_ns = sample.stamp_ns if first_ns is None else first_ns
+            await pace.until((sample.stamp_ns - first_ns) * 1e-9)
+            transport.sendto(rsi.encode(sample) if scheme == "rsi" else egm.encode(sample, number))
+    finally:
+        transport.close()
+
+
+class _Clients:
+    """Those a stream is sent to; one that does not read is dropped rather than waited for."""
+
+    _MOST = 1 << 20
+
+    def __init__(self) -> None:
+        self._writers: dict[asyncio.StreamWriter, Callable[[object], bytes]] = {}
+
+    def add(self, writer: asyncio.StreamWriter, encode: Callable[[object], bytes]) -> None:
+        self._writers[writer] = encode
+
+    def remove(self, writer: asyncio.StreamWriter) -> None:
+        self._writers.pop(writer, None)
+
+    def send(self, sample: object) -> None:
+        for writer, encode in list(self._writers.items()):
+            if writer.is_closing() or writer.transport.get_write_buffer_size() > self._MOST:
+                self.remove(writer)
+                writer.close()
+            else:
+                writer.write(encode(sample))
+
+    def close(self) -> None:
+        for writer in self._writers:
+            writer.close()
+
+
+class TcpTwin:
+    """A device that clients connect to: serve it, then play what it measures.
+
+    Parameters
+    ----------
+    scheme
+        `rtde`, `ixcom` or `csv`.
+    on_client
+        Called when the first client wants data.
+    """
+
+    def __init__(self, scheme: str, on_client: Callable[[], None] = lambda: None) -> None:
+        self._clients = _Clients()
+        self._on_client = on_client
+        self._talk = {"rtde": self._rtde, "ixcom": self._ixcom, "csv": self._lines}[scheme]
+        self._server: asyncio.Server | None = None
+
+    async def serve(self, host: str, port: int) -> int:
+        """Listen, and return the port."""
+        self._server = await asyncio.start_server(self._connected, host, port)
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def play(self, samples: Iterator[ImuSample] | Iterator[RobotSample], pace: Pace) -> None:
+        """Send samples to all who listen, then close."""
+        first_ns: int | None = None
+        for sample in samples:
+            first_ns = sample.stamp_ns if first_ns is None else first_ns
+            await pace.until((sample.stamp_ns - first_ns) * 1e-9)
+            self._clients.send(sample)
+        self._clients.close()
+        if self._server is not None:
+            self._server.close()
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            with suppress(OSError, ProtocolError, asyncio.CancelledError):  # also at the end of the cell
+                await self._talk(reader, writer)
+        finally:
+            self._clients.remove(writer)
+            writer.close()
+
+    def _begin(self, writer: asyncio.StreamWriter, encode: Callable[[object], bytes]) -> None:
+        self._clients.add(writer, encode)
+        self._on_client()
+
+    async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        server = rtde.Server()
+        while data := await reader.read(4096):
+            writer.write(server.receive(data))
+            if server.streaming:
+                self._begin(writer, server.encode)  # type: ignore[arg-type]
+            else:
+                self._clients.remove(writer)
+
+    async def _ixcom(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        decoder, count, sent = ixcom.Decoder(), 0, 0
+
+        def encode(sample: object) -> bytes:
+            nonlocal count, sent
+            count += 1
+            if not isinstance(sample, ImuSample) or count % divider:
+                return b""
+            sent += 1
+            return ixcom.encode_sample(sample, sent - 1)
+
+        while data := await reader.read(4096):
+            for frame in decoder.receive(data):
+                writer.write(ixcom.respond(0, "OK", frame.counter))
+                wanted = ixcom.wanted_log(frame)
+                if wanted is not None and wanted[0] == ixcom.IMURAW:
+                    divider = wanted[1]
+                    self._begin(writer, encode)
+
+    async def _lines(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(f"#{line.COLUMNS}\n".encode())
+        self._begin(writer, line.encode)  # type: ignore[arg-type]
+        while await reader.read(4096):
+            pass

@@ -1,0 +1,156 @@
+"""Readings of an IMU as lines of text, columns divided by commas, over TCP or a serial line.
+
+Which columns there are is told as in the header of `imu0/data.csv`, for instance
+``t [ms],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z``, by the user or by a first line that begins with ``#``. A unit holds for
+the columns behind it until another is named. Columns of other names are skipped.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols.samples import ImuSample, checked_stamp, finite
+
+LARGEST = 4096
+"""Bytes a line may have."""
+
+COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+
+_NAME = "CSV line"
+_TIME = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+_RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": math.pi / 180.0, "deg/s": math.pi / 180.0, "dps": math.pi / 180.0}
+_RATE["mdps"] = 1e-3 * _RATE["dps"]
+_FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3}
+_UNITS = {"w": _RATE, "a": _FORCE}
+_CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where stamp, rates and accelerations stand in a line, and what they are multiplied by."""
+
+    count: int
+    stamp: int
+    stamp_factor: int
+    places: tuple[int, ...]
+    factors: tuple[float, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Columns:
+        """Return the columns a header names.
+
+        Raises
+        ------
+        ProtocolError
+            If one of the seven is missing, or has a unit nobody knows.
+        """
+        cells = text.lstrip("#").split(",")
+        places: dict[str, tuple[int, float]] = {}
+        unit = ""
+        for i, cell in enumerate(cells):
+            match = _CELL.fullmatch(cell)
+            if match is None:
+                raise ProtocolError(_NAME, f"column {i + 1}, '{cell.strip()[:40]}', is not 'name [unit]'")
+            name = match.group(1).lower()
+            unit = unit if match.group(2) is None else match.group(2).strip()
+            if name in ("t", "timestamp", "time", "stamp"):
+                places["t"] = (i, float(_factor(_TIME, unit, name)))
+            elif re.fullmatch("[wa]_[xyz]", name):
+                places[name] = (i, _factor(_UNITS[name[0]], unit, name))
+        wanted = [f"{kind}_{axis}" for kind in "wa" for axis in "xyz"]
+        missing = [name for name in ("t", *wanted) if name not in places]
+        if missing:
+            raise ProtocolError(_NAME, f"no column {', '.join(missing)} in '{text[:80]}'; name them as in '{COLUMNS}'")
+        return cls(
+            len(cells), places["t"][0], int(places["t"][1]),
+            tuple(places[name][0] for name in wanted), tuple(places[name][1] for name in wanted),
+        )  # fmt: skip
+
+
+def _factor(units: dict[str, float] | dict[str, int], unit: str, name: str) -> float:
+    if unit not in units:
+        raise ProtocolError(_NAME, f"column {name} is in '{unit}'; known units are {', '.join(units)}")
+    return units[unit]
+
+
+class Decoder:
+    """Lines out of a byte stream; a first one that may be cut is skipped.
+
+    Parameters
+    ----------
+    columns
+        As the user says; without, they are taken from a line that begins with ``#``.
+    """
+
+    def __init__(self, columns: Columns | None = None) -> None:
+        self.columns = columns
+        self._buffer = bytearray()
+        self._begun = False
+
+    def receive(self, data: bytes) -> list[ImuSample | ProtocolError]:
+        """Return the readings of the lines that are whole by now, and an error for each line that is none."""
+        self._buffer += data
+        *lines, rest = self._buffer.split(b"\n")
+        out: list[ImuSample | ProtocolError] = []
+        if len(rest) > LARGEST:
+            out.append(ProtocolError(_NAME, f"line of more than {LARGEST} bytes: is this a stream of text?"))
+            rest = bytearray()
+            self._begun = False
+        self._buffer = bytearray(rest)
+        for line in lines:
+            begun, self._begun = self._begun, True
+            try:
+                reading = self._line(line)
+            except ProtocolError as error:
+                if begun:
+                    out.append(error)
+                continue
+            if reading is not None:
+                out.append(reading)
+        return out
+
+    def _line(self, line: bytearray) -> ImuSample | None:
+        text = line.decode("ascii", "replace").strip()
+        if text.startswith("#"):
+            self.columns = Columns.parse(text) if self.columns is None else self.columns
+            return None
+        if not text:
+            return None
+        if self.columns is None:
+            raise ProtocolError(_NAME, "no header has come; name the columns, such as '?columns=" + COLUMNS + "'")
+        return decode(text, self.columns)
+
+
+def decode(text: str, columns: Columns) -> ImuSample:
+    """Return the reading of a line.
+
+    Raises
+    ------
+    ProtocolError
+        If it has another number of columns, or something in it is no number.
+    """
+    cells = text.split(",")
+    if len(cells) != columns.count:
+        raise ProtocolError(_NAME, f"{len(cells)} columns, expected {columns.count}: '{text[:60]}'")
+    try:
+        stamp = cells[columns.stamp].strip()
+        if columns.stamp_factor == 1 or re.fullmatch(r"[-+]?\d{1,20}", stamp):
+            stamp_ns = int(stamp) * columns.stamp_factor
+        else:
+            stamp_ns = round(float(stamp) * columns.stamp_factor)
+        values = tuple(float(cells[i]) * factor for i, factor in zip(columns.places, columns.factors, strict=True))
+    except (ValueError, OverflowError) as error:
+        raise ProtocolError(_NAME, f"not a line of numbers: '{text[:60]}'") from error
+    values = finite(values, _NAME, "a reading")
+    return ImuSample(
+        checked_stamp(stamp_ns, _NAME), (values[0], values[1], values[2]), (values[3], values[4], values[5])
+    )
+
+
+def encode(reading: ImuSample) -> bytes:
+    """Return the line of a reading in `COLUMNS`."""
+    values = ",".join(repr(float(value)) for value in (*reading.rate, *reading.acceleration))
+    return f"{reading.stamp_ns},{values}\n".encode()

@@ -1,0 +1,158 @@
+"""KUKA Robot Sensor Interface: one XML telegram a UDP datagram, every 4 or 12 ms, the controller first.
+
+Lengths are mm, angles degrees; A, B, C are intrinsic turns about z, y', x''. IPOC is the controller's time in ms, and
+is given back in the answer. In ONLYSEND mode nothing is answered, and nothing can move the robot.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols.samples import Quadruple, RobotSample, Triple, checked_stamp, finite
+
+LARGEST = 8192
+"""Bytes a telegram may have; the controller's own limit is lower."""
+
+_NAME = "RSI"
+_FRAME = ("X", "Y", "Z", "A", "B", "C")
+_DEGREE = math.pi / 180.0
+
+
+def decode(datagram: bytes) -> RobotSample:
+    """Return the pose a controller's telegram tells: `RIst`, and joint angles, `AIPos`, as far as they are in it.
+
+    Raises
+    ------
+    ProtocolError
+        If it is no such telegram, or says impossible things.
+    """
+    robot = parse_xml(datagram, _NAME, "Rob")
+    frame = _numbers(robot, "RIst", _FRAME)
+    axes = _numbers(robot, "AIPos", tuple(f"A{k}" for k in range(1, 7)))
+    if not frame and not axes:
+        raise ProtocolError(_NAME, "the telegram has neither RIst nor AIPos; send one of them in the RSI configuration")
+    position = quaternion = None
+    if frame:
+        position = (frame[0] * 1e-3, frame[1] * 1e-3, frame[2] * 1e-3)
+        quaternion = from_abc(frame[3], frame[4], frame[5])
+    ipoc = ipoc_of(robot)
+    return RobotSample(
+        checked_stamp(ipoc * 1_000_000, _NAME), position, quaternion, tuple(axis * _DEGREE for axis in axes)
+    )
+
+
+def encode(sample: RobotSample) -> bytes:
+    """Return the controller's telegram that tells a pose: the twin's side."""
+    parts = ['<Rob TYPE="KUKA">']
+    if sample.position is not None and sample.quaternion is not None:
+        values = (*(1e3 * x for x in sample.position), *to_abc(sample.quaternion))
+        pose = " ".join(f'{name}="{value:.4f}"' for name, value in zip(_FRAME, values, strict=True))
+        parts.append(f"<RIst {pose}/><RSol {pose}/>")
+    if sample.joints:
+        axes = " ".join(f'A{k}="{angle / _DEGREE:.4f}"' for k, angle in enumerate(sample.joints, start=1))
+        parts.append(f"<AIPos {axes}/><ASPos {axes}/>")
+    parts.append(f'<Delay D="0"/><IPOC>{round(sample.stamp_ns * 1e-6)}</IPOC></Rob>')
+    return "".join(parts).encode()
+
+
+def encode_answer(datagram: bytes) -> bytes:
+    """Return the answer to a controller's telegram that leaves the path as it is, with the IPOC given back.
+
+    Raises
+    ------
+    ProtocolError
+        If it is no telegram of a controller.
+    """
+    ipoc = ipoc_of(parse_xml(datagram, _NAME, "Rob"))
+    return (
+        f'<Sen Type="ImFree"><RKorr X="0.0" Y="0.0" Z="0.0" A="0.0" B="0.0" C="0.0"/><IPOC>{ipoc}</IPOC></Sen>'.encode()
+    )
+
+
+def decode_answer(datagram: bytes) -> int:
+    """Return the IPOC an answer gives back: the twin's side.
+
+    Raises
+    ------
+    ProtocolError
+        If it is no answer.
+    """
+    return ipoc_of(parse_xml(datagram, _NAME, "Sen"))
+
+
+def parse_xml(data: bytes, protocol: str, root: str) -> ElementTree.Element:
+    """Return the root of a telegram, which has a certain name.
+
+    Raises
+    ------
+    ProtocolError
+        If it is too long, not well-formed, of another name, or declares a document type: that is how XML is made to
+        grow without bounds.
+    """
+    if len(data) > LARGEST:
+        raise ProtocolError(protocol, f"telegram of {len(data)} bytes, expected {LARGEST} at most")
+    if b"<!" in data:
+        raise ProtocolError(protocol, "the telegram has a declaration or comment ('<!'), which no controller sends")
+    try:
+        element = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise ProtocolError(protocol, f"telegram is not well-formed XML ({error}): {data[:60]!r}") from error
+    if element.tag != root:
+        raise ProtocolError(protocol, f"telegram begins with <{str(element.tag)[:40]}>, expected <{root}>")
+    return element
+
+
+def ipoc_of(telegram: ElementTree.Element) -> int:
+    """Return the IPOC of a telegram.
+
+    Raises
+    ------
+    ProtocolError
+        If there is none, or it is no whole number.
+    """
+    text = (telegram.findtext("IPOC") or "").strip()
+    if not (text.isascii() and text.isdigit()) or len(text) > 19:
+        raise ProtocolError(_NAME, f"IPOC is '{text[:40]}', expected a whole number of milliseconds")
+    return int(text)
+
+
+def from_abc(a: float, b: float, c: float) -> Quadruple:
+    """Return the quaternion of Rz(a) Ry(b) Rx(c), degrees."""
+    (ca, sa), (cb, sb), (cc, sc) = (
+        (math.cos(0.5 * angle * _DEGREE), math.sin(0.5 * angle * _DEGREE)) for angle in (a, b, c)
+    )
+    return (
+        ca * cb * cc + sa * sb * sc,
+        ca * cb * sc - sa * sb * cc,
+        ca * sb * cc + sa * cb * sc,
+        sa * cb * cc - ca * sb * sc,
+    )
+
+
+def to_abc(q: Quadruple) -> Triple:
+    """Return A, B, C of a quaternion, degrees; C is zero where B is a right angle."""
+    w, x, y, z = q
+    up = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
+    b = math.asin(up)
+    if abs(up) > 1.0 - 1e-12:
+        return 2.0 * math.atan2(z, w) / _DEGREE, b / _DEGREE, 0.0
+    a = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    c = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return a / _DEGREE, b / _DEGREE, c / _DEGREE
+
+
+def _numbers(telegram: ElementTree.Element, tag: str, names: tuple[str, ...]) -> tuple[float, ...]:
+    """Return the numbers of an element's attributes; none where the element is missing."""
+    element = telegram.find(tag)
+    if element is None:
+        return ()
+    missing = [name for name in names if name not in element.attrib]
+    if missing:
+        raise ProtocolError(_NAME, f"<{tag}> has no {', '.join(missing)}")
+    try:
+        values = tuple(float(element.attrib[name]) for name in names)
+    except ValueError as error:
+        raise ProtocolError(_NAME, f"<{tag}> holds what is no number: {dict(element.attrib)}") from error
+    return finite(values, _NAME, f"<{tag}>")

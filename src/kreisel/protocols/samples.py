@@ -1,0 +1,59 @@
+"""What the protocols bring: one reading of an IMU, one pose of a robot, on the device's own clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from kreisel.errors import ProtocolError
+
+Triple = tuple[float, float, float]
+Quadruple = tuple[float, float, float, float]
+
+LAST_STAMP_NS = 2**31 * 10**9 - 1
+"""Stamps beyond do not fit the header of a recorded message."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """Raw angular rate (rad/s) and acceleration (m/s^2)."""
+
+    stamp_ns: int
+    rate: Triple
+    acceleration: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSample:
+    """Position (m) and attitude q_rb of the tool, and joint angles (rad); None or empty where they are not said."""
+
+    stamp_ns: int
+    position: Triple | None
+    quaternion: Quadruple | None
+    joints: tuple[float, ...] = ()
+
+
+def checked_stamp(stamp_ns: int, protocol: str) -> int:
+    """Return a stamp that can be recorded.
+
+    Raises
+    ------
+    ProtocolError
+        If it is negative or too large.
+    """
+    if not 0 <= stamp_ns <= LAST_STAMP_NS:
+        raise ProtocolError(protocol, f"the time stamp {stamp_ns} ns is impossible, expected 0 to {LAST_STAMP_NS} ns")
+    return stamp_ns
+
+
+def finite(values: tuple[float, ...], protocol: str, what: str) -> tuple[float, ...]:
+    """Return values that are finite.
+
+    Raises
+    ------
+    ProtocolError
+        If one is not.
+    """
+    if not all(math.isfinite(value) for value in values):
+        raise ProtocolError(protocol, f"{what} is not finite: {values}")
+    return values

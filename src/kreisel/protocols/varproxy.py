@@ -1,0 +1,151 @@
+"""KUKAVARPROXY: single variables of a KUKA controller read and written over TCP, big-endian.
+
+Request: number u16, length u16, mode u8 (0 read, 1 write), length of name u16, name, and to write length of value u16,
+value. Answer: number, length, mode, length of value, value, three bytes that end in 1 where it went well.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from dataclasses import dataclass
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols.rsi import from_abc
+from kreisel.protocols.samples import RobotSample, finite
+
+LARGEST = 4096
+READ, WRITE = 0, 1
+_NAME = "KUKAVARPROXY"
+_HEAD = struct.Struct(">HH")
+_PAIR = re.compile(r"([A-Za-z]\w*)\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)")
+_DEGREE = math.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request, as the controller's side reads it; `value` is None where it reads."""
+
+    number: int
+    name: str
+    value: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer."""
+
+    number: int
+    value: str
+    well: bool
+
+
+class Splitter:
+    """Messages out of a byte stream, however it is cut."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def receive(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Return number and content of the messages that are whole by now.
+
+        Raises
+        ------
+        ProtocolError
+            If a length is impossible: the stream must be opened anew.
+        """
+        self._buffer += data
+        messages, at = [], 0
+        while len(self._buffer) - at >= _HEAD.size:
+            number, length = _HEAD.unpack_from(self._buffer, at)
+            if not 3 <= length <= LARGEST:
+                raise ProtocolError(_NAME, f"message of {length} bytes, expected 3 to {LARGEST}")
+            if len(self._buffer) - at < _HEAD.size + length:
+                break
+            messages.append((number, bytes(self._buffer[at + _HEAD.size : at + _HEAD.size + length])))
+            at += _HEAD.size + length
+        del self._buffer[:at]
+        return messages
+
+
+def encode_request(request: Request) -> bytes:
+    """Return the bytes of a request."""
+    content = bytes([READ if request.value is None else WRITE]) + _string(request.name)
+    if request.value is not None:
+        content += _string(request.value)
+    return _HEAD.pack(request.number % 2**16, len(content)) + content
+
+
+def encode_answer(answer: Answer) -> bytes:
+    """Return the bytes of an answer: the twin's side."""
+    content = bytes([READ]) + _string(answer.value) + (b"\x00\x01\x01" if answer.well else b"\x00\x00\x00")
+    return _HEAD.pack(answer.number % 2**16, len(content)) + content
+
+
+def decode_request(number: int, content: bytes) -> Request:
+    """Return the request of a message.
+
+    Raises
+    ------
+    ProtocolError
+        If it is cut, or of another mode.
+    """
+    name, rest = _take(content[1:])
+    if content[0] == READ and not rest:
+        return Request(number, name)
+    if content[0] == WRITE:
+        value, rest = _take(rest)
+        if not rest:
+            return Request(number, name, value)
+    raise ProtocolError(_NAME, f"request of mode {content[0]} with {len(rest)} bytes too many, expected 0 or 1")
+
+
+def decode_answer(number: int, content: bytes) -> Answer:
+    """Return the answer of a message.
+
+    Raises
+    ------
+    ProtocolError
+        If it is cut.
+    """
+    value, rest = _take(content[1:])
+    if len(rest) != 3:
+        raise ProtocolError(_NAME, f"answer ends with {len(rest)} bytes, expected 3")
+    return Answer(number, value, rest[-1] == 1)
+
+
+def pose(text: str, stamp_ns: int) -> RobotSample:
+    """Return the pose a value of ``$POS_ACT`` or ``$AXIS_ACT`` tells; mm and degrees.
+
+    Raises
+    ------
+    ProtocolError
+        If it is neither a frame nor a set of axes.
+    """
+    try:
+        values = {name.upper(): float(number) for name, number in _PAIR.findall(text[:LARGEST])}
+    except ValueError as error:
+        raise ProtocolError(_NAME, f"'{text[:60]}' holds what is no number") from error
+    axes = [values.get(f"A{k}") for k in range(1, 7)]
+    if None not in axes:
+        return RobotSample(stamp_ns, None, None, tuple(float(axis or 0.0) * _DEGREE for axis in axes))
+    try:
+        x, y, z, a, b, c = finite(tuple(values[name] for name in "XYZABC"), _NAME, "a frame")
+    except KeyError as error:
+        raise ProtocolError(_NAME, f"'{text[:60]}' is neither a frame (X .. C) nor axes (A1 .. A6)") from error
+    return RobotSample(stamp_ns, (x * 1e-3, y * 1e-3, z * 1e-3), from_abc(a, b, c))
+
+
+def _string(text: str) -> bytes:
+    data = text.encode("latin-1", "replace")
+    return struct.pack(">H", len(data)) + data
+
+
+def _take(content: bytes) -> tuple[str, bytes]:
+    if len(content) < 2:
+        raise ProtocolError(_NAME, "message is cut before a length")
+    (length,) = struct.unpack_from(">H", content)
+    if len(content) < 2 + length:
+        raise ProtocolError(_NAME, f"string of {length} bytes, got {len(content) - 2}")
+    return content[2 : 2 + length].decode("latin-1"), content[2 + length :]
