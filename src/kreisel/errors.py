@@ -82,7 +82,8 @@ class ProtocolError(KreiselError):
 
     def __init__(self, protocol: str, message: str) -> None:
         self.protocol = protocol
-        super().__init__(f"{protocol}: {message}")
+        printable = "".join(character if character.isprintable() else " " for character in message)
+        super().__init__(f"{protocol}: {' '.join(printable.split())}")
 
 
 class DeviceError(KreiselError):

@@ -57,6 +57,7 @@ def running(
     context = multiprocessing.get_context("spawn")
     began = context.Value("d", -1.0)
     processes: list[BaseProcess] = []
+    pipes = []
     ports = []
     try:
         for what, scheme, port in (("robot", robot, robot_port), ("imu", imu, imu_port)):
@@ -68,6 +69,7 @@ def running(
             )
             process.start()
             processes.append(process)
+            pipes.append(ours)  # a device ends where its end of the pipe breaks
             theirs.close()
             ports.append(_answer(ours, f"{scheme}://{_HOST}:{port}"))
         yield Urls(f"{robot}://{_HOST}:{ports[0]}", f"{imu}://{_HOST}:{ports[1]}"), processes
@@ -75,6 +77,8 @@ def running(
         for process in processes:
             process.terminate()
             process.join()
+        for pipe in pipes:
+            pipe.close()
 
 
 def _answer(connection: Connection, address: str) -> int:
@@ -95,9 +99,15 @@ def _free_port() -> int:
 
 
 def _play(what: str, scheme: str, port: int, recording: Recording, speed: float, began: Any, ready: Connection) -> None:
-    """Be one device, in a process of its own."""
-    with suppress(KeyboardInterrupt):
-        asyncio.run(_device(what, scheme, port, recording, speed, began, ready))
+    """Be one device, in a process of its own, until the recording ends or the parent is gone."""
+
+    async def be() -> None:
+        device = asyncio.ensure_future(_device(what, scheme, port, recording, speed, began, ready))
+        asyncio.get_running_loop().add_reader(ready.fileno(), device.cancel)
+        await device
+
+    with suppress(KeyboardInterrupt, asyncio.CancelledError):
+        asyncio.run(be())
 
 
 async def _device(

@@ -186,11 +186,10 @@ class Server:
             if len(payload) < 8:
                 raise ProtocolError(_NAME, f"recipe of {len(payload)} bytes, expected 8 or more")
             (self.frequency,) = struct.unpack_from(">d", payload)
-            self.fields = payload[8:].decode("ascii", "replace").split(",")
+            self.fields = _names(payload[8:])
             return package(kind, bytes([self._RECIPE]) + ",".join(type_of(name) for name in self.fields).encode())
         if kind == _INPUTS:
-            names = payload.decode("ascii", "replace").split(",")
-            return package(kind, bytes([self._RECIPE]) + ",".join(type_of(name) for name in names).encode())
+            return package(kind, bytes([self._RECIPE]) + ",".join(map(type_of, _names(payload))).encode())
         if kind in (_START, _PAUSE):
             self.streaming = kind == _START
             return package(kind, b"\x01")
@@ -262,6 +261,11 @@ def to_rotation_vector(q: Quadruple) -> Triple:
     length = math.sqrt(x * x + y * y + z * z)
     k = 2.0 if length < 1e-12 else 2.0 * math.atan2(length, w) / length
     return (k * x, k * y, k * z)
+
+
+def _names(payload: bytes) -> list[str]:
+    """Return names divided by commas; clients in use end with one."""
+    return [name for name in payload.decode("ascii", "replace").split(",") if name]
 
 
 def _text(payload: bytes) -> str:

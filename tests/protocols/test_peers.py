@@ -1,0 +1,161 @@
+"""Other people's clients against our twins, over the loopback. They are extras: `pip install 'kreisel[peers]'`."""
+
+import asyncio
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.acquisition.virtual_cell import running
+from kreisel.devices.twins import Pace, TcpTwin, play_datagrams
+from kreisel.errors import DeviceError
+from kreisel.protocols import ImuSample, RobotSample, varproxy
+from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+
+HOST = "127.0.0.1"
+
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""Clients of others leave sockets open."""
+
+
+def poses(count, interval_ns):
+    for k in range(count):
+        angle = 1e-3 * k
+        q = (np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle))
+        yield RobotSample(
+            10**9 + k * interval_ns, (0.1 + 1e-4 * k, 0.2, 0.3), tuple(map(float, q)), (angle, -1.0, 1.0, 0.0, 0.5, 0.0)
+        )
+
+
+def readings(count, interval_ns):
+    for k in range(count):
+        yield ImuSample(10**9 + k * interval_ns, (1e-3 * k, 0.25, -0.5), (0.0, 1e-2 * k, 9.75))
+
+
+@pytest.fixture
+def background():
+    """Run coroutines in a thread with a loop of its own."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    yield lambda coroutine: asyncio.run_coroutine_threadsafe(coroutine, loop)
+
+    async def end():
+        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+        await asyncio.sleep(0.05)  # for transports to close
+        loop.stop()
+
+    asyncio.run_coroutine_threadsafe(end(), loop)
+    thread.join()
+    loop.close()
+
+
+class Begin:
+    """A beginning that comes with the first client."""
+
+    def __init__(self):
+        self.at = None
+
+    def __call__(self):
+        self.at = self.at or time.monotonic() + 0.3
+
+
+def test_ur_rtde_receives_from_the_twin_at_500_hz():
+    rtde_receive = pytest.importorskip("rtde_receive")
+    k = np.arange(1500)
+    stamps = 10**9 + 2_000_000 * k
+    positions = np.column_stack([0.1 + 1e-4 * k, np.full(k.size, 0.2), np.full(k.size, 0.3)])
+    quaternions = np.column_stack([np.cos(5e-4 * k), 0 * k, 0 * k, np.sin(5e-4 * k)])
+    angles = np.column_stack([1e-3 * k, *(np.full(k.size, value) for value in (-1.0, 1.0, 0.0, 0.5, 0.0))])
+    recording = Recording(
+        Path("cell"),
+        ImuSamples(stamps, np.zeros((k.size, 3)), np.zeros((k.size, 3)), Path("imu")),
+        ReferencePoses("pose0", stamps, positions, quaternions, Path("pose")),
+        JointAngles(stamps, angles, Path("joint")),
+    )
+    seen = {}
+    try:
+        # the client knows one port alone, and holds the interpreter while it connects
+        with running(recording, "rtde", "csv", robot_port=30004) as (urls, _):
+            with socket.create_connection((HOST, int(urls.imu.rpartition(":")[2]))):  # begins the motion
+                client = rtde_receive.RTDEReceiveInterface(HOST, 500.0, ["timestamp", "actual_q", "actual_TCP_pose"])
+                ends = time.monotonic() + 2.0
+                while time.monotonic() < ends:
+                    seen[client.getTimestamp()] = (client.getActualQ(), client.getActualTCPPose())
+                    time.sleep(0.0005)
+            client.disconnect()
+    except DeviceError:
+        pytest.skip("port 30004 is taken")
+    seen.pop(0.0, None)
+    assert len(seen) > 600  # the client keeps only the newest package
+    for stamp, (q, pose) in seen.items():
+        n = round((stamp - 1.0) / 0.002)
+        assert q == pytest.approx(angles[n], abs=1e-12)
+        assert pose == pytest.approx([*positions[n], 0.0, 0.0, 1e-3 * n], abs=1e-9)
+
+
+def test_the_vendors_client_reads_the_simulated_imu(background):
+    ixcom = pytest.importorskip("ixcom")
+    begin = Begin()
+    twin = TcpTwin("ixcom", begin)
+    port = background(twin.serve(HOST, 0)).result(5)
+    background(twin.play(readings(400, 2_500_000), Pace(lambda: begin.at)))
+    client = ixcom.Client(HOST, port, timeout=5)
+    found = []
+    client.add_callback(lambda message, *_: found.append(message) if message.header.msgID == 0 else None)
+    client.open_channel(0)
+    client.add_log_sync(0, 1)
+    ends = time.monotonic() + 5.0
+    while len(found) < 400 and time.monotonic() < ends:
+        time.sleep(0.05)
+    assert len(found) == 400
+    last = found[-1].payload.data
+    assert last["omg"] == pytest.approx([0.399, 0.25, -0.5], abs=1e-6)
+    assert last["acc"] == pytest.approx([0.0, 3.99, 9.75], abs=1e-6)
+
+
+def test_abbs_library_reads_the_simulated_controller(background):
+    egm = pytest.importorskip("ABBRobotEGM")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((HOST, 0))
+        port = probe.getsockname()[1]
+    client = egm.EGM(port)
+    began = time.monotonic() + 0.1
+    background(play_datagrams("egm", poses(250, 4_000_000), HOST, port, Pace(lambda: began)))
+    angles = []
+    for _ in range(250):
+        received, state = client.receive_from_robot(timeout=1.0)
+        assert received
+        angles.append(state.joint_angles[0])
+    client.close()
+    assert np.radians(angles) == pytest.approx(1e-3 * np.arange(250), abs=1e-9)
+
+
+def test_openshowvar_talks_to_our_proxy(background):
+    openshowvar = pytest.importorskip("py_openshowvar").openshowvar
+    values = {"$OV_PRO": "100"}
+
+    async def talk(reader, writer):
+        splitter = varproxy.Splitter()
+        while data := await reader.read(4096):
+            for number, content in splitter.receive(data):
+                request = varproxy.decode_request(number, content)
+                if request.value is not None:
+                    values[request.name] = request.value
+                known = request.name in values
+                answer = varproxy.Answer(number, values.get(request.name, ""), known)
+                writer.write(varproxy.encode_answer(answer))
+        writer.close()
+
+    server = background(asyncio.start_server(talk, HOST, 0)).result(5)
+    client = openshowvar(HOST, server.sockets[0].getsockname()[1])
+    assert client.read("$OV_PRO", debug=False) == b"100"
+    client.write("$OV_PRO", "50", debug=False)
+    assert client.read("$OV_PRO", debug=False) == b"50"
+    client.close()

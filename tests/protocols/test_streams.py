@@ -1,0 +1,154 @@
+"""However bytes are cut, spoilt or invented: the same records, and no errors but ours."""
+
+import random
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, varproxy
+
+numbers = st.floats(-1e3, 1e3, allow_nan=False)
+stamps = st.integers(0, 2**31 * 10**9 - 10**9)
+triples = st.tuples(numbers, numbers, numbers)
+turns = st.tuples(*[st.floats(-1.0, 1.0)] * 4).map(lambda q: (q[0] or 1.0, *q[1:])).filter(lambda q: _size(q) > 1e-3)
+poses = st.builds(
+    RobotSample, stamps, triples, turns.map(lambda q: tuple(x / _size(q) for x in q)), st.tuples(*[numbers] * 6)
+)
+readings = st.builds(ImuSample, stamps, triples, triples)
+
+
+def _size(q):
+    return sum(x * x for x in q) ** 0.5
+
+
+def same_turn(a, b, tolerance):
+    return abs(abs(sum(x * y for x, y in zip(a, b, strict=True))) - 1.0) < tolerance
+
+
+def cut(data, cuts):
+    """Return the pieces of data between cuts."""
+    edges = sorted({0, len(data), *(c % (len(data) + 1) for c in cuts)})
+    return [data[a:b] for a, b in pairwise(edges)]
+
+
+@given(poses)
+def test_egm_gives_back_what_was_sent(pose):
+    found = egm.decode(egm.encode(pose, 1))
+    assert found.stamp_ns == pose.stamp_ns // 1000 * 1000
+    assert all(abs(a - b) < 1e-12 * (1 + abs(b)) for a, b in zip(found.position, pose.position, strict=True))
+    assert same_turn(found.quaternion, pose.quaternion, 1e-12)
+    assert all(abs(a - b) < 1e-12 * (1 + abs(b)) for a, b in zip(found.joints, pose.joints, strict=True))
+
+
+@given(poses)
+def test_rsi_gives_back_what_was_sent_to_four_digits(pose):
+    found = rsi.decode(rsi.encode(pose))
+    assert abs(found.stamp_ns - pose.stamp_ns) <= 500_000
+    assert all(abs(a - b) < 5.1e-8 for a, b in zip(found.position, pose.position, strict=True))
+    assert same_turn(found.quaternion, pose.quaternion, 1e-11)
+
+
+@given(poses)
+def test_rtde_gives_back_what_was_sent(pose):
+    client, server = rtde.Client(500.0), rtde.Server()
+    to_server = client.begin()
+    for _ in range(3):
+        _, to_server, _ = client.receive(server.receive(to_server))
+    (found,), _, _ = client.receive(server.encode(pose))
+    assert abs(found.stamp_ns - pose.stamp_ns) < 1000  # a double of seconds
+    assert found.position == pose.position
+    assert same_turn(found.quaternion, pose.quaternion, 1e-12)
+    assert found.joints == pose.joints
+
+
+@given(st.lists(readings, min_size=1, max_size=8), st.lists(st.integers(0, 4000)), st.randoms())
+def test_frames_survive_any_cut_and_garbage_between_them(sent, cuts, rng):
+    stream = b""
+    for k, reading in enumerate(sent):
+        stream += rng.randbytes(rng.randrange(12)).replace(b"\x7e", b"\x7f") + ixcom.encode_sample(reading, k)
+    decoder = ixcom.Decoder()
+    frames = [frame for piece in cut(stream, cuts) for frame in decoder.receive(piece)]
+    assert [frame.stamp_ns for frame in frames] == [reading.stamp_ns // 1000 * 1000 for reading in sent]
+    assert decoder.missing == 0
+
+
+@given(st.lists(readings, min_size=1, max_size=8), st.lists(st.integers(0, 4000)))
+def test_lines_survive_any_cut(sent, cuts):
+    stream = f"#{line.COLUMNS}\n".encode() + b"".join(line.encode(reading) for reading in sent)
+    decoder = line.Decoder()
+    assert [found for piece in cut(stream, cuts) for found in decoder.receive(piece)] == sent
+
+
+@given(
+    st.lists(st.tuples(st.text("abc$_1", min_size=1), st.none() | st.text("xyz 09")), min_size=1),
+    st.lists(st.integers(0, 4000)),
+)
+def test_requests_survive_any_cut(wanted, cuts):
+    requests = [varproxy.Request(k, name, value) for k, (name, value) in enumerate(wanted)]
+    splitter = varproxy.Splitter()
+    stream = b"".join(varproxy.encode_request(request) for request in requests)
+    found = [varproxy.decode_request(*m) for piece in cut(stream, cuts) for m in splitter.receive(piece)]
+    assert found == requests
+
+
+def test_a_damaged_frame_costs_itself_alone():
+    readings = [ImuSample(k * 2_500_000, (0.1, 0.2, 0.3), (1.0, 2.0, 3.0)) for k in range(20)]
+    frames = [ixcom.encode_sample(reading, k) for k, reading in enumerate(readings)]
+    for at in range(len(frames[10])):
+        spoilt = bytearray(frames[10])
+        spoilt[at] ^= 0x55
+        decoder = ixcom.Decoder()
+        found = decoder.receive(b"".join(frames[:10]) + bytes(spoilt) + b"".join(frames[11:]))
+        found += decoder.receive(b"".join(frames) * 3)  # what a wrong length has swallowed comes out again
+        assert {frame.stamp_ns for frame in found[:19]} >= {r.stamp_ns for r in readings[:10]}
+        assert len(found) >= 19 + 60 - 1
+
+
+@given(st.binary(max_size=300))
+def test_garbage_raises_nothing_but_our_own_errors(data):
+    attack_all(data)
+
+
+@given(st.sampled_from(["egm", "rsi", "ixcom", "rtde", "varproxy", "line"]), st.integers(0, 2**32), poses, readings)
+def test_nearly_right_bytes_raise_nothing_but_our_own_errors(kind, seed, pose, reading):
+    rng = random.Random(seed)
+    original = {
+        "egm": lambda: egm.encode(pose, 3),
+        "rsi": lambda: rsi.encode(pose),
+        "ixcom": lambda: ixcom.encode_sample(reading, 3) + ixcom.respond(4, "no", 4) + ixcom.add_log(0, 1),
+        "rtde": lambda: (
+            rtde.package(86, b"\x01") + rtde.package(79, b"\x01DOUBLE,VECTOR6D,VECTOR6D") + rtde.package(83, b"\x01")
+        ),
+        "varproxy": lambda: varproxy.encode_answer(varproxy.Answer(3, "{A1 1.0}", True)),
+        "line": lambda: f"#{line.COLUMNS}\n".encode() + line.encode(reading),
+    }[kind]()
+    data = bytearray(original)
+    for _ in range(rng.randrange(1, 6)):
+        at = rng.randrange(len(data))
+        data[at : at + rng.randrange(3)] = rng.randbytes(rng.randrange(3))
+    attack_all(bytes(data))
+
+
+def attack_all(data):
+    """Give bytes to every decoder; an error that is not ours fails the test."""
+    decoder = ixcom.Decoder()
+    attacks = [
+        lambda: egm.decode(data), lambda: rsi.decode(data), lambda: rsi.encode_answer(data),
+        lambda: rsi.decode_answer(data), lambda: rtde.Client(500.0).receive(data), lambda: rtde.Server().receive(data),
+        lambda: [varproxy.decode_answer(*message) for message in varproxy.Splitter().receive(data)],
+        lambda: [varproxy.decode_request(*message) for message in varproxy.Splitter().receive(data)],
+        lambda: varproxy.pose(data.decode("latin-1"), 0), lambda: line.Columns.parse(data.decode("latin-1")),
+        lambda: line.Decoder(line.Columns.parse(line.COLUMNS)).receive(data + b"\n" + data + b"\n"),
+        lambda: line.Decoder().receive(data + b"\n" + data + b"\n"),
+        lambda: [(ixcom.sample(f), ixcom.wanted_log(f), ixcom.check_response(f)) for f in decoder.receive(data)],
+    ]  # fmt: skip
+    client = rtde.Client(500.0)
+    client.state = rtde.State.RUNNING
+    attacks.append(lambda: client.receive(data))
+    for attack in attacks:
+        try:
+            attack()
+        except ProtocolError as error:
+            assert str(error).isprintable()
