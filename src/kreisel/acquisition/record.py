@@ -19,8 +19,11 @@ from kreisel.protocols import ImuSample, RobotSample
 from kreisel.recording.mcap import INFO, RECORDED, WARN, McapWriter
 from kreisel.recording.settings import RecordingSettings
 
-FLUSH = 0.5
-"""Seconds after which what has come in is written out: with the system's own delay, what a kill may cost."""
+FLUSH = 0.1
+"""Seconds after which what has come in is written out: with what waits in queues, what a kill may cost."""
+
+SHOW = 0.5
+"""Seconds between two calls of what shows the status."""
 
 _QUEUE = 50_000
 
@@ -210,7 +213,8 @@ async def _write(
     show: Show | None,
 ) -> None:
     """Write what comes until it is time to stop."""
-    status, began, flushed = recorder.status, None, time.monotonic()
+    status, began = recorder.status, None
+    flushed = shown = time.monotonic()
     while not stop.is_set():
         for task in feeding:
             if task.done() and task.exception() is not None:
@@ -224,14 +228,15 @@ async def _write(
         if now - flushed >= FLUSH:
             recorder.flush()
             flushed = now
-            if show is not None:
-                show(status)
+        if show is not None and now - shown >= SHOW:
+            show(status)
+            shown = now
         try:
             async with asyncio.timeout(0.1):
                 name, event = await queue.get()
         except TimeoutError:
             continue
         recorder.take(name, event)
-        while not queue.empty():
+        for _ in range(queue.qsize()):
             recorder.take(*queue.get_nowait())
         await asyncio.sleep(0.01)

@@ -50,6 +50,7 @@ def virtual_cell(
     from kreisel.acquisition.virtual_cell import INTERVALS, running
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
+    from kreisel.errors import SettingsError
     from kreisel.recording.write import write_settings
     from kreisel.simulation import simulate, write_truth
     from kreisel.simulation.settings import Cell, parse_cell, read_cell
@@ -57,6 +58,11 @@ def virtual_cell(
     described = (Cell() if cell is None else read_cell(cell)).model_dump()
     described["reference"]["interval"] = interval or INTERVALS[robot]
     described.update({name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None})
+    if robot is RobotKind.rsi:  # whose clock counts whole milliseconds
+        cycle = 1e3 * described["reference"]["interval"]
+        if abs(cycle - round(cycle)) > 1e-9:
+            raise SettingsError(f"--interval {interval} is no whole number of milliseconds, as RSI's cycles are")
+        described["reference"]["clock_offset"] = round(described["reference"]["clock_offset"], 3)
     if output is not None:
         check_output(output)
     with progress_bar() as show:

@@ -7,6 +7,7 @@ stream, and nothing that moves a robot.
 from __future__ import annotations
 
 import asyncio
+import re
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
@@ -29,6 +30,8 @@ _PATIENCE = 5.0
 _WAITING = 20_000  # datagrams that may wait for a slow consumer
 _BUFFER = 1 << 22
 _CHUNK = 65536
+_KINDS = 20
+_PAUSE_NS = 1_000_000_000
 
 Clock = Callable[[], int]
 
@@ -50,18 +53,21 @@ def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[
 
 
 class _Faults:
-    """Faults of one device, told once a second at most, with how many there were."""
+    """Faults of one device; each kind is told once a second at most, with how many there were."""
 
     def __init__(self) -> None:
-        self._count = 0
-        self._last_ns: int | None = None
+        self._seen: dict[str, tuple[int, int]] = {}
 
     def tell(self, error: KreiselError, now_ns: int) -> list[Notice]:
-        self._count += 1
-        if self._last_ns is not None and now_ns - self._last_ns < 1_000_000_000:
+        kind = re.sub(r"\d+|'.*", "", str(error))[:40]
+        if kind not in self._seen and len(self._seen) >= _KINDS:
+            kind = "other"
+        count, last_ns = self._seen.get(kind, (0, -_PAUSE_NS))
+        quiet = now_ns - last_ns < _PAUSE_NS
+        self._seen[kind] = (count + 1, last_ns if quiet else now_ns)
+        if quiet:
             return []
-        self._last_ns = now_ns
-        more = "" if self._count == 1 else f" ({self._count} such messages so far)"
+        more = "" if count == 0 else f" ({count + 1} such messages so far)"
         return [Notice(Level.WARNING, f"{error}{more}", now_ns)]
 
 
