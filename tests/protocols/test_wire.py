@@ -102,6 +102,14 @@ def test_a_client_comes_to_run_against_bytes_of_the_manual():
     assert samples[0].joints == (0.1, -0.2, 0.3, -0.4, 0.5, -0.6)
 
 
+def test_a_rotation_without_bounds_is_refused():
+    client = rtde.Client(500.0)
+    client.state = rtde.State.RUNNING
+    data = struct.pack(">HBB13d", 3 + 1 + 104, ord("U"), 0, *[0.0] * 10, 1e200, 0.0, 0.0)
+    with pytest.raises(ProtocolError, match="longer than a turn"):
+        client.receive(data)
+
+
 def test_a_field_the_controller_does_not_have_is_told():
     client = rtde.Client(500.0)
     client.receive(bytes.fromhex("00045601"))

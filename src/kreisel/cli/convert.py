@@ -9,11 +9,13 @@ import typer
 
 def convert(
     source: Path = typer.Argument(..., help="Recording to read."),
-    target: Path = typer.Argument(..., help="Recording to write: a new folder, or a file ending in .mcap."),
+    target: Path = typer.Argument(
+        ..., help="What to write: a new folder, an .mcap file, or a .tum file of the poses alone."
+    ),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
 ) -> None:
-    """Convert a recording: any kind kreisel reads to a folder of CSV or an MCAP file."""
+    """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory."""
     from kreisel.recording import load
     from kreisel.recording.write import write
 

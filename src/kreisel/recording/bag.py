@@ -81,7 +81,11 @@ _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     **_REFERENCE_ROWS,
 }
 
-_WANTED = frozenset({*_ROWS, NOTE_TYPE})
+WANTED = frozenset({*_ROWS, NOTE_TYPE})
+"""Message types a recording is made of."""
+
+Decoded = tuple[Stamps, list[str], list[tuple[float, ...]]]
+Decode = Callable[[Topic, Path], Decoded]
 
 
 @dataclass(frozen=True)
@@ -133,25 +137,43 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
 
 
 def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
-    contents = _read(path)
-    findings = list(contents.findings)
+    return recording_of(_read(path), reference, imu)
+
+
+def recording_of(
+    contents: Contents, reference: str | None = None, imu: str | None = None, decode: Decode | None = None
+) -> Recording:
+    """Return the recording that the contents of a bag are; see `load_bag`.
+
+    Parameters
+    ----------
+    decode
+        Return stamps, keys and rows of a topic's messages, if they need not all be decoded anew.
+    """
+    path, findings, decode = contents.path, list(contents.findings), decode or decode_topic
     settings = _settings(contents, findings)
-    samples = _imu_samples(_body(contents, _IMU_ROLE, imu, findings), contents)
-    poses = _reference_poses(_body(contents, _REFERENCE_ROLE, reference, findings), path)
-    joints = _joint_angles(contents, findings)
+    samples = _imu_samples(_body(contents, _IMU_ROLE, imu, findings, decode), contents)
+    poses = _reference_poses(_body(contents, _REFERENCE_ROLE, reference, findings, decode), path)
+    joints = _joint_angles(contents, findings, decode)
     findings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
     return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
 
 
-def _notes(contents: Contents) -> list[Finding]:
-    """Return what a recorder noted that may have cost readings: the first few, and how many more there are."""
-    texts = []
+def notes_of(contents: Contents) -> list[tuple[int, str]]:
+    """Return level and text of what a recorder noted."""
+    notes = []
     for topic in contents.topics:
         if topic.msgtype == NOTE_TYPE and topic.encoding == "cdr":
             with _translated(contents.path, "record again", f"a note on {topic.name}"):
-                notes = [_deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
-            texts += [one_line(note.msg) for note in notes if note.level >= WARN]
+                messages = [_deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
+            notes += [(int(message.level), one_line(message.msg)) for message in messages]
+    return notes
+
+
+def _notes(contents: Contents) -> list[Finding]:
+    """Return what was noted that may have cost readings: the first few, and how many more there are."""
+    texts = [text for level, text in notes_of(contents) if level >= WARN]
     more = [f"and {len(texts) - 3} more such notes"] if len(texts) > 4 else []
     return [Finding("while recording", text) for text in texts[: 3 if more else 4] + more]
 
@@ -163,10 +185,10 @@ def _read(path: Path) -> Contents:
     if not path.exists():
         raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
     if path.is_file() and path.suffix.lower() == ".mcap":
-        return read_mcap(path, _WANTED)
+        return read_mcap(path, WANTED)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if [file.name for file in files] == [RECORDED]:
-        return read_mcap(files[0], _WANTED)
+        return read_mcap(files[0], WANTED)
     if files and not (path / "metadata.yaml").is_file():
         return _read_each(path, files, "no metadata.yaml, as where a recorder was stopped; read its .mcap files")
     try:
@@ -198,7 +220,7 @@ def _read_with_rosbags(path: Path) -> Contents:
     with Ros1Reader(path) if is_ros1 else Ros2Reader(path) as reader:
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
-        wanted = [connection for connection in reader.connections if connection.msgtype in _WANTED]
+        wanted = [connection for connection in reader.connections if connection.msgtype in WANTED]
         # An empty list would mean all connections.
         for connection, log_time, payload in reader.messages(wanted) if wanted else ():
             messages[connection.topic, connection.msgtype].append((log_time, payload))
@@ -209,7 +231,7 @@ def _read_with_rosbags(path: Path) -> Contents:
 
 def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
     """Return the contents of several MCAP files as if they were one."""
-    parts = [read_mcap(file, _WANTED) for file in files]
+    parts = [read_mcap(file, WANTED) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
     urdf = None
@@ -261,7 +283,7 @@ class _Body:
     values: Array
 
 
-def _body(contents: Contents, role: _Role, asked: str | None, findings: list[Finding]) -> _Body | None:
+def _body(contents: Contents, role: _Role, asked: str | None, findings: list[Finding], decode: Decode) -> _Body | None:
     """Return the messages meant; None where none were asked for and the bag has none."""
     path = contents.path
     fitting = _fitting(contents, role.msgtypes)
@@ -269,7 +291,7 @@ def _body(contents: Contents, role: _Role, asked: str | None, findings: list[Fin
     topic = _choose(fitting, role, name, contents, findings)
     if topic is None:
         return None
-    stamps, frames, rows = _decode(topic, path)
+    stamps, frames, rows = decode(topic, path)
     keep = _of_frame(frames, frame, topic, role, path)
     values = np.array(rows, dtype=np.float64)[keep]
     return _Body(topic, _stamps(stamps, topic, findings)[keep], values)
@@ -360,7 +382,7 @@ def _deserializer(encoding: str) -> Callable[[bytes, str], Any]:
     return store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr
 
 
-def _decode(topic: Topic, path: Path) -> tuple[Stamps, list[str], list[tuple[float, ...]]]:
+def decode_topic(topic: Topic, path: Path) -> Decoded:
     """Return the headers' stamps, the keys of the bodies, and rows of numbers."""
     deserialize, row = _deserializer(topic.encoding), _ROWS[topic.msgtype]
     stamps, keys, rows = [], [], []
@@ -423,7 +445,7 @@ def _reference_poses(body: _Body | None, path: Path) -> ReferencePoses | None:
     return ReferencePoses(body.topic.name, body.stamps_ns, positions, quaternions, _source(path, body.topic))
 
 
-def _joint_angles(contents: Contents, findings: list[Finding]) -> JointAngles | None:
+def _joint_angles(contents: Contents, findings: list[Finding], decode: Decode) -> JointAngles | None:
     topics = _fitting(contents, frozenset({_JOINTS}))
     chosen = [t for t in topics if t.name == JOINT_TOPIC] or topics
     if len(chosen) > 1:
@@ -432,11 +454,11 @@ def _joint_angles(contents: Contents, findings: list[Finding]) -> JointAngles | 
         return None
     if not chosen:
         return None
-    return _joints_of(chosen[0], contents.path, findings)
+    return _joints_of(chosen[0], contents.path, findings, decode)
 
 
-def _joints_of(topic: Topic, path: Path, findings: list[Finding]) -> JointAngles:
-    stamps, names, rows = _decode(topic, path)
+def _joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
+    stamps, names, rows = decode(topic, path)
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):
         if name != names[0] or len(row) != len(rows[0]) or not row:
             raise RecordingError(

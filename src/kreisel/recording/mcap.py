@@ -389,6 +389,21 @@ class McapScan:
         else:
             self._lost.append("it ends without a footer, as where a recorder was stopped; the rest is missing")
 
+    def follow(self, stream: BinaryIO, offset: int, size: int) -> tuple[int, bool]:
+        """Take the records from an offset on that are whole by now; return where the next begins, and whether any will.
+
+        For a file that is still being written.
+        """
+        stream.seek(offset)
+        try:
+            for start, opcode, content in _records(stream, size):
+                if opcode == Opcode.FOOTER:
+                    return start, False
+                self._try(start, opcode, content)
+        except _BrokenRecordError as broken:
+            return broken.offset, True
+        return size, True
+
     def _try(self, offset: int, opcode: int, content: bytes) -> None:
         """Take a record, or note that it is damaged: the library raises whatever it stumbles over."""
         try:

@@ -33,10 +33,37 @@ def write(recording: Recording, path: str | Path) -> None:
         from kreisel.recording.mcap import write_mcap  # here, for rosbags is slow to import
 
         write_mcap(recording, path)
+    elif suffix == ".tum":
+        write_tum(recording, path)
     elif suffix in (".bag", ".db3"):
         raise RecordingError(f"{suffix} files are only read; name a folder or an .mcap file", file=path)
     else:
         write_folder(recording, path)
+
+
+def write_tum(recording: Recording, path: Path) -> None:
+    """Write the reference as a TUM trajectory: s, position, quaternion with its scalar last.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written, or there are no positions with orientations.
+    """
+    reference = recording.reference
+    if reference is None or reference.positions is None or reference.quaternions is None:
+        raise RecordingError("has no poses with positions and orientations, which a trajectory is", file=recording.path)
+    if path.exists():
+        raise RecordingError("exists already; delete it, or give another name", file=path)
+    rows = np.column_stack([reference.positions, np.roll(reference.quaternions, -1, axis=1)])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", encoding="utf-8", newline="\n") as file:
+            for stamp, row in zip(reference.stamps_ns.tolist(), rows.tolist(), strict=True):
+                # in whole numbers, for seconds since 1970 leave a double no nanoseconds
+                sign, (seconds, rest) = "-" if stamp < 0 else "", divmod(abs(stamp), 10**9)
+                file.write(f"{sign}{seconds}.{rest:09d} {' '.join(map(repr, row))}\n")
+    except OSError as error:
+        raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
 
 
 def write_folder(recording: Recording, path: Path) -> None:

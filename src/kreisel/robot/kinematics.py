@@ -185,6 +185,15 @@ def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
     return p[same], continuous(from_matrix(C[same]))
 
 
+def skeleton(arm: Arm, angles: Array) -> Array:
+    """Return where base, joints and tool stand for one set of joint angles, (joints + 2, 3), in the base's frame."""
+    pin = pinocchio()
+    model, data = arm.model, arm.model.createData()
+    pin.forwardKinematics(model, data, np.ascontiguousarray(angles, dtype=float))
+    tool = pin.updateFramePlacement(model, data, arm.frame).translation
+    return np.vstack([np.zeros(3), *(placement.translation for placement in data.oMi[1:]), tool])
+
+
 def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolMotion:
     """Return the tool's motion for joint angles, rates and accelerations, (n, joints) each."""
     pin = pinocchio()

@@ -1,0 +1,86 @@
+"""`kreisel watch`: estimates of a recording while it is made, on the terminal or as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def watch(
+    recording: Path = typer.Argument(..., help="A recording that is being made: an .mcap file, or its folder."),
+    dashboard: bool = typer.Option(False, "--dashboard", help="Serve a page that shows it."),
+    host: str = typer.Option("127.0.0.1", help="Where to serve the page; anywhere but on this machine with a token."),
+    port: int = typer.Option(8321, min=0, max=65535, help="The page's port; 0 for any."),
+    as_json: bool = typer.Option(False, "--json", help="Print every estimate as one line of JSON."),
+) -> None:
+    """Calibrate a recording again and again while it grows; end when it ends. The recorder is not disturbed."""
+    if dashboard:
+        _serve(recording, host, port)
+    else:
+        _print(recording, as_json=as_json)
+
+
+def _print(recording: Path, *, as_json: bool) -> None:
+    import json
+    import time
+
+    from kreisel.acquisition.tail import Tail
+    from kreisel.dashboard.online import Online
+
+    tail = Tail(recording)
+    online = Online(tail)
+    while True:
+        tail.read()
+        found = online.step() if tail.begun else None
+        if found is not None and as_json:
+            typer.echo(json.dumps({
+                "seconds": found.seconds, "accepted": found.accepted, "said": found.said,
+                "estimates": dict(zip(found.names, found.values.tolist(), strict=True)),
+                "standard_deviations": dict(zip(found.names, found.deviations.tolist(), strict=True)),
+            }))  # fmt: skip
+        elif found is not None:
+            typer.echo(
+                f"{found.seconds:7.1f} s  {_summary(dict(zip(found.names, found.deviations, strict=True)))}{found.said}"
+            )
+        if tail.ended and found is not None:
+            return
+        time.sleep(0.2)
+
+
+def _summary(deviations: dict[str, float]) -> str:
+    """Return the standard deviations that matter most, where there are any."""
+    parts = []
+    for group, unit, factor in (
+        ("accelerometer.offset", "mg", 1.0 / 9.80665e-3), ("gyroscope.offset", "deg/h", 206264.806),
+        ("timing.offset", "ms", 1e3),
+    ):  # fmt: skip
+        found = [value for name, value in deviations.items() if name.startswith(group)]
+        if found:
+            parts.append(f"{group} ±{max(found) * factor:.3g} {unit}")
+    return "; ".join(parts) + ("; " if parts else "")
+
+
+def _serve(recording: Path, host: str, port: int) -> None:
+    import socket
+
+    from kreisel.errors import DeviceError, SettingsError
+
+    try:
+        import uvicorn
+
+        from kreisel.dashboard.app import make_app
+    except ImportError as error:
+        raise SettingsError(f"the page needs an extra ({error.name}): pip install 'kreisel[serve]'") from error
+    app, token = make_app(recording, host)
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        raise DeviceError(f"http://{host}:{port}: cannot be served ({error.strerror}); another --port?") from error
+    secret = "" if token is None else f"/?token={token}"
+    typer.echo(f"http://{host}:{listener.getsockname()[1]}{secret}")
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio"))
+    server.run(sockets=[listener])
