@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,39 @@ from kreisel.recording.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topi
 _MAGIC = 8
 
 
+@dataclass
+class Rows:
+    """The messages of one topic: stamps, what tells bodies apart, and rows of numbers as in `recording.bag`."""
+
+    topic: Topic
+    width: int
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    keys: list[str] = field(default_factory=list)
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+
+    def add(self, other: Rows, file: Path) -> None:
+        """Add later messages.
+
+        Raises
+        ------
+        RecordingError
+            If their rows are of another width.
+        """
+        if other.width != self.width:
+            raise RecordingError(
+                f"{self.topic.name} changes from {self.width} numbers to {other.width}; record one robot alone",
+                file=file,
+            )
+        self.stamps_ns.extend(other.stamps_ns)
+        self.keys.extend(other.keys)
+        self.numbers.extend(other.numbers)
+
+    def row(self, k: int) -> list[float]:
+        """Return one row; the last is -1."""
+        k %= len(self.stamps_ns)
+        return self.numbers[k * self.width : (k + 1) * self.width].tolist()
+
+
 class Tail:
     """What there is of a recording by now.
 
@@ -23,59 +58,66 @@ class Tail:
     ----------
     path
         The .mcap file, or the folder it is made in.
+    keep
+        Whether `recording` will be wanted; otherwise only what is new is held, for the caller of `read`.
 
     Attributes
     ----------
     ended
         Whether its recorder has finished it.
+    notes
+        Level and text of what the recorder noted.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, keep: bool = True) -> None:
         self.file = path if path.suffix == ".mcap" else path / RECORDED
         self.ended = False
+        self.notes: list[tuple[int, str]] = []
+        self._keep = keep
         self._scan = McapScan(WANTED)
         self._offset = 0
-        self._decoded: dict[str, Decoded] = {}
-
-    def read(self) -> None:
-        """Take what has been written since.
-
-        Raises
-        ------
-        RecordingError
-            If there is no such file, or it is not an MCAP file.
-        """
-        try:
-            size = self.file.stat().st_size
-            with self.file.open("rb") as stream:
-                if self._offset == 0:
-                    if size < _MAGIC:
-                        return
-                    check_magic(stream.read(_MAGIC), self.file)
-                    self._offset = _MAGIC
-                self._offset, goes_on = self._scan.follow(stream, self._offset, size)
-        except OSError as error:
-            raise RecordingError(f"cannot be read: {error.strerror}", file=self.file) from error
-        self.ended = not goes_on
+        self._kept: dict[str, Rows] = {}
 
     @property
     def begun(self) -> bool:
         """Whether there is anything yet."""
         return self._offset > _MAGIC
 
-    def topics(self) -> dict[str, Decoded]:
-        """Return stamps, keys and rows of every topic of readings or poses, by its name."""
-        numbers = [topic for topic in self._scan.topics() if topic.msgtype in WANTED - {NOTE_TYPE}]
-        return {topic.name: self._decode(topic, self.file) for topic in numbers}
-
-    def notes(self) -> list[tuple[int, str]]:
-        """Return level and text of what the recorder noted."""
-        return notes_of(self._contents())
-
     @property
     def urdf(self) -> str | None:
         """The robot's description."""
         return self._scan.urdf
+
+    def read(self) -> Mapping[str, Rows]:
+        """Take what has been written since, and return it by topic.
+
+        Raises
+        ------
+        RecordingError
+            If there is no such file, it is not an MCAP file, or a message in it is damaged.
+        """
+        try:
+            size = self.file.stat().st_size
+            with self.file.open("rb") as stream:
+                if self._offset == 0:
+                    if size < _MAGIC:
+                        return {}
+                    check_magic(stream.read(_MAGIC), self.file)
+                    self._offset = _MAGIC
+                self._offset, goes_on = self._scan.follow(stream, self._offset, size)
+        except OSError as error:
+            raise RecordingError(f"cannot be read: {error.strerror}", file=self.file) from error
+        self.ended = not goes_on
+        new: dict[str, Rows] = {}
+        for topic in self._scan.take_fresh():
+            if topic.msgtype == NOTE_TYPE:
+                self.notes += notes_of(Contents(self.file, (topic,)))
+            elif topic.msgtype in WANTED:
+                new[topic.name] = self._rows(topic)
+        if self._keep:
+            for name, rows in new.items():
+                self._kept.setdefault(name, Rows(rows.topic, rows.width)).add(rows, self.file)
+        return new
 
     def recording(self) -> Recording:
         """Return the recording as far as it goes, checked like a whole one.
@@ -85,17 +127,21 @@ class Tail:
         RecordingError
             If it is too short yet, or of no use.
         """
-        return check_streams(recording_of(self._contents(), decode=self._decode))
+        topics = tuple(rows.topic for rows in self._kept.values())
+        contents = Contents(self.file, topics, self._scan.settings, urdf=self._scan.urdf)
+        return check_streams(recording_of(contents, decode=self._decoded))
 
-    def _contents(self) -> Contents:
-        return Contents(self.file, tuple(self._scan.topics()), self._scan.settings, (), self._scan.urdf)
+    def _rows(self, topic: Topic) -> Rows:
+        stamps, keys, rows = decode_topic(topic, self.file)
+        numbers = array("d")
+        for row in rows:
+            numbers.extend(row)
+        width = len(rows[0])
+        if len(numbers) != width * len(rows):
+            raise RecordingError(f"messages on {topic.name} differ in length; record one robot alone", file=self.file)
+        return Rows(topic, width, array("q", stamps.tolist()), keys, numbers)
 
-    def _decode(self, topic: Topic, path: Path) -> Decoded:
-        """Decode what is new of a topic, and put it behind what was."""
-        stamps, keys, rows = self._decoded.get(topic.name, (np.zeros(0, dtype=np.int64), [], []))
-        if len(topic.payloads) > len(rows):
-            new = decode_topic(replace(topic, payloads=topic.payloads[len(rows) :]), path)
-            keys += new[1]
-            rows += new[2]
-            self._decoded[topic.name] = (np.concatenate([stamps, new[0]]), keys, rows)
-        return self._decoded.get(topic.name, (stamps, keys, rows))
+    def _decoded(self, topic: Topic, path: Path) -> Decoded:  # noqa: ARG002 - all is decoded as it comes
+        kept = self._kept[topic.name]
+        numbers = np.array(kept.numbers).reshape(-1, kept.width)
+        return np.array(kept.stamps_ns), kept.keys, numbers

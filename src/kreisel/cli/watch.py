@@ -77,6 +77,7 @@ def _serve(recording: Path, host: str, port: int) -> None:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        listener.listen()
     except OSError as error:
         listener.close()
         raise DeviceError(f"http://{host}:{port}: cannot be served ({error.strerror}); another --port?") from error

@@ -34,9 +34,8 @@ class Hub:
     """Browsers, and what is sent to them."""
 
     def __init__(self, path: Path) -> None:
-        self.feed = Feed(Tail(path))
+        self.feed = Feed(path)
         self._online = Online(Tail(path))
-        self._path = path
         self._queues: set[asyncio.Queue[str]] = set()
 
     async def follow(self) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from kreisel.acquisition.record import Excitation
-from kreisel.acquisition.tail import Tail
+from kreisel.acquisition.tail import Rows, Tail
 from kreisel.dashboard.online import Estimate
 from kreisel.errors import RobotError
 from kreisel.protocols import ImuSample
@@ -24,11 +26,11 @@ Message = dict[str, Any]
 class Feed:
     """Messages about a recording, new ones and those that bring a newcomer up to date."""
 
-    def __init__(self, tail: Tail) -> None:
-        self._tail = tail
-        self._sent = 0
+    def __init__(self, path: Path) -> None:
+        self._tail = Tail(path, keep=False)
         self._excitation = Excitation()
-        self._recent: deque[list[float]] = deque(maxlen=5000)
+        self._facts = {name: _Facts() for name in ("imu", "robot")}
+        self._recent: deque[list[float]] = deque()
         self._estimates: list[Message] = []
         self._status: Message = {"kind": "status"}
         self._pose: Message | None = None
@@ -37,31 +39,28 @@ class Feed:
 
     def news(self) -> list[Message]:
         """Return what has come since the last call."""
-        self._tail.read()
-        topics = self._tail.topics()
+        new = self._tail.read()
         messages: list[Message] = []
-        stamps, _, rows = topics.get(IMU_TOPIC, (np.zeros(0, dtype=np.int64), [], []))
-        if len(rows) > self._sent:
-            messages.append(self._readings(stamps, rows))
-        robot = topics.get(POSE_TOPIC) or topics.get(POSITION_TOPIC)
-        joints = topics.get(JOINT_TOPIC)
-        if robot is not None and len(robot[2]):
+        if IMU_TOPIC in new:
+            messages.append(self._readings(new[IMU_TOPIC]))
+        robot, joints = new.get(POSE_TOPIC) or new.get(POSITION_TOPIC), new.get(JOINT_TOPIC)
+        if robot is not None:
+            self._facts["robot"].take(robot.stamps_ns)
             self._pose = {
                 "kind": "pose",
-                "t": robot[0][-1] * 1e-9,
-                "pose": list(robot[2][-1]),
-                "arm": self._skeleton(joints[2][-1]) if joints is not None and joints[2] else None,
+                "t": robot.stamps_ns[-1] * 1e-9,
+                "pose": robot.row(-1),
+                "arm": None if joints is None else self._skeleton(joints.row(-1)),
             }
             messages.append(self._pose)
         self._status = {
             "kind": "status",
             "file": str(self._tail.file),
             "ended": self._tail.ended,
-            "imu": _facts(stamps),
-            "robot": _facts(robot[0]) if robot is not None else _facts(np.zeros(0, dtype=np.int64)),
+            **{name: facts.message() for name, facts in self._facts.items()},
             "lacks": self._excitation.missing(),
             "turned_deg": [round(float(np.degrees(angle)), 1) for angle in self._excitation.turned],
-            "notes": [{"warning": level >= WARN, "text": text} for level, text in self._tail.notes()[-50:]],
+            "notes": [{"warning": level >= WARN, "text": text} for level, text in self._tail.notes[-50:]],
         }
         return [*messages, self._status]
 
@@ -85,20 +84,22 @@ class Feed:
         pose = [] if self._pose is None else [self._pose]
         return [*readings, *pose, *self._estimates, self._status]
 
-    def _readings(self, stamps: Any, rows: list[tuple[float, ...]]) -> Message:
-        new = []
-        for k in range(self._sent, len(rows)):
-            t, row = int(stamps[k]), rows[k]
-            step = 0.0 if k == 0 else min(0.1, (t - int(stamps[k - 1])) * 1e-9)
+    def _readings(self, imu: Rows) -> Message:
+        new, facts = [], self._facts["imu"]
+        before = facts.last_ns
+        for k, t in enumerate(imu.stamps_ns):
+            row = imu.row(k)
+            step = 0.0 if before is None else min(0.1, (t - before) * 1e-9)
             self._excitation.take(ImuSample(t, (row[0], row[1], row[2]), (row[3], row[4], row[5])), step)
             new.append([t * 1e-9, *row[:6]])
-        self._sent = len(rows)
+            before = t
+        facts.take(imu.stamps_ns)
         self._recent.extend(new)
-        while self._recent and self._recent[0][0] < new[-1][0] - WINDOW:
+        while self._recent[0][0] < new[-1][0] - WINDOW:
             self._recent.popleft()
         return {"kind": "imu", "rows": new}
 
-    def _skeleton(self, angles: tuple[float, ...]) -> list[list[float]] | None:
+    def _skeleton(self, angles: Sequence[float]) -> list[list[float]] | None:
         """Return where the arm's joints are, if its description is known and fits."""
         if self._arm is None and self._tail.urdf is not None and not self._no_arm:
             try:
@@ -110,11 +111,24 @@ class Feed:
         return [[float(x) for x in point] for point in skeleton(self._arm, np.array(angles))]
 
 
-def _facts(stamps: Any) -> Message:
-    recent = stamps[-400:]
-    seconds = float(recent[-1] - recent[0]) * 1e-9 if recent.size > 1 else 0.0
-    return {
-        "count": int(stamps.size),
-        "rate": round((recent.size - 1) / seconds, 2) if seconds > 0.0 else 0.0,
-        "last": float(stamps[-1] * 1e-9) if stamps.size else None,
-    }
+class _Facts:
+    """How many messages of a stream there are, and how fast they come."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._recent: deque[int] = deque(maxlen=400)
+
+    @property
+    def last_ns(self) -> int | None:
+        return self._recent[-1] if self._recent else None
+
+    def take(self, stamps_ns: Iterable[int]) -> None:
+        stamps = list(stamps_ns)
+        self._count += len(stamps)
+        self._recent.extend(stamps)
+
+    def message(self) -> Message:
+        recent = self._recent
+        seconds = (recent[-1] - recent[0]) * 1e-9 if recent else 0.0
+        rate = round((len(recent) - 1) / seconds, 2) if seconds > 0.0 else 0.0
+        return {"count": self._count, "rate": rate, "last": recent[-1] * 1e-9 if recent else None}

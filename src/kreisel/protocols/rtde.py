@@ -140,7 +140,9 @@ class Client:
         if abs(values[0]) > 2.0**31:
             raise ProtocolError(_NAME, f"the time stamp {values[0]:g} s is impossible")
         if max(map(abs, values[10:13])) > 4.0 * math.pi:
-            raise ProtocolError(_NAME, f"the rotation vector {values[10:13]} is longer than a turn, expected pi at most")
+            raise ProtocolError(
+                _NAME, f"the rotation vector {values[10:13]} is longer than a turn, expected pi at most"
+            )
         stamp_ns = checked_stamp(round(values[0] * 1e9), _NAME)
         return RobotSample(
             stamp_ns, (values[7], values[8], values[9]), from_rotation_vector(values[10:13]), values[1:7]

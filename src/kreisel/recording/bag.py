@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -84,7 +84,7 @@ _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
 WANTED = frozenset({*_ROWS, NOTE_TYPE})
 """Message types a recording is made of."""
 
-Decoded = tuple[Stamps, list[str], list[tuple[float, ...]]]
+Decoded = tuple[Stamps, list[str], Sequence[Sequence[float]] | Array]
 Decode = Callable[[Topic, Path], Decoded]
 
 
@@ -460,7 +460,7 @@ def _joint_angles(contents: Contents, findings: list[Finding], decode: Decode) -
 def _joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
     stamps, names, rows = decode(topic, path)
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):
-        if name != names[0] or len(row) != len(rows[0]) or not row:
+        if name != names[0] or len(row) != len(rows[0]) or len(row) == 0:
             raise RecordingError(
                 f"message {k + 1} on {topic.name} has {len(row)} positions of the joints [{name}], expected "
                 f"{len(rows[0]) or 'some'} of [{names[0]}] as in the first; "

@@ -469,6 +469,17 @@ class McapScan:
             kept = [m for number in numbers for m in self._messages[number]] if msgtype in self._wanted else []
             yield in_log_order(name, msgtype, encoding, count, kept)
 
+    def take_fresh(self) -> Iterator[Topic]:
+        """Yield the topics with what has come of them since the last call, and forget it."""
+        for number, messages in self._messages.items():
+            channel = self._channels.get(number)
+            if channel is None or not messages:
+                continue
+            yield in_log_order(
+                channel.topic, self._type(number) or "", channel.message_encoding, self._counts[number], messages
+            )
+            messages.clear()
+
     def lost(self) -> str:
         """Return the sentence that says what is missing; empty where the file is whole."""
         lost = list(self._lost)

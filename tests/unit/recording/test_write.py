@@ -170,3 +170,18 @@ def test_settings_come_back(
     path = tmp_path_factory.getbasetemp() / "settings.toml"
     path.write_text(settings_toml(want), encoding="utf-8", newline="\n")
     assert read_settings(path) == want
+
+
+def test_a_trajectory_has_the_scalar_last(tmp_path):
+    made = recording()
+    write(made, tmp_path / "poses.tum")
+    lines = (tmp_path / "poses.tum").read_text().splitlines()
+    assert lines[0].split()[0] == "1700000000.123456789"
+    rows = np.array([[float(x) for x in line.split()[1:]] for line in lines])
+    np.testing.assert_array_equal(rows[:, :3], made.reference.positions)
+    np.testing.assert_array_equal(rows[:, 6], made.reference.quaternions[:, 0])
+    np.testing.assert_array_equal(rows[:, 3:6], made.reference.quaternions[:, 1:])
+    with pytest.raises(RecordingError, match="exists already"):
+        write(made, tmp_path / "poses.tum")
+    with pytest.raises(RecordingError, match="no poses with positions and orientations"):
+        write(recording(quaternions=False), tmp_path / "other.tum")

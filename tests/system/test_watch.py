@@ -1,0 +1,211 @@
+"""A recording watched while it is made: the estimate, and the page in a real browser."""
+
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pytest
+
+import kreisel
+from kreisel.acquisition.record import Recorder
+from kreisel.acquisition.tail import Tail
+from kreisel.dashboard.online import SHARE, Online
+from kreisel.devices.events import Arrival
+from kreisel.devices.twins import imu_samples, robot_samples
+from kreisel.recording import RecordingSettings
+
+from ..small_cell import simulate
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return simulate(np.random.default_rng(11), 60.0, Path("small"))[1]
+
+
+def chunks(recording, pieces):
+    """Return what a recorder has written after each piece of a recording, and at the end."""
+    stream = io.BytesIO()
+    recorder = Recorder(stream, RecordingSettings(), None, 10**18, 0)
+    events = sorted(
+        [*imu_samples(recording.imu), *robot_samples(recording)],
+        key=lambda sample: sample.stamp_ns - first(recording, sample),
+    )
+    out = []
+    for part in np.array_split(np.arange(len(events)), pieces):
+        for k in part:
+            recorder.take("cell", Arrival(events[k], 1000 * int(k)))
+        recorder.flush()
+        out.append(stream.getvalue())
+    recorder.finish()
+    return [*out, stream.getvalue()]
+
+
+def first(recording, sample):
+    return (recording.imu if hasattr(sample, "rate") else recording.reference).stamps_ns[0]
+
+
+def test_the_last_estimate_is_that_of_the_whole(small, tmp_path):
+    file = tmp_path / "growing.mcap"
+    tail, now = Tail(file), [0.0]
+    online = Online(tail, clock=lambda: now[0])
+    found = []
+    for data in chunks(small, 8):
+        file.write_bytes(data)
+        tail.read()
+        found.append(online.step())
+        now[0] += 1000.0
+    whole = kreisel.calibrate(kreisel.load(file))
+    last = found[-1]
+    assert tail.ended
+    assert online.step() is None
+    assert last.names == tuple(whole.names)
+    assert np.array_equal(last.calibration.estimates[-1], whole.estimates[-1])
+    assert np.array_equal(last.calibration.covariance, whole.covariance)
+    spread = [np.sqrt(np.mean(e.deviations**2)) for e in found if len(e.names) == len(last.names)]
+    assert spread == sorted(spread, reverse=True)
+
+
+def test_a_tail_reads_through_any_cut(small, tmp_path):
+    data = chunks(small, 3)[-1]
+    file, rng = tmp_path / "growing.mcap", np.random.default_rng(3)
+    tail = Tail(file)
+    file.write_bytes(b"")
+    tail.read()
+    for end in sorted(rng.integers(0, len(data), 60)):
+        file.write_bytes(data[:end])
+        tail.read()
+    file.write_bytes(data)
+    tail.read()
+    whole, again = kreisel.load(file), tail.recording()
+    for a, b in ((whole.imu, again.imu), (whole.reference, again.reference)):
+        assert np.array_equal(a.stamps_ns, b.stamps_ns)
+    assert np.array_equal(whole.imu.rates, again.imu.rates)
+    assert np.array_equal(whole.reference.quaternions, again.reference.quaternions)
+
+
+def test_before_there_is_enough_it_says_why(small, tmp_path):
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 60)[0])
+    tail = Tail(file)
+    tail.read()
+    found = Online(tail).step()
+    assert found.names == ()
+    assert "record longer" in found.said
+
+
+def test_calibrating_takes_its_share_and_no_more(small, tmp_path):
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 2)[1])
+    tail, times = Tail(file), iter([0.0, 1.5, 7.4, 7.6, 9.0])
+    tail.read()
+    online = Online(tail, clock=lambda: next(times))
+    assert online.step() is not None  # takes 1.5 s by this clock
+    assert 1.5 / SHARE == 7.5
+    assert online.step() is None
+    assert online.step() is not None
+
+
+@contextmanager
+def page(file, *options):
+    """Serve the page of a recording by the command itself."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kreisel.cli.main", "watch", str(file), "--dashboard", "--port", "0", *options],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def wait_until(what, seconds=30.0):
+    ends = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < ends
+        time.sleep(0.1)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_the_page_shows_what_was_recorded(small, tmp_path):
+    playwright = pytest.importorskip("playwright.sync_api")
+    file, parts = tmp_path / "growing.mcap", chunks(small, 4)
+    file.write_bytes(parts[2])
+    complaints, outside = [], []
+    with page(file) as url, playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.on("request", lambda request: outside.append(request.url))
+        tab.goto(url)
+        wait_until(lambda: tab.inner_text("#verdict") == "accepted")
+        second = browser.new_page()
+        second.goto(url)
+        file.write_bytes(parts[-1])
+        wait_until(lambda: tab.inner_text("#link") == "recording has ended")
+        recording = kreisel.load(file)
+        assert int(tab.inner_text("#imu-count")) == recording.imu.stamps_ns.size
+        assert int(tab.inner_text("#robot-count")) == recording.reference.stamps_ns.size
+        last = json.loads(tab.get_attribute("#rates", "data-last"))
+        assert last[1:4] == recording.imu.rates[-1].tolist()
+        assert last[4:7] == recording.imu.accelerations[-1].tolist()
+        shown = [float(x) for x in tab.inner_text("#pose").removesuffix(" m").split()]
+        assert shown == pytest.approx(recording.reference.positions[-1], abs=5.1e-4)
+        whole = kreisel.calibrate(recording)
+        cells = "#table td[data-name]"
+        wait_until(lambda: tab.inner_text("#estimate-time") == f"after {recording.imu.seconds[-1]:.0f} s")
+        found = {
+            tab.locator(cells).nth(k).get_attribute("data-name"): float(
+                tab.locator(cells).nth(k).get_attribute("data-value")
+            )
+            for k in range(tab.locator(cells).count())
+        }
+        assert found == {
+            f"accelerometer.offset[{i}]": value for i, value in enumerate(whole.document["accelerometer"]["offset"])
+        }
+        wait_until(lambda: second.inner_text("#link") == "recording has ended")
+        browser.close()
+    assert complaints == []
+    assert all(address.startswith(("http://127.0.0.1:", "ws://127.0.0.1:")) for address in outside)
+
+
+def test_strangers_are_kept_out(small, tmp_path):
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 2)[0])
+    with page(file) as url:
+        assert "<title>kreisel" in urlopen(url).read().decode()
+        with pytest.raises(HTTPError, match="400"):  # another site's name led here
+            urlopen(Request(url, headers={"Host": "evil.example"}))
+    with page(file, "--host", "0.0.0.0") as url:
+        port, token = re.fullmatch(r"http://0\.0\.0\.0:(\d+)/\?token=(\S{20,})", url).groups()
+        with pytest.raises(HTTPError, match="403"):
+            urlopen(f"http://127.0.0.1:{port}/")
+        assert "<title>kreisel" in urlopen(f"http://127.0.0.1:{port}/?token={token}").read().decode()
+
+
+def test_watch_prints_lines_and_ends_with_the_recording(small, tmp_path):
+    file = tmp_path / "done.mcap"
+    file.write_bytes(chunks(small, 2)[-1])
+    done = subprocess.run(
+        [sys.executable, "-m", "kreisel.cli.main", "watch", str(file), "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["accepted"]
+    whole = kreisel.calibrate(kreisel.load(file)).document
+    assert found["estimates"]["timing.offset"] == whole["timing"]["offset"]
