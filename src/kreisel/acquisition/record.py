@@ -154,6 +154,7 @@ async def record(
     urdf: str | None = None,
     stop: asyncio.Event | None = None,
     show: Show | None = None,
+    observe: Callable[[Event], None] | None = None,
 ) -> Status:
     """Record until so many seconds have passed since readings of all devices come in, or until told to stop.
 
@@ -163,6 +164,8 @@ async def record(
         An .mcap file, or a folder in which one is made.
     show
         Called twice a second.
+    observe
+        Called with every event, once it is on its way to the file.
 
     Raises
     ------
@@ -183,7 +186,7 @@ async def record(
             recorder = Recorder(stream, settings or RecordingSettings(), urdf, time.time_ns(), time.monotonic_ns())
             feeding = [asyncio.create_task(_feed(name, source, queue)) for name, source in sources.items()]
             try:
-                await _write(recorder, queue, feeding, stop, seconds, robot is not None, show)
+                await _write(recorder, queue, feeding, stop, seconds, robot is not None, show, observe)
             finally:
                 for task in feeding:
                     task.cancel()
@@ -211,6 +214,7 @@ async def _write(
     seconds: float | None,
     with_robot: bool,
     show: Show | None,
+    observe: Callable[[Event], None] | None,
 ) -> None:
     """Write what comes until it is time to stop."""
     status, began = recorder.status, None
@@ -236,7 +240,9 @@ async def _write(
                 name, event = await queue.get()
         except TimeoutError:
             continue
-        recorder.take(name, event)
-        for _ in range(queue.qsize()):
-            recorder.take(*queue.get_nowait())
+        waiting = [(name, event), *(queue.get_nowait() for _ in range(queue.qsize()))]
+        for name, event in waiting:
+            recorder.take(name, event)
+            if observe is not None:
+                observe(event)
         await asyncio.sleep(0.01)

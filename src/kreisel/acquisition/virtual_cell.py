@@ -13,14 +13,17 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from kreisel.devices.obedient import ObedientCell
 from kreisel.devices.twins import Pace, TcpTwin, imu_samples, play_datagrams, robot_samples
-from kreisel.errors import DeviceError
+from kreisel.errors import DeviceError, ProtocolError
+from kreisel.protocols import urscript
 from kreisel.recording import Recording
 
 INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004}
 """Usual seconds between two poses of each kind of controller."""
 
 _HOST = "127.0.0.1"
+_TICK = 0.004
 _HEAD_START = 0.2  # for the controller to hear of the beginning
 
 
@@ -79,6 +82,66 @@ def running(
             process.join()
         for pipe in pipes:
             pipe.close()
+
+
+@contextmanager
+def obeying(recording: Recording, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
+    """Yield the addresses of a cell whose arm, a Universal Robots one, moves when it is told to by URScript.
+
+    Raises
+    ------
+    SettingsError
+        If the recording has no joint angles or no rests.
+    """
+    ObedientCell(recording)  # so that what is wrong is told here
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process: BaseProcess = context.Process(target=_obey, args=(recording, imu, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        robot, script, port = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
+        yield Urls(f"rtde://{_HOST}:{robot}?script={script}", f"{imu}://{_HOST}:{port}"), [process]
+    finally:
+        process.terminate()
+        process.join()
+        ours.close()
+
+
+def _obey(recording: Recording, imu: str, ready: Connection) -> None:
+    """Be both devices of an obedient cell, until the parent is gone."""
+
+    async def be() -> None:
+        device = asyncio.ensure_future(_obedient(recording, imu, ready))
+        asyncio.get_running_loop().add_reader(ready.fileno(), device.cancel)
+        await device
+
+    with suppress(KeyboardInterrupt, asyncio.CancelledError):
+        asyncio.run(be())
+
+
+async def _obedient(recording: Recording, imu: str, ready: Connection) -> None:
+    cell = ObedientCell(recording)
+
+    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError, asyncio.CancelledError):
+            while line := await reader.readline():
+                with suppress(ProtocolError):
+                    cell.obey(urscript.decode(line))
+        writer.close()
+
+    of_robot, of_imu = TcpTwin("rtde"), TcpTwin(imu)
+    ready.send(await of_robot.serve(_HOST, 0))
+    script = await asyncio.start_server(listen, _HOST, 0)
+    ready.send(int(script.sockets[0].getsockname()[1]))
+    ready.send(await of_imu.serve(_HOST, 0))
+    now = time.monotonic()
+    while True:
+        await asyncio.sleep(_TICK)
+        before, now = now, time.monotonic()
+        readings, poses = cell.advance(now - before)
+        of_imu.send(readings)
+        of_robot.send(poses)
 
 
 def _answer(connection: Connection, address: str) -> int:

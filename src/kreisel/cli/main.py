@@ -11,7 +11,7 @@ import typer
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from kreisel.cli import calibrate, convert, demo, info, record, simulate, study, virtual_cell, watch  # noqa: E402 - after the environment is set
+from kreisel.cli import calibrate, convert, demo, info, record, run_program, simulate, study, virtual_cell, watch  # noqa: E402 - after the environment is set
 from kreisel.errors import KreiselError  # noqa: E402
 
 app = typer.Typer(
@@ -28,6 +28,7 @@ app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)
 app.add_typer(study.app, name="study")
 app.command("record")(record.record)
+app.command("run")(run_program.run_program)
 app.command("recover")(record.recover)
 app.command("watch")(watch.watch)
 app.command("virtual-cell")(virtual_cell.virtual_cell)

@@ -35,6 +35,9 @@ def virtual_cell(
     speed: float = typer.Option(1.0, min=0.1, max=100.0, help="How much faster than real time."),
     robot_port: int = typer.Option(0, min=0, max=65535, help="Where the controller sends or listens; any by default."),
     imu_port: int = typer.Option(0, min=0, max=65535, help="Where the IMU listens; any by default."),
+    obey: bool = typer.Option(
+        False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with --robot rtde."
+    ),
     output: Path | None = typer.Option(
         None, "-o", "--output", help="Folder for what is known of the cell: truth.json, recording.toml, robot.urdf."
     ),
@@ -47,7 +50,7 @@ def virtual_cell(
     import signal
     import sys
 
-    from kreisel.acquisition.virtual_cell import INTERVALS, running
+    from kreisel.acquisition.virtual_cell import INTERVALS, obeying, running
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import SettingsError
@@ -72,10 +75,14 @@ def virtual_cell(
         write_truth(truth, output / "truth.json")
         write_settings(recording, output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with running(recording, robot.value, imu.value, speed=speed, robot_port=robot_port, imu_port=imu_port) as (
-        urls,
-        processes,
-    ):
+    if obey and robot is not RobotKind.rtde:
+        raise SettingsError("--obey: the arm that can be told to move is a Universal Robots one; add --robot rtde")
+    cell_of = (
+        obeying(recording, imu.value)
+        if obey
+        else running(recording, robot.value, imu.value, speed=speed, robot_port=robot_port, imu_port=imu_port)
+    )
+    with cell_of as (urls, processes):
         typer.echo(json.dumps({"robot": urls.robot, "imu": urls.imu}))
         sys.stdout.flush()
         try:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -85,6 +87,45 @@ class Online:
         said = "accepted" if accepted else "; ".join(outcome.verdict.reasons)
         row = found.estimates[-1]
         return Estimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, said, found)
+
+
+class Targets:
+    """Whether a recording that is being made tells enough: standard deviations, by group of parameters.
+
+    Attributes
+    ----------
+    reached
+        Whether an accepted calibration had them all below their targets; never without targets.
+    over
+        Set it to end `look`.
+    """
+
+    def __init__(self, path: Path, targets: dict[str, float], say: Callable[[str], None]) -> None:
+        self.reached = self.over = False
+        self._tail = Tail(path)
+        self._targets, self._say = targets, say
+
+    def look(self) -> None:
+        """Look again and again; for a thread of its own."""
+        online = Online(self._tail)
+        while not self.over:
+            with suppress(KreiselError):
+                self._tail.read()
+            found = online.step() if self._tail.begun else None
+            if found is not None and found.names:
+                self._weigh(found)
+            time.sleep(0.3)
+
+    def _weigh(self, found: Estimate) -> None:
+        worst = {
+            group: max(d for n, d in zip(found.names, found.deviations, strict=True) if n.startswith(group))
+            for group in self._targets
+            if any(name.startswith(group) for name in found.names)
+        }
+        known = "".join(f"; {group} ±{deviation:.3g}" for group, deviation in worst.items())
+        self._say(f"after {found.seconds:.0f} s: {found.said}{known}")
+        below = [worst.get(group, np.inf) <= target for group, target in self._targets.items()]
+        self.reached = self.reached or (found.accepted and bool(below) and all(below))
 
 
 def _nothing(seconds: float, error: KreiselError) -> Estimate:

@@ -22,7 +22,7 @@ ROBOTS = {
     "rsi": Scheme(
         49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes where the controller wants answers)", ("answer",), True
     ),
-    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate",)),
+    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
 }

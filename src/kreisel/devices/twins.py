@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 
 from kreisel.errors import ProtocolError
 from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde
 from kreisel.recording import ImuSamples, Recording
-
-Sleep = Callable[[float], Awaitable[None]]
 
 
 def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
@@ -131,6 +129,11 @@ class TcpTwin:
         self._clients.close()
         if self._server is not None:
             self._server.close()
+
+    def send(self, samples: Iterable[ImuSample] | Iterable[RobotSample]) -> None:
+        """Send samples to all who listen."""
+        for sample in samples:
+            self._clients.send(sample)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:

@@ -1,0 +1,138 @@
+"""A simulated arm that moves when it is told to: a recording whose rests last until the next move is commanded.
+
+While the arm waits, a stretch of the rest is played again and again; stamps go on all the while.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from kreisel.devices.twins import imu_samples, robot_samples
+from kreisel.errors import SettingsError
+from kreisel.geometry.rotation import Array
+from kreisel.protocols import ImuSample, RobotSample, urscript
+from kreisel.recording import Recording
+
+Sample = TypeVar("Sample", ImuSample, RobotSample)
+
+NEAR = 1e-2
+"""rad; targets that differ by less are the same."""
+
+_SHORTEST = 0.7
+_EDGE = 0.15  # s at either end of a rest that are not played again: clocks differ by less
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """A stretch without motion: its first and last time, s of the robot's clock, and the joint angles."""
+
+    begin: float
+    end: float
+    joints: Array
+
+
+class ObedientCell:
+    """The state of such an arm, and what its devices measure meanwhile.
+
+    Parameters
+    ----------
+    recording
+        With joint angles, at rest at the beginning and between moves.
+
+    Raises
+    ------
+    SettingsError
+        If it has no joint angles, or no rests.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        if recording.joints is None or recording.reference is None:
+            raise SettingsError("an arm that obeys needs joint angles; leave reference.joints as it is")
+        self._samples: tuple[list[ImuSample], list[RobotSample]] = (
+            list(imu_samples(recording.imu)), list(robot_samples(recording)),
+        )  # fmt: skip
+        stamps = recording.imu.stamps_ns, recording.reference.stamps_ns
+        self._times_ns = tuple(of - of[0] for of in stamps)
+        self._rests = _rests(recording)
+        self._grain_ns = math.lcm(*(round(float(np.median(np.diff(of)))) for of in stamps))
+        self._content_ns = 0
+        self._shift_ns = 0
+        self._at = 0
+        self._moving = False
+        self._frozen = False
+        self._next = [0, 0]
+        self.refused: list[str] = []
+
+    def obey(self, command: urscript.Command) -> None:
+        """Take a command: a move to the next target of the recording, or a stop."""
+        if isinstance(command, urscript.Stop):
+            self._frozen = self._moving
+            return
+        here = self._rests[self._at].joints
+        if self._moving or self._frozen:
+            self.refused.append("a move while another is under way")
+        elif np.max(np.abs(np.array(command.target) - here)) < NEAR:
+            return
+        elif self._at + 1 >= len(self._rests):
+            self.refused.append("a move after the last")
+        elif np.max(np.abs(np.array(command.target) - self._rests[self._at + 1].joints)) > NEAR:
+            self.refused.append(f"a move to another target than the program's {self._at + 1}")
+        else:
+            self._skip_to(self._rests[self._at].end - _EDGE)
+            self._moving = True
+
+    def advance(self, seconds: float) -> tuple[list[ImuSample], list[RobotSample]]:
+        """Return what the devices measure in the next so many seconds."""
+        if self._frozen:
+            return [], []
+        self._content_ns += round(seconds * 1e9)
+        if self._moving and self._content_ns * 1e-9 > self._rests[self._at + 1].begin + _EDGE:
+            self._at += 1
+            self._moving = False
+        readings, poses = self._samples
+        found = (
+            [_later(sample, self._shift_ns) for sample in readings[self._due(0)]],
+            [_later(sample, self._shift_ns) for sample in poses[self._due(1)]],
+        )
+        if not self._moving and self._content_ns * 1e-9 > self._rests[self._at].end - _EDGE - 1e-9 * self._grain_ns:
+            self._skip_to(self._rests[self._at].begin + _EDGE)
+        return found
+
+    def _skip_to(self, seconds: float) -> None:
+        """Go on elsewhere in the same rest, by whole samples of both devices."""
+        grains = int((seconds * 1e9 - self._content_ns) / self._grain_ns)
+        self._content_ns += grains * self._grain_ns
+        self._shift_ns -= grains * self._grain_ns
+        self._next = [int(np.searchsorted(times, self._content_ns, "right")) for times in self._times_ns]
+
+    def _due(self, which: int) -> slice:
+        """Return which samples of a device come next."""
+        begin = self._next[which]
+        self._next[which] = max(begin, int(np.searchsorted(self._times_ns[which], self._content_ns, "right")))
+        return slice(begin, self._next[which])
+
+
+def _later(sample: Sample, shift_ns: int) -> Sample:
+    return replace(sample, stamp_ns=sample.stamp_ns + shift_ns)
+
+
+def _rests(recording: Recording) -> list[_Rest]:
+    """Return the rests, by the joint angles."""
+    joints = recording.joints
+    assert joints is not None  # noqa: S101 - for the type checker; the caller looked
+    t = (joints.stamps_ns - joints.stamps_ns[0]) * 1e-9
+    edges = np.diff(np.concatenate([[0], _still(joints.angles).astype(np.int8), [0]]))
+    pairs: Iterator[tuple[int, int]] = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+    found = [_Rest(float(t[a]), float(t[b]), joints.angles[b]) for a, b in pairs if t[b] - t[a] >= _SHORTEST]
+    if len(found) < 2:
+        raise SettingsError(f"the program has {len(found)} rests of {_SHORTEST} s and more, expected two at least")
+    return found
+
+
+def _still(angles: Array) -> Array:
+    return np.asarray(np.max(np.abs(np.diff(angles, axis=0)), axis=1) < 1e-7)
