@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from kreisel.calibration.kernels import compile_kernels
+
 DATA = Path(os.environ.get("KREISEL_DATA", Path(__file__).resolve().parents[2] / "shared"))
 
 
@@ -20,3 +22,9 @@ def recordings() -> Path:
 # Kernels compile on their first call: a deadline would measure that.
 settings.register_profile("kreisel", deadline=None)
 settings.load_profile("kreisel")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the kernels once, before workers start: what is loaded from one cache gives one result everywhere."""
+    if not hasattr(config, "workerinput"):
+        compile_kernels()

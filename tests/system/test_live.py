@@ -75,25 +75,25 @@ async def sending(port, datagrams, interval=CYCLE_NS * 1e-9):
 async def serving(talk):
     """Serve what is said to every client, and yield the port."""
 
-    talking = set()
+    clients = {}
 
     async def quietly(reader, writer):
-        talking.add(asyncio.current_task())
-        with suppress(OSError, asyncio.CancelledError):
+        with suppress(OSError):
             await talk(reader, writer)
         writer.close()
-        with suppress(OSError, asyncio.CancelledError):
-            await writer.wait_closed()
 
-    server = await asyncio.start_server(quietly, HOST, 0)
+    def connected(reader, writer):
+        clients[writer] = asyncio.ensure_future(quietly(reader, writer))
+
+    server = await asyncio.start_server(connected, HOST, 0)
     try:
         yield server.sockets[0].getsockname()[1]
     finally:
         server.close()
-        for task in talking:
+        for writer, task in clients.items():
             task.cancel()
-        await asyncio.gather(*talking, return_exceptions=True)
-        await asyncio.sleep(0.01)  # for the transports to close
+            writer.close()
+        await asyncio.gather(*clients.values(), *(writer.wait_closed() for writer in clients), return_exceptions=True)
 
 
 def lines(items, *, header=f"#{line.COLUMNS}"):

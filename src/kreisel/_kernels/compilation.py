@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -81,12 +82,25 @@ def compile_for(function: Callable[..., object], *examples: object) -> None:
     cast(Any, function).compile(tuple(cast(Any, numba).typeof(example) for example in examples))
 
 
-def favour_short_loops() -> None:
-    """Leave loops of unknown length as they are in all that this process compiles: columns are few.
+_compiling = 0
+
+
+@contextmanager
+def _short_loops() -> Iterator[None]:
+    """Leave loops of unknown length as they are in what is compiled meanwhile: columns are few.
 
     Unrolled, they take the compiler a fifth of its time, and gain nothing that could be measured.
     """
-    llvmlite.binding.set_option("kreisel", "-unroll-runtime=false")
+    global _compiling
+    if not _compiling:
+        llvmlite.binding.set_option("kreisel", "-unroll-runtime=false")
+    _compiling += 1
+    try:
+        yield
+    finally:
+        _compiling -= 1
+        if not _compiling:
+            llvmlite.binding.set_option("kreisel", "-unroll-runtime=true")
 
 
 def part_of_kernel(function: F) -> F:
@@ -107,4 +121,11 @@ def _compiled(function: F, liberties: set[str]) -> F:
     finally:
         config.CACHE_DIR = elsewhere
     _kernels.append(compiled)
+    compile_one = compiled.compile
+
+    def compile_with_short_loops(signature: object) -> object:
+        with _short_loops():
+            return compile_one(signature)
+
+    compiled.compile = compile_with_short_loops
     return cast(F, compiled)

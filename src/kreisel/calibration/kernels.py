@@ -139,6 +139,5 @@ def _compile_aside(works: tuple[str, ...], progress: Progress | None) -> None:
 
 
 if __name__ == "__main__":
-    compilation.favour_short_loops()
     for compile_some in _ASIDE[sys.argv[1]]:
         compile_some()

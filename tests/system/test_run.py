@@ -1,0 +1,288 @@
+"""Driving a program: what is sent, and what makes the arm stop."""
+
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import kreisel
+from kreisel.acquisition import drive as driving
+from kreisel.acquisition.drive import Watch, drive
+from kreisel.devices.events import Arrival, Level, Notice
+from kreisel.devices.obedient import ObedientCell
+from kreisel.errors import ProtocolError, SettingsError
+from kreisel.protocols import ImuSample, RobotSample, urscript
+from kreisel.robot.kinematics import load_arm
+from kreisel.robot.motion import Move
+from kreisel.robot.program import Program
+from kreisel.simulation import Cell, simulate
+
+PROGRAM = """
+start_deg = [0, -90, 60, -60, -90, 0]
+[[move]]
+joints_deg = [40, -70, 80, -20, -50, 60]
+rest = 1.0
+[[move]]
+joints_deg = [-50, -110, 100, 40, 30, -80]
+rest = 1.0
+[[move]]
+joints_deg = [20, -60, 40, -120, -120, 40]
+rest = 1.0
+[[move]]
+joints_deg = [-30, -120, 120, 100, 60, -60]
+rest = 1.0
+[[move]]
+joints_deg = [60, -80, 70, -100, -20, 120]
+rest = 1.0
+[[move]]
+joints_deg = [-20, -100, 50, 60, -100, -120]
+rest = 1.0
+"""
+START = np.radians([0, -90, 60, -60, -90, 0])
+AWAY = np.radians([40, -70, 80, -20, -50, 60])
+ARM = load_arm("ur10e")
+
+
+class Arm:
+    """An arm that is where it was sent at once, or never; it notes what it was told."""
+
+    def __init__(self, watch, *, arrives=True):
+        self.told = []
+        self._watch, self._arrives = watch, arrives
+        self._ns = 10**9
+
+    async def move(self, target, speed):
+        self.told.append(("move", target.tolist()))
+        if self._arrives:
+            for _ in range(200):
+                self._ns += 2_000_000
+                self._watch.take(Arrival(RobotSample(self._ns, None, None, tuple(target.tolist())), self._ns))
+
+    async def stop(self):
+        self.told.append(("stop",))
+
+    def describe(self, target, speed):
+        return "a move"
+
+
+def driven(disturb, *, arrives=True, moves=2, **more):
+    """Drive while something is done to watch and stop; return how it ended, and what the arm was told."""
+
+    async def all_of_it():
+        watch, stop = Watch(ARM), asyncio.Event()
+        arm = Arm(watch, arrives=arrives)
+        program = Program(START, tuple(Move(AWAY, 0.2) for _ in range(moves)))
+        asyncio.get_running_loop().call_later(0.1, disturb, watch, stop)
+        return await drive(program, arm, watch, stop, lambda text: None, **more), arm.told
+
+    return asyncio.run(all_of_it())
+
+
+def nothing(watch, stop):
+    pass
+
+
+def test_every_move_is_sent_once_and_in_order():
+    ended, told = driven(nothing)
+    assert ended == "done"
+    assert told == [("move", START.tolist()), ("move", AWAY.tolist()), ("move", AWAY.tolist())]
+
+
+def test_it_ends_between_moves_once_enough_is_known():
+    ended, told = driven(nothing, enough=lambda: True)
+    assert ended == "enough"
+    assert told == []
+
+
+@pytest.mark.parametrize(
+    ("disturb", "reason"),
+    [
+        (lambda watch, stop: stop.set(), "told to"),
+        (lambda watch, stop: watch.take(Notice(Level.LOST, "the IMU is lost", 0)), "the IMU is lost"),
+        (
+            lambda watch, stop: watch.take(Arrival(RobotSample(10**12, None, None, (6.27, 0, 0, 0, 0, 0)), 0)),
+            "stands at 359.2 deg, within a degree of its limits -360 to 360 deg",
+        ),
+        (
+            lambda watch, stop: [
+                watch.take(Arrival(ImuSample(k, (0.1 * k, 5.0, 0.2 * k), (0.3 * k, 0.0, 9.8)), 0)) for k in range(30)
+            ],
+            "the IMU is saturated: w_y stays at 5 while the others go on",
+        ),
+    ],
+)
+def test_the_motion_is_stopped(disturb, reason):
+    for arrives in (True, False):
+        ended, told = driven(disturb, arrives=arrives, moves=8)
+        assert ended.startswith("stopped: ")
+        assert reason in ended
+        assert told[-1] == ("stop",)
+
+
+def test_warnings_stop_nothing():
+    ended, _ = driven(lambda watch, stop: watch.take(Notice(Level.WARNING, "a line was no line", 0)))
+    assert ended == "done"
+
+
+def test_an_arm_that_does_not_arrive_is_stopped(monkeypatch):
+    monkeypatch.setattr(driving, "_longest", lambda move, watch: 0.2)
+    ended, told = driven(nothing, arrives=False)
+    assert "did not come to rest at its target" in ended
+    assert told[-1] == ("stop",)
+
+
+def test_a_driver_that_is_cancelled_stops_the_arm():
+    async def all_of_it():
+        watch = Watch(ARM)
+        arm = Arm(watch, arrives=False)
+        task = asyncio.ensure_future(
+            drive(Program(START, (Move(AWAY, 1.0),)), arm, watch, asyncio.Event(), lambda text: None)
+        )
+        await asyncio.sleep(0.1)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return arm.told
+
+    assert asyncio.run(all_of_it())[-1] == ("stop",)
+
+
+def test_a_sensor_at_rest_is_not_saturated():
+    watch = Watch(ARM)
+    for k in range(1000):
+        watch.take(Arrival(ImuSample(k, (0.0, 0.001, 0.0), (0.0, 0.0, 9.8 + 0.001 * (k % 2))), 0))
+    assert watch.alarm is None
+
+
+def test_lines_are_read_as_they_were_written():
+    move = urscript.JointMove((0.1, -1.5, 2.0, -0.25, 1e-9, 3.0), 1.4, 1.05)
+    assert urscript.encode(move) == (
+        b"movej([0.100000000, -1.500000000, 2.000000000, -0.250000000, 0.000000001, 3.000000000],a=1.4000,v=1.0500)\n"
+    )
+    assert urscript.decode(urscript.encode(move)) == move
+    assert urscript.decode(urscript.encode(urscript.Stop())) == urscript.Stop()
+    for line in (b"", b"movej([1,2,3],a=1,v=1)", b"set_digital_out(1, True)", b"\xff" * 9000):
+        with pytest.raises(ProtocolError):
+            urscript.decode(line)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("program")
+    (folder / "program.toml").write_text(PROGRAM)
+    (folder / "cell.toml").write_text('seed = 3\n[robot]\nmodel = "ur10e"\n[motion]\nprogram = "program.toml"\n')
+    return folder
+
+
+def test_the_obedient_cell_waits_moves_and_refuses(program):
+    recording = simulate(
+        Cell.model_validate({
+            "robot": {"model": "ur10e"}, "motion": {"program": str(program / "program.toml")},
+            "reference": {"interval": 0.002},
+        }),
+        program,
+    )[1]  # fmt: skip
+    cell = ObedientCell(recording)
+    stamps = ([], [])
+    angles = []
+
+    def wait(seconds):
+        for _ in range(round(seconds / 0.004)):
+            for kept, new in zip(stamps, cell.advance(0.004), strict=True):
+                kept.extend(sample.stamp_ns for sample in new)
+                angles.extend(sample.joints for sample in new if isinstance(sample, RobotSample))
+
+    wait(20.0)
+    assert np.ptp(angles, axis=0).max() < 1e-9
+    cell.obey(urscript.JointMove(tuple(AWAY + 0.1), 1.0, 1.0))
+    assert cell.refused == ["a move to another target than the program's 1"]
+    cell.obey(urscript.JointMove(tuple(AWAY), 1.0, 1.0))
+    wait(20.0)
+    assert angles[-1] == pytest.approx(AWAY, abs=1e-6)
+    for kept, interval in zip(stamps, (recording.imu.interval, 0.002), strict=True):
+        assert np.diff(kept) == pytest.approx(interval * 1e9, abs=1)
+    cell.obey(urscript.JointMove(tuple(np.radians([-50, -110, 100, 40, 30, -80])), 1.0, 1.0))
+    wait(1.0)
+    cell.obey(urscript.Stop())
+    count = len(angles)
+    wait(5.0)
+    assert len(angles) == count
+
+
+def command(*arguments):
+    return [sys.executable, "-m", "kreisel.cli.main", *map(str, arguments)]
+
+
+@pytest.fixture
+def cell(program):
+    """Start the obedient cell by its command; give its addresses."""
+    process = subprocess.Popen(
+        command("virtual-cell", "cell.toml", "--robot", "rtde", "--obey"),
+        cwd=program,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield json.loads(process.stdout.readline())
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def test_without_arming_nothing_is_needed_and_nothing_sent(program):
+    done = subprocess.run(
+        command(
+            "run", "program.toml", "--robot", "rtde://127.0.0.1:9", "--imu", "csv://127.0.0.1:9", "--model", "ur10e"
+        ),
+        cwd=program, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("nothing is moved")
+    assert done.stdout.count("movej(") == 7
+
+
+def run_of(program, cell, output, *more):
+    return command(
+        "run", program / "program.toml", "--robot", cell["robot"], "--imu", cell["imu"], "--model", "ur10e",
+        "-o", output, "--arm", *more,
+    )  # fmt: skip
+
+
+def test_a_program_is_driven_recorded_and_found_again(program, cell, tmp_path):
+    done = subprocess.run(
+        run_of(program, cell, tmp_path / "run"), capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "; done; next" in done.stdout
+    calibration = kreisel.calibrate(kreisel.load(tmp_path / "run"))
+    assert calibration.document["verdict"]["accepted"]
+    assert len(calibration.document["accelerometer"]["offset"]) == 3
+
+
+def test_it_ends_early_when_enough_is_known(program, cell, tmp_path):
+    done = subprocess.run(
+        run_of(program, cell, tmp_path / "run", "--until", "timing.offset=1000ms"),
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "; enough; next" in done.stdout
+
+
+def test_an_interrupt_stops_the_arm_and_keeps_the_recording(program, cell, tmp_path):
+    process = subprocess.Popen(run_of(program, cell, tmp_path / "run"), stderr=subprocess.PIPE, text=True)
+    while "move 1" not in process.stderr.readline():
+        pass
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert "the motion was stopped: told to; what was recorded is kept" in errors
+    assert "Traceback" not in errors
+    assert (tmp_path / "run" / "recording.mcap").stat().st_size > 10_000
+
+
+def test_programs_that_cannot_obey(program):
+    recording = simulate(Cell.model_validate({"seconds": 20.0, "reference": {"joints": False}}), program)[1]
+    with pytest.raises(SettingsError, match="joint angles"):
+        ObedientCell(recording)
