@@ -126,6 +126,10 @@ class TcpTwin:
             first_ns = sample.stamp_ns if first_ns is None else first_ns
             await pace.until((sample.stamp_ns - first_ns) * 1e-9)
             self._clients.send(sample)
+        self.close()
+
+    def close(self) -> None:
+        """Hang up on all, and listen no more."""
         self._clients.close()
         if self._server is not None:
             self._server.close()
