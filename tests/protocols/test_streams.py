@@ -87,7 +87,7 @@ def test_lines_survive_any_cut(sent, cuts):
 )
 def test_requests_survive_any_cut(wanted, cuts):
     requests = [varproxy.Request(k, name, value) for k, (name, value) in enumerate(wanted)]
-    splitter = varproxy.Splitter()
+    splitter = varproxy.splitter()
     stream = b"".join(varproxy.encode_request(request) for request in requests)
     found = [varproxy.decode_request(*m) for piece in cut(stream, cuts) for m in splitter.receive(piece)]
     assert found == requests
@@ -137,8 +137,8 @@ def attack_all(data):
     attacks = [
         lambda: egm.decode(data), lambda: rsi.decode(data), lambda: rsi.encode_answer(data),
         lambda: rsi.decode_answer(data), lambda: rtde.Client(500.0).receive(data), lambda: rtde.Server().receive(data),
-        lambda: [varproxy.decode_answer(*message) for message in varproxy.Splitter().receive(data)],
-        lambda: [varproxy.decode_request(*message) for message in varproxy.Splitter().receive(data)],
+        lambda: [varproxy.decode_answer(*message) for message in varproxy.splitter().receive(data)],
+        lambda: [varproxy.decode_request(*message) for message in varproxy.splitter().receive(data)],
         lambda: varproxy.pose(data.decode("latin-1"), 0), lambda: line.Columns.parse(data.decode("latin-1")),
         lambda: line.Decoder(line.Columns.parse(line.COLUMNS)).receive(data + b"\n" + data + b"\n"),
         lambda: line.Decoder().receive(data + b"\n" + data + b"\n"),

@@ -3,9 +3,11 @@
 import math
 import struct
 
+import numpy as np
 import pytest
 
 from kreisel.errors import ProtocolError
+from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, varproxy
 
 DEG = math.pi / 180.0
@@ -77,9 +79,9 @@ def test_angles_are_those_of_scipys_intrinsic_zyx():
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     for a, b, c in ((10.0, 20.0, 30.0), (-170.0, 80.0, 5.0), (45.0, -89.0, 179.0), (0.0, 90.0, 0.0)):
         q = rotation.from_euler("ZYX", (a, b, c), degrees=True).as_quat(scalar_first=True)
-        ours = rsi.from_abc(a, b, c)
+        ours = from_abc(*np.radians((a, b, c)))
         assert abs(sum(x * y for x, y in zip(q, ours, strict=True))) == pytest.approx(1.0, abs=1e-15)
-        again = rsi.from_abc(*rsi.to_abc(ours))
+        again = from_abc(*to_abc(ours))
         assert abs(sum(x * y for x, y in zip(again, ours, strict=True))) == pytest.approx(1.0, abs=1e-12)
 
 
@@ -125,7 +127,7 @@ def test_variables_as_the_proxy_packs_them():
     assert written == struct.pack("!HHBH7sH2s", 18, 14, 1, 7, b"$OV_PRO", 2, b"50")
     value = "{E6POS: X 1620.0, Y 0.0, Z 1910.0, A 0.0, B 90.0, C 0.0, S 2, T 2}"
     answer = struct.pack(f"!HHBH{len(value)}s3s", 17, len(value) + 6, 0, len(value), value.encode(), b"\x00\x01\x01")
-    ((number, content),) = varproxy.Splitter().receive(answer)
+    ((number, content),) = varproxy.splitter().receive(answer)
     found = varproxy.decode_answer(number, content)
     assert found.well
     pose = varproxy.pose(found.value, 5)

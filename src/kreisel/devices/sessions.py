@@ -109,7 +109,7 @@ class VarproxySession(Session):
 
     def __init__(self, address: Address) -> None:
         self.period = 1.0 / address.number("rate", 50.0, 0.1, 250.0)
-        self._splitter = varproxy.Splitter()
+        self._splitter = varproxy.splitter()
         self._asked: dict[int, int] = {}
         self._number = 0
 

@@ -10,7 +10,8 @@ import math
 import xml.etree.ElementTree as ElementTree
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols.samples import Quadruple, RobotSample, Triple, checked_stamp, finite
+from kreisel.geometry.kuka import from_abc, to_abc
+from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
 LARGEST = 8192
 """Bytes a telegram may have; the controller's own limit is lower."""
@@ -36,7 +37,7 @@ def decode(datagram: bytes) -> RobotSample:
     position = quaternion = None
     if frame:
         position = (frame[0] * 1e-3, frame[1] * 1e-3, frame[2] * 1e-3)
-        quaternion = from_abc(frame[3], frame[4], frame[5])
+        quaternion = from_abc(*(angle * _DEGREE for angle in frame[3:]))
     ipoc = ipoc_of(robot)
     return RobotSample(
         checked_stamp(ipoc * 1_000_000, _NAME), position, quaternion, tuple(axis * _DEGREE for axis in axes)
@@ -47,7 +48,7 @@ def encode(sample: RobotSample) -> bytes:
     """Return the controller's telegram that tells a pose: the twin's side."""
     parts = ['<Rob TYPE="KUKA">']
     if sample.position is not None and sample.quaternion is not None:
-        values = (*(1e3 * x for x in sample.position), *to_abc(sample.quaternion))
+        values = (*(1e3 * x for x in sample.position), *(angle / _DEGREE for angle in to_abc(sample.quaternion)))
         pose = " ".join(f'{name}="{value:.4f}"' for name, value in zip(_FRAME, values, strict=True))
         parts.append(f"<RIst {pose}/><RSol {pose}/>")
     if sample.joints:
@@ -116,31 +117,6 @@ def ipoc_of(telegram: ElementTree.Element) -> int:
     if not (text.isascii() and text.isdigit()) or len(text) > 19:
         raise ProtocolError(_NAME, f"IPOC is '{text[:40]}', expected a whole number of milliseconds")
     return int(text)
-
-
-def from_abc(a: float, b: float, c: float) -> Quadruple:
-    """Return the quaternion of Rz(a) Ry(b) Rx(c), degrees."""
-    (ca, sa), (cb, sb), (cc, sc) = (
-        (math.cos(0.5 * angle * _DEGREE), math.sin(0.5 * angle * _DEGREE)) for angle in (a, b, c)
-    )
-    return (
-        ca * cb * cc + sa * sb * sc,
-        ca * cb * sc - sa * sb * cc,
-        ca * sb * cc + sa * cb * sc,
-        sa * cb * cc - ca * sb * sc,
-    )
-
-
-def to_abc(q: Quadruple) -> Triple:
-    """Return A, B, C of a quaternion, degrees; C is zero where B is a right angle."""
-    w, x, y, z = q
-    up = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
-    b = math.asin(up)
-    if abs(up) > 1.0 - 1e-12:
-        return 2.0 * math.atan2(z, w) / _DEGREE, b / _DEGREE, 0.0
-    a = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    c = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return a / _DEGREE, b / _DEGREE, c / _DEGREE
 
 
 def _numbers(telegram: ElementTree.Element, tag: str, names: tuple[str, ...]) -> tuple[float, ...]:

@@ -12,6 +12,7 @@ import struct
 from enum import Enum, auto
 
 from kreisel.errors import ProtocolError
+from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import Quadruple, RobotSample, Triple, checked_stamp, finite
 
 FIELDS = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_TCP_pose": "VECTOR6D"}
@@ -30,32 +31,8 @@ _SIZES = {
 }  # fmt: skip
 
 
-class Splitter:
-    """Packages out of a byte stream, however it is cut."""
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    def receive(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Return kind and payload of the packages that are whole by now.
-
-        Raises
-        ------
-        ProtocolError
-            If a size is impossible: the stream is then out of step, and must be opened anew.
-        """
-        self._buffer += data
-        packages, at = [], 0
-        while len(self._buffer) - at >= _HEAD.size:
-            size, kind = _HEAD.unpack_from(self._buffer, at)
-            if not _HEAD.size <= size <= LARGEST:
-                raise ProtocolError(_NAME, f"package of {size} bytes, expected {_HEAD.size} to {LARGEST}")
-            if len(self._buffer) - at < size:
-                break
-            packages.append((kind, bytes(self._buffer[at + _HEAD.size : at + size])))
-            at += size
-        del self._buffer[:at]
-        return packages
+def _splitter() -> Splitter:
+    return Splitter(_NAME, ">HB", length=0, least=_HEAD.size, most=LARGEST, whole=True)
 
 
 def package(kind: int, payload: bytes = b"") -> bytes:
@@ -84,7 +61,7 @@ class Client:
     def __init__(self, frequency: float) -> None:
         self.state = State.VERSION
         self._frequency = frequency
-        self._splitter = Splitter()
+        self._splitter = _splitter()
         self._recipe = 0
 
     def begin(self) -> bytes:
@@ -169,7 +146,7 @@ class Server:
         self.streaming = False
         self.frequency = 500.0
         self._version = version
-        self._splitter = Splitter()
+        self._splitter = _splitter()
 
     def receive(self, data: bytes) -> bytes:
         """Return what to answer.

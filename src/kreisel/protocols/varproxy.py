@@ -12,7 +12,8 @@ import struct
 from dataclasses import dataclass
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols.rsi import from_abc
+from kreisel.geometry.kuka import from_abc
+from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import RobotSample, finite
 
 LARGEST = 4096
@@ -41,32 +42,9 @@ class Answer:
     well: bool
 
 
-class Splitter:
-    """Messages out of a byte stream, however it is cut."""
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    def receive(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Return number and content of the messages that are whole by now.
-
-        Raises
-        ------
-        ProtocolError
-            If a length is impossible: the stream must be opened anew.
-        """
-        self._buffer += data
-        messages, at = [], 0
-        while len(self._buffer) - at >= _HEAD.size:
-            number, length = _HEAD.unpack_from(self._buffer, at)
-            if not 3 <= length <= LARGEST:
-                raise ProtocolError(_NAME, f"message of {length} bytes, expected 3 to {LARGEST}")
-            if len(self._buffer) - at < _HEAD.size + length:
-                break
-            messages.append((number, bytes(self._buffer[at + _HEAD.size : at + _HEAD.size + length])))
-            at += _HEAD.size + length
-        del self._buffer[:at]
-        return messages
+def splitter() -> Splitter:
+    """Return what takes messages out of a byte stream: pairs of number and content."""
+    return Splitter(_NAME, ">HH", length=1, least=3, most=LARGEST, whole=False)
 
 
 def encode_request(request: Request) -> bytes:
@@ -134,7 +112,7 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
         x, y, z, a, b, c = finite(tuple(values[name] for name in "XYZABC"), _NAME, "a frame")
     except KeyError as error:
         raise ProtocolError(_NAME, f"'{text[:60]}' is neither a frame (X .. C) nor axes (A1 .. A6)") from error
-    return RobotSample(stamp_ns, (x * 1e-3, y * 1e-3, z * 1e-3), from_abc(a, b, c))
+    return RobotSample(stamp_ns, (x * 1e-3, y * 1e-3, z * 1e-3), from_abc(a * _DEGREE, b * _DEGREE, c * _DEGREE))
 
 
 def _string(text: str) -> bytes:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RobotError, SettingsError, unknown_name
-from kreisel.geometry.rotation import Array, exp, multiply
+from kreisel.geometry.kuka import from_abc
+from kreisel.geometry.rotation import Array
 from kreisel.robot.excitation import home
 from kreisel.robot.kinematics import Arm, check_range, inverse
 from kreisel.robot.motion import Move
@@ -98,15 +99,11 @@ def _target(table: Any, arm: Arm, near: Array, place: str) -> Array:
         raise SettingsError(f"{place}: expected joints_deg, or position with abc_deg")
     position = _numbers(table["position"], 3, f"{place}: position")
     try:
-        return inverse(arm, position, from_abc(DEG * _numbers(table["abc_deg"], 3, f"{place}: abc_deg")), near)
+        return inverse(
+            arm, position, np.array(from_abc(*(DEG * _numbers(table["abc_deg"], 3, f"{place}: abc_deg")))), near
+        )
     except RobotError as error:
         raise RobotError(f"{place}: {error}") from error
-
-
-def from_abc(abc: Array) -> Array:
-    """Return the quaternion (4,) of KUKA's A, B, C (3,), rad: R = Rz(A) Ry(B) Rx(C)."""
-    a, b, c = (exp(angle * axis) for angle, axis in zip(abc, np.eye(3)[::-1], strict=True))
-    return multiply(multiply(a, b), c)
 
 
 def _checked(arm: Arm, angles: Array, place: str) -> None:

@@ -8,11 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kreisel.errors import RobotError, SettingsError
+from kreisel.geometry.kuka import from_abc
 from kreisel.robot import excitation, kinematics, program
 from kreisel.robot.excitation import random_plan
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.motion import Limits, Move, plan
-from kreisel.robot.program import EXAMPLE, from_abc, read_program
+from kreisel.robot.program import EXAMPLE, read_program
 
 HOME = np.radians([0.0, -90.0, 90.0, 0.0, 30.0, 0.0])
 TARGETS = np.radians([[60.0, -60.0, 60.0, 40.0, 70.0, -80.0], [-30.0, -100.0, 110.0, -90.0, -40.0, 120.0]])
@@ -302,7 +303,7 @@ def test_the_example_runs(arm, written):
 def test_abc_are_turns_about_z_y_x():
     """R = Rz(A) Ry(B) Rx(C)."""
     for abc in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 3)):
-        ours = Rotation.from_quat(from_abc(abc), scalar_first=True)
+        ours = Rotation.from_quat(from_abc(*abc), scalar_first=True)
         assert (Rotation.from_euler("ZYX", abc).inv() * ours).magnitude() < 1e-14
 
 
