@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from kreisel.simulation.settings import Cell
 
 
 class RobotKind(StrEnum):
@@ -50,33 +54,25 @@ def virtual_cell(
     import signal
     import sys
 
-    from kreisel.acquisition.virtual_cell import INTERVALS, obeying, running
+    from kreisel.acquisition.virtual_cell import obeying, running
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.recording.write import write_settings
     from kreisel.simulation import simulate, write_truth
-    from kreisel.simulation.settings import Cell, parse_cell, read_cell
 
-    described = (Cell() if cell is None else read_cell(cell)).model_dump()
-    described["reference"]["interval"] = interval or INTERVALS[robot]
-    described.update({name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None})
-    if robot is RobotKind.rsi:  # whose clock counts whole milliseconds
-        cycle = 1e3 * described["reference"]["interval"]
-        if abs(cycle - round(cycle)) > 1e-9:
-            raise SettingsError(f"--interval {interval} is no whole number of milliseconds, as RSI's cycles are")
-        described["reference"]["clock_offset"] = round(described["reference"]["clock_offset"], 3)
+    if obey and robot is not RobotKind.rtde:
+        raise SettingsError("--obey: the arm that can be told to move is a Universal Robots one; add --robot rtde")
+    described = _described(cell, robot, interval, {"seed": seed, "seconds": seconds})
     if output is not None:
         check_output(output)
     with progress_bar() as show:
-        truth, recording = simulate(parse_cell(described, cell or Path("CELL.toml")), Path("virtual cell"), show)
+        truth, recording = simulate(described, Path("virtual cell"), show)
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
         write_truth(truth, output / "truth.json")
         write_settings(recording, output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    if obey and robot is not RobotKind.rtde:
-        raise SettingsError("--obey: the arm that can be told to move is a Universal Robots one; add --robot rtde")
     cell_of = (
         obeying(recording, imu.value)
         if obey
@@ -90,3 +86,23 @@ def virtual_cell(
                 process.join()
         except KeyboardInterrupt:
             return
+
+
+def _described(cell: Path | None, robot: RobotKind, interval: float | None, changes: dict[str, float | None]) -> Cell:
+    """Return the cell, its poses as often as said here, in its file, or as such controllers tell them."""
+    from kreisel.acquisition.virtual_cell import INTERVALS
+    from kreisel.errors import SettingsError
+    from kreisel.simulation.settings import Cell, parse_cell, read_cell
+
+    known = Cell() if cell is None else read_cell(cell)
+    content = known.model_dump()
+    reference = content["reference"]
+    if interval is not None or "interval" not in known.reference.model_fields_set:
+        reference["interval"] = interval or INTERVALS[robot]
+    content.update({name: value for name, value in changes.items() if value is not None})
+    if robot is RobotKind.rsi:  # whose clock counts whole milliseconds
+        cycle = 1e3 * reference["interval"]
+        if abs(cycle - round(cycle)) > 1e-9:
+            raise SettingsError(f"{cycle:g} ms between two poses: RSI's cycles are whole milliseconds; see --interval")
+        reference["clock_offset"] = round(reference["clock_offset"], 3)
+    return parse_cell(content, cell or Path("CELL.toml"))

@@ -11,12 +11,18 @@ from kreisel.errors import ProtocolError
 from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde
 from kreisel.recording import ImuSamples, Recording
 
+_ROWS = 1000
+
 
 def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
-    """Yield the readings of a recording one by one."""
-    rows = zip(imu.stamps_ns.tolist(), imu.rates.tolist(), imu.accelerations.tolist(), strict=True)
-    for stamp, rate, acceleration in rows:
-        yield ImuSample(stamp, tuple(rate), tuple(acceleration))
+    """Yield the readings of a recording one by one, without a pause at the first."""
+    for begin in range(0, imu.stamps_ns.size, _ROWS):
+        part = slice(begin, begin + _ROWS)
+        rows = zip(
+            imu.stamps_ns[part].tolist(), imu.rates[part].tolist(), imu.accelerations[part].tolist(), strict=True
+        )
+        for stamp, rate, acceleration in rows:
+            yield ImuSample(stamp, tuple(rate), tuple(acceleration))
 
 
 def robot_samples(recording: Recording) -> Iterator[RobotSample]:
