@@ -7,7 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+import tty
 from contextlib import asynccontextmanager, suppress
 
 import numpy as np
@@ -349,7 +351,7 @@ def test_lines_that_are_none_are_told_and_skipped(tmp_path):
     ("answer", "complaint"),
     [
         (rtde.package(ord("V"), b"\x00"), "refuses protocol version 2"),
-        (b"\xff\xff\x00", "package of 65535 bytes"),
+        (b"\xff\xff\x00", "message of 65535 bytes"),
         (rtde.package(ord("S"), b"\x01"), "while waiting for version"),
     ],
 )
@@ -489,3 +491,40 @@ def test_the_virtual_cell_is_recorded_and_found_again(tmp_path):
         abs(document["timing"]["offset"] - truth["time_offset"])
         < 4.0 * document["standard_deviation"]["timing"]["offset"]
     )
+
+
+def test_a_serial_line_is_read(tmp_path):
+    """Over a pseudo-terminal."""
+    controller, device = os.openpty()
+    tty.setraw(device)
+    os.set_blocking(controller, False)  # once nobody reads
+    over = threading.Event()
+
+    def write():
+        began = time.monotonic()
+        for k in itertools.count():
+            if over.wait(max(0.0, began + k * INTERVAL_NS * 1e-9 - time.monotonic())):
+                return
+            with suppress(BlockingIOError):
+                os.write(controller, line.encode(reading(k)))
+
+    writing = threading.Thread(target=write, daemon=True)
+    writing.start()
+    address = parse_address(f"serial://{os.ttyname(device)}?baud=115200&columns={line.COLUMNS}", IMUS)
+    asyncio.run(record(address, None, tmp_path / "run", seconds=0.8))
+    over.set()
+    writing.join()
+    os.close(device)
+    os.close(controller)
+    stamps = load_bag(tmp_path / "run").imu.stamps_ns
+    assert stamps.size > 250
+    assert np.all(np.diff(stamps) == INTERVAL_NS)
+
+
+def test_a_serial_line_that_is_not_there_is_told(tmp_path):
+    async def all_of_it():
+        stop = asyncio.Event()
+        asyncio.get_running_loop().call_later(0.5, stop.set)
+        return await record(parse_address("serial:///dev/no-such-line", IMUS), None, tmp_path / "run", stop=stop)
+
+    said(asyncio.run(all_of_it()), "serial:///dev/no-such-line: cannot be reached")

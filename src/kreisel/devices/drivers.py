@@ -217,9 +217,21 @@ async def _connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.Stre
         raise SettingsError("serial lines need pyserial: pip install 'kreisel[live]'") from error
     device = serial.Serial(address.path, int(address.number("baud", 115200, 50, 4e6)), timeout=0)
     loop, reader = asyncio.get_running_loop(), asyncio.StreamReader()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), device)
+    reading, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), device)
     transport, protocol = await loop.connect_write_pipe(asyncio.streams.FlowControlMixin, device)
-    return reader, asyncio.StreamWriter(transport, protocol, reader, loop)
+    writer = _SerialWriter(transport, protocol, reader, loop)
+    writer.reading = reading
+    return reader, writer
+
+
+class _SerialWriter(asyncio.StreamWriter):
+    """The writing side of a serial line, which closes the reading one too."""
+
+    reading: asyncio.ReadTransport
+
+    def close(self) -> None:
+        self.reading.close()
+        super().close()
 
 
 def _why(error: Exception) -> str:
