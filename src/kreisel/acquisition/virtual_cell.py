@@ -6,7 +6,7 @@ import asyncio
 import multiprocessing
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -110,14 +110,7 @@ def obeying(recording: Recording, imu: str) -> Iterator[tuple[Urls, list[BasePro
 
 def _obey(recording: Recording, imu: str, ready: Connection) -> None:
     """Be both devices of an obedient cell, until the parent is gone."""
-
-    async def be() -> None:
-        device = asyncio.ensure_future(_obedient(recording, imu, ready))
-        asyncio.get_running_loop().add_reader(ready.fileno(), device.cancel)
-        await device
-
-    with suppress(KeyboardInterrupt, asyncio.CancelledError):
-        asyncio.run(be())
+    _be(_obedient(recording, imu, ready), ready)
 
 
 async def _obedient(recording: Recording, imu: str, ready: Connection) -> None:
@@ -163,11 +156,16 @@ def _free_port() -> int:
 
 def _play(what: str, scheme: str, port: int, recording: Recording, speed: float, began: Any, ready: Connection) -> None:
     """Be one device, in a process of its own, until the recording ends or the parent is gone."""
+    _be(_device(what, scheme, port, recording, speed, began, ready), ready)
+
+
+def _be(device: Coroutine[Any, Any, None], ready: Connection) -> None:
+    """Run a device until it ends, or the parent's end of the pipe breaks."""
 
     async def be() -> None:
-        device = asyncio.ensure_future(_device(what, scheme, port, recording, speed, began, ready))
-        asyncio.get_running_loop().add_reader(ready.fileno(), device.cancel)
-        await device
+        task = asyncio.ensure_future(device)
+        asyncio.get_running_loop().add_reader(ready.fileno(), task.cancel)
+        await task
 
     with suppress(KeyboardInterrupt, asyncio.CancelledError):
         asyncio.run(be())

@@ -31,8 +31,7 @@ def _print(recording: Path, *, as_json: bool) -> None:
     tail = Tail(recording)
     online = Online(tail)
     while True:
-        tail.read()
-        found = online.step() if tail.begun else None
+        found = online.look()
         if found is not None and as_json:
             typer.echo(json.dumps({
                 "seconds": found.seconds, "accepted": found.accepted, "said": found.said,

@@ -54,11 +54,10 @@ class Hub:
         """Calibrate what there is by now, beside all else."""
 
         def step() -> Message | None:
-            tail = self._online.tail
             with suppress(KreiselError):
-                tail.read()
-            found = self._online.step() if tail.begun else None
-            return None if found is None else self.feed.estimate(found)
+                found = self._online.look()
+                return None if found is None else self.feed.estimate(found)
+            return None
 
         while True:
             message = await asyncio.to_thread(step)

@@ -71,6 +71,17 @@ class Online:
         self._next = now + max(PAUSE, (self._clock() - now) / SHARE)
         return estimate
 
+    def look(self) -> Estimate | None:
+        """Read what has been written since, and return a new estimate if it is time for one; see `step`.
+
+        Raises
+        ------
+        RecordingError
+            If the recording cannot be read.
+        """
+        self.tail.read()
+        return self.step() if self.tail.begun else None
+
     def _estimate(self) -> Estimate:
         try:
             recording = self.tail.recording()
@@ -102,18 +113,17 @@ class Targets:
 
     def __init__(self, path: Path, targets: dict[str, float], say: Callable[[str], None]) -> None:
         self.reached = self.over = False
-        self._tail = Tail(path)
+        self._path = path
         self._targets, self._say = targets, say
 
     def look(self) -> None:
         """Look again and again; for a thread of its own."""
-        online = Online(self._tail)
+        online = Online(Tail(self._path))
         while not self.over:
             with suppress(KreiselError):
-                self._tail.read()
-            found = online.step() if self._tail.begun else None
-            if found is not None and found.names:
-                self._weigh(found)
+                found = online.look()
+                if found is not None and found.names:
+                    self._weigh(found)
             time.sleep(0.3)
 
     def _weigh(self, found: Estimate) -> None:

@@ -46,8 +46,7 @@ def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[
     """
     if address.scheme in ("rsi", "egm"):
         return _datagrams(address, clock)
-    session = SESSIONS[address.scheme]
-    make: Any = session
+    make: Any = SESSIONS[address.scheme]
     make(address)  # so that a wrong option is told at once
     return _stream(address, clock, lambda: make(address))
 
