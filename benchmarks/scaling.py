@@ -44,9 +44,9 @@ def shortest(problem: Problem, repeats: int = 8) -> float:
 
 def part(problem: Problem, minutes: float) -> Problem:
     """Return the problem's first minutes, or its updates over and over for more than there are."""
-    end = problem.signal.stamps[-1]
+    end = problem.readings.stamps[-1]
     if minutes * 60.0 < end:
-        stamps = problem.signal.stamps
+        stamps = problem.readings.stamps
         return replace(problem, updates=tuple(u for u in problem.updates if stamps[u.last] < minutes * 60.0))
     return replace(problem, updates=problem.updates * round(minutes * 60.0 / end))
 

@@ -10,8 +10,8 @@ from kreisel.calibration.parameters import CellParameters
 from kreisel.calibration.problem import Problem, Site, Update, build_layout
 from kreisel.calibration.reference_noise import ReferenceNoise
 from kreisel.calibration.settings import CalibrationSettings
+from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import prepare
 from kreisel.recording import ReferencePoses
 
 from ..oracle import plain_filter
@@ -98,14 +98,8 @@ def problem_and_belief(case, weights):
     """Return the case as our problem, and the belief its prior is."""
     settings = CalibrationSettings(sigma_points=weights)
     layout = build_layout(settings, north=True, gravity=False, skew=False, rest_error=False)
-    dt = np.diff(case.t)[:, None]
-    signal = prepare(
-        case.t,
-        case.rates,
-        case.forces,
-        rate_variance=np.full((1, 3), GYRO**2) * dt,
-        force_variance=np.full((1, 3), ACCEL**2) * dt,
-    )
+    noise = np.repeat(np.array([GYRO**2, ACCEL**2, 0.0, 0.0])[:, None], 3, axis=1)
+    readings = Readings(case.t, case.rates, case.forces, ((0, case.t.size - 1),), noise=noise)
     s = case.start
     zero = np.zeros((1, 3))
     start = CellParameters(
@@ -123,9 +117,9 @@ def problem_and_belief(case, weights):
     )
     noise = ReferenceNoise(POSITION, ORIENTATION, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0)
     problem = Problem(
-        signal=signal,
+        readings=readings,
         reference=ReferencePoses("oracle", np.arange(case.tau.size), case.positions, case.quaternions, Path("oracle")),
-        attitude=np.tile(s["q_rb"], (case.t.size, 1)),
+        attitude=np.tile(s["q_rb"], (case.samples.size, 1)),
         tau=case.tau,
         settings=settings,
         site=Site(GRAVITY, 0.0, EARTH_N),

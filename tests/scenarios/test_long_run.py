@@ -1,5 +1,6 @@
-"""An hour of data: the factor stays a factor, and nothing grows that should not."""
+"""An hour of data: the factor stays a factor, nothing grows that should not, stretches are joined without a seam."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.settings import CalibrationSettings
+from kreisel.inertial import readings
+from kreisel.recording import recording as module
 
 from ..small_cell import simulate
 
@@ -27,3 +30,19 @@ def test_an_hour_stays_positive_definite(sigma_points):
     error = outcome.calibration.sensors.k_a[0] - truth.sensors.k_a[0]
     deviation = np.array(outcome.calibration.document["standard_deviation"]["accelerometer"]["offset"])
     assert np.all(np.abs(error) < 5.0 * deviation)
+
+
+def test_worked_through_in_short_stretches_it_is_the_same(monkeypatch):
+    """First values come from other windows then; the filter's estimates must not notice."""
+    _, recording = simulate(np.random.default_rng(8), 120.0, Path("run"))
+    found = []
+    for stretch in (1 << 17, 3000):
+        monkeypatch.setattr(readings, "STRETCH", stretch)
+        monkeypatch.setattr(module, "PIECE", stretch)
+        fresh = replace(recording, imu=replace(recording.imu), reference=replace(recording.reference))
+        found.append(run_calibration(fresh, CalibrationSettings()).estimate.run.belief)
+    whole, parts = found
+    assert whole.mean.shape == parts.mean.shape
+    off = (parts.mean - whole.mean)[:24] / whole.standard_deviation[:24]
+    assert np.max(np.abs(off)) < 0.1
+    np.testing.assert_allclose(parts.standard_deviation, whole.standard_deviation, rtol=0.02)

@@ -86,8 +86,8 @@ def test_noise_covariance_is_that_of_disturbed_readings():
     dt, first, last, draws = 1.0 / 200.0, 60, 156, 4000
     sigma = (1e-3, 1e-2)
     p = replace(parameters(1), lever_arms=np.zeros((3, 3)))
-    clean = prepare(T, w, a, rate_variance=np.full((399, 3), sigma[0] ** 2 * dt**2),
-                    force_variance=np.full((399, 3), sigma[1] ** 2 * dt**2))  # fmt: skip
+    density = np.array([sigma[0] ** 2 * dt, sigma[1] ** 2 * dt, 0.0, 0.0])
+    clean = prepare(T, w, a, noise=np.repeat(density[:, None], 3, axis=1))
     errors = np.empty((draws, 9))
     rng = np.random.default_rng(0)
     columns = SensorColumns.single(p, SizeEffect.COMPLETED)

@@ -22,8 +22,13 @@ def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K
     u_path, q_path
         As `preintegrate` writes them, from sample `low` on.
     K_omega, K_a : (3, 3)
+
+    Notes
+    -----
+    White noise of a density, and where samples are missing what interpolating across a gap of length h leaves,
+    about h^3/12 times the second derivative the readings usually have.
     """
-    stamps, rate_variance, force_variance = signal.stamps, signal.rate_variance, signal.force_variance
+    stamps, density, missing = signal.stamps, signal.noise, 1.6 * signal.usual
     C = np.empty((1, 9))
     G = np.empty((3, 3))
     rate = np.empty(3)
@@ -31,14 +36,16 @@ def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K
     Q[:] = 0.0
     for start in range(first, last, every):
         stop = min(start + every, last)
-        rate[:] = 0.0
-        force[:] = 0.0
-        for k in range(start, stop):
-            for axis in range(3):
-                rate[axis] += rate_variance[k, axis]
-                force[axis] += force_variance[k, axis]
         middle = (start + stop) // 2 - low
         dt = stamps[stop] - stamps[start]
+        bridged = 0.0
+        for k in range(start, stop):
+            h = stamps[k + 1] - stamps[k]
+            if h > missing:
+                bridged += (h * h * h / 12.0) ** 2
+        for axis in range(3):
+            rate[axis] = density[0, axis] * dt + density[2, axis] * density[2, axis] * bridged
+            force[axis] = density[1, axis] * dt + density[3, axis] * density[3, axis] * bridged
         advance_covariance(u_path[middle, 0], u_path[middle, 1], u_path[middle, 2], dt, Q)
         direction_cosines(q_path[middle : middle + 1], C)
         product(C, K_omega, G)

@@ -46,10 +46,8 @@ class AccelerationFit:
 
 def fit_accelerations(preparation: Preparation) -> AccelerationFit:
     """Return the fit of a recording with positions and orientations."""
-    reference, force = preparation.reference, preparation.force_fit
-    assert reference.positions is not None  # noqa: S101 - for the type checker; the caller looked
-    shown = force.windows.second_difference(reference.positions)
-    return _fit(force.felt, shown, preparation.site.gravity)
+    seen = preparation.force_fit.seen
+    return _fit(seen.felt, seen.shown, preparation.site.gravity)
 
 
 def _fit(felt: Array, shown: Array, gravity: float) -> AccelerationFit:

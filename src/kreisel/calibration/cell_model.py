@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel._kernels import filtering
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.calibration.problem import LASTING, Problem
+from kreisel.calibration.problem import LASTING, Problem, Update
 from kreisel.estimation.sigma_points import weights
 from kreisel.inertial.strapdown import NOISE_STEP
 
@@ -65,9 +65,9 @@ def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
     )  # fmt: skip
 
 
-def filter_steps(problem: Problem) -> filtering.Steps:
-    """Return the updates with the poses they use."""
-    updates, reference = problem.updates, problem.reference
+def filter_steps(problem: Problem, updates: Sequence[Update]) -> filtering.Steps:
+    """Return some updates with the poses they use."""
+    reference = problem.reference
     poses = np.array([update.pose for update in updates])
     positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
     if reference.positions is not None:
@@ -87,9 +87,9 @@ def filter_steps(problem: Problem) -> filtering.Steps:
     )
 
 
-def filter_record(problem: Problem) -> filtering.Record:
-    """Return room for what every update leaves."""
-    u, m = len(problem.updates), filtering.MEASURED
+def filter_record(problem: Problem, u: int) -> filtering.Record:
+    """Return room for what so many updates leave."""
+    m = filtering.MEASURED
     return filtering.Record(
         mean=np.empty((u, problem.layout.size)),
         deviation=np.empty((u, len(problem.parameter_names))),

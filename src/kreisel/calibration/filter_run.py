@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kreisel._kernels import filtering
 from kreisel.calibration.cell_model import filter_model, filter_record, filter_steps
@@ -15,7 +16,8 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import chi_square
 from kreisel.estimation.filter import Belief, renew
 from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
-from kreisel.inertial.strapdown import SensorColumns, integrate_attitude
+from kreisel.inertial.readings import attitudes_at
+from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
 GATE = 1.0 - 1e-6
@@ -32,6 +34,9 @@ _BLIND_VELOCITY = 1.0
 
 _MOST_AT_ONCE = 256
 """Updates between two reports of progress, at most."""
+
+_MOST_IN_A_PART = 4096
+"""Updates prepared and looked back at together: what they need in between takes twice what is kept of them."""
 
 _LOOKED_BACK = 0.01
 """rad; how well attitudes are known once the rates are integrated back from the end of a run."""
@@ -149,38 +154,59 @@ def run_filter(
     EstimationError
         If the state stops being finite; says when.
     """
-    layout, updates = problem.layout, problem.updates
-    model, steps, record = filter_model(problem, start), filter_steps(problem), filter_record(problem)
+    updates, model = problem.updates, filter_model(problem, start)
     belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * float(chi_square(GATE, m)) for m in range(1, filtering.MEASURED + 1))])
-    rejected, done = np.zeros(1, dtype=np.int64), 0
-    while done < len(updates):
-        item = updates[done]
-        if item.new_segment or rejected[0] >= MOST_IN_A_ROW:
-            belief = _navigation_from_reference(problem, start, belief, item)
-            rejected[0] = 0
-        if item.new_rest and "rest_position" in layout:
-            belief = _renew_rest(problem, belief)
-        mean, upper = belief.mean.copy(), belief.factor.T.copy()
-        done = filtering.run(
-            model, problem.signal.samples, steps, done, _next_event(updates, done), bounds, MOST_IN_A_ROW,
-            mean, upper, record, rejected,
-        )  # fmt: skip
-        belief = Belief(mean, upper.T.copy())
-        if not np.isfinite(record.whitened[done - 1]).all():
-            raise EstimationError(
-                f"the filter's state is no longer finite at {problem.signal.stamps[updates[done - 1].last]:.2f} s; "
-                "check units and noise figures, or fix groups the motion does not show"
-            )
-        if progress is not None:
-            progress(done / len(updates))
-    return FilterRun(start, belief, _parameters(problem, start, belief.mean), _history(problem, record))
+    rejected, histories = np.zeros(1, dtype=np.int64), []
+    for begin in range(0, len(updates), _MOST_IN_A_PART):
+        some = slice(begin, min(begin + _MOST_IN_A_PART, len(updates)))
+        steps, record = filter_steps(problem, updates[some]), filter_record(problem, some.stop - some.start)
+        done = begin
+        while done < some.stop:
+            belief = _belief_before(problem, start, belief, done, rejected)
+            mean, upper = belief.mean.copy(), belief.factor.T.copy()
+            signal, until = problem.readings.holding(updates[done].first, updates[done].last)
+            counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
+            done = begin + filtering.run(
+                model, signal.samples, counted, done - begin, _next_event(updates, done, some.stop, until) - begin,
+                bounds, MOST_IN_A_ROW, mean, upper, record, rejected,
+            )  # fmt: skip
+            belief = Belief(mean, upper.T.copy())
+            if not np.isfinite(record.whitened[done - 1 - begin]).all():
+                raise EstimationError(
+                    f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "
+                    "s; check units and noise figures, or fix groups the motion does not show"
+                )
+            if progress is not None:
+                progress(done / len(updates))
+        histories.append(_history(problem, updates[some], record))
+    history = _joined(problem, histories, belief.mean)
+    return FilterRun(start, belief, _parameters(problem, start, belief.mean), history)
 
 
-def _next_event(updates: tuple[Update, ...], at: int) -> int:
-    """Return the next update before which the belief changes by other means, or progress should show."""
-    stop = min(at + _MOST_AT_ONCE, len(updates))
-    return next((i for i in range(at + 1, stop) if updates[i].new_segment or updates[i].new_rest), stop)
+def _belief_before(
+    problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
+) -> Belief:
+    """Return the belief before an update that begins navigation anew, or a rest."""
+    item = problem.updates[at]
+    if item.new_segment or rejected[0] >= MOST_IN_A_ROW:
+        belief = _navigation_from_reference(problem, start, belief, at)
+        rejected[0] = 0
+    if item.new_rest and "rest_position" in problem.layout:
+        belief = _renew_rest(problem, belief)
+    return belief
+
+
+def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> int:
+    """Return the next update before which the belief changes by other means, or progress should show.
+
+    It is update `stop` at the latest, or one behind sample `until`, up to which the readings are made ready.
+    """
+    stop = min(at + _MOST_AT_ONCE, stop)
+    for i in range(at + 1, stop):
+        if updates[i].new_segment or updates[i].new_rest or updates[i].last > until:
+            return i
+    return stop
 
 
 def _parameters(problem: Problem, known: CellParameters, x: Array) -> CellParameters:
@@ -191,16 +217,17 @@ def _parameters(problem: Problem, known: CellParameters, x: Array) -> CellParame
     )
 
 
-def _navigation_from_reference(problem: Problem, known: CellParameters, belief: Belief, item: Update) -> Belief:
-    """Begin navigation anew at the sample an update starts from."""
-    layout, reference = problem.layout, problem.reference
-    t = problem.signal.stamps[item.first]
+def _navigation_from_reference(problem: Problem, known: CellParameters, belief: Belief, at: int) -> Belief:
+    """Begin navigation anew at the sample an update starts from: its own, or that of the one before."""
+    layout, reference, item = problem.layout, problem.reference, problem.updates[at]
+    attitude = problem.attitude[at if item.first == item.last else at - 1]
+    t = problem.readings.stamps[item.first]
     parameters = _parameters(problem, known, belief.mean)
     tau = (t - parameters.start) / (1.0 + parameters.skew)
     q, p, v = pose_near(reference, problem.tau, tau)
     turned, blind = reference.quaternions is not None, reference.positions is None
     for name, value, deviation in (
-        ("attitude", q if turned else problem.attitude[item.first], _FIRST_ATTITUDE if turned else problem.attitude_sd),
+        ("attitude", q if turned else attitude, _FIRST_ATTITUDE if turned else problem.attitude_sd),
         ("velocity", v, _BLIND_VELOCITY if blind else _FIRST_VELOCITY),
         ("position", p, _FIRST_POSITION),
     ):
@@ -214,18 +241,18 @@ def look_back(problem: Problem, run: FilterRun) -> Problem:
     A run that begins with a guess of the attitude is nonlinear until it has found it; the next one need not
     guess. With gaps in the readings nothing can be carried over, and the problem is returned as it is.
     """
-    signal = problem.signal
-    if problem.reference.quaternions is not None or len(signal.segments) > 1:
+    readings = problem.readings
+    if problem.reference.quaternions is not None or len(readings.segments) > 1:
         return problem
-    p, last = run.parameters, problem.updates[-1].last
+    p, samples = run.parameters, np.array([item.last for item in problem.updates])
     columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
-    free = integrate_attitude(signal, columns.rate[..., 0])
+    free = attitudes_at(readings, columns.rate[..., 0], samples)
     earth = np.zeros(3)
     if problem.site.earth_rate_n is not None:
         level, _, down = problem.site.earth_rate_n
         earth = apply(p.q_rn, np.array([*(level * p.north), down]))
-    turned = exp(-(signal.stamps - signal.stamps[last])[:, None] * earth)
-    at_end = multiply(run.belief.mean[problem.layout.stored("attitude")], conjugate(free[last]))
+    turned = exp(-(readings.stamps[samples] - readings.stamps[samples[-1]])[:, None] * earth)
+    at_end = multiply(run.belief.mean[problem.layout.stored("attitude")], conjugate(free[-1]))
     return replace(problem, attitude=multiply(turned, multiply(at_end, free)), attitude_sd=_LOOKED_BACK)
 
 
@@ -255,12 +282,12 @@ def _renew_rest(problem: Problem, belief: Belief) -> Belief:
     return belief
 
 
-def _history(problem: Problem, record: filtering.Record) -> History:
-    """Return what happened at every update, worked out for all of them together."""
-    at_rest = np.array([item.rest is not None for item in problem.updates])
+def _history(problem: Problem, updates: Sequence[Update], record: filtering.Record) -> History:
+    """Return what happened at some updates, with stored parameters for estimates."""
+    at_rest = np.array([item.rest is not None for item in updates])
     reference = problem.reference
     given = [reference.positions is not None, reference.quaternions is not None]
-    n = len(problem.updates)
+    n = len(updates)
     degrees, nis, log_likelihood = np.empty(n), np.empty(n), np.empty(n)
     wide = np.full((4, n, filtering.MEASURED), np.nan)
     correction, variance = np.empty((n, 6)), np.empty((n, 6))
@@ -282,20 +309,27 @@ def _history(problem: Problem, record: filtering.Record) -> History:
         log_likelihood[which] = -0.5 * nis[which] - np.log(np.diagonal(S, axis1=1, axis2=2)).sum(axis=1)
         correction[which] = (gain @ white[..., None])[..., 0]
         variance[which] = np.sum(gain**2, axis=2)
-    seconds = problem.signal.stamps[[item.last for item in problem.updates]]
+    stored = [problem.layout.stored(group) for group in problem.groups]
+    kept = record.mean[:, : max((part.stop for part in stored), default=0)].copy()
+    seconds = problem.readings.stamps[[item.last for item in updates]]
     return History(
-        seconds, _estimates(problem, record.mean), record.deviation, at_rest, record.used, nis, degrees,
-        log_likelihood, wide[0], wide[1], wide[2], wide[3], correction, variance,
+        seconds, kept, record.deviation, at_rest, record.used, nis, degrees, log_likelihood,
+        wide[0], wide[1], wide[2], wide[3], correction, variance,
     )  # fmt: skip
 
 
-def _estimates(problem: Problem, means: Array) -> Array:
-    """Return one number for each parameter's degree of freedom; the alignment's as its distance from the last."""
-    layout, out = problem.layout, []
+def _joined(problem: Problem, parts: Sequence[History], last: Array) -> History:
+    """Return the histories of all parts as one, its estimates one number for each degree of freedom.
+
+    Those of the alignment are distances from the last, the stored state (size,).
+    """
+    columns = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(History)}
+    layout, stored, out = problem.layout, columns["parameters"], []
     for group in problem.groups:
-        value = means[:, layout.stored(group)]
+        value = stored[:, layout.stored(group)]
         if group == "alignment":
-            turned = log(multiply(conjugate(value[-1]), value))
+            turned = log(multiply(conjugate(last[layout.stored(group)]), value))
             value = turned[:, : layout[group].stop - layout[group].start]
         out.append(value)
-    return np.hstack(out) if out else np.empty((len(means), 0))
+    columns["parameters"] = np.hstack(out) if out else np.empty((len(stored), 0))
+    return History(**columns)

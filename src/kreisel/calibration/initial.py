@@ -36,6 +36,7 @@ _BLIND_HALF_WINDOW = 3.0
 _BLIND_STRETCH = 25.0
 _REST_WEIGHT = 20.0
 _NEAR_GAP = 1.0
+_LEAST_WINDOWS = 20
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class ForceFit:
         What is left in a second difference, as an acceleration, m/s^2.
     K_a_sd, k_a0_sd, lever_arm_sd, tilt_sd
         Standard deviations of the fit; that of gravity's direction in rad.
-    windows, felt : (windows, 3, 15)
-        The windows compared, and what `felt_columns` makes in each.
+    seen
+        What it was fitted to.
     """
 
     K_a: Array
@@ -66,8 +67,7 @@ class ForceFit:
     k_a0_sd: Array
     lever_arm_sd: Array
     tilt_sd: float
-    windows: Windows
-    felt: Array
+    seen: Accelerations
 
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
@@ -134,59 +134,100 @@ def attitude_from_positions(
         f = (f + force.k_a0) @ force.K_a.T - arm
     felt = windows.integrate(apply(free, f))
     stretch = (windows.t[1] // _BLIND_STRETCH).astype(int)
-    turn = np.array([1.0, 0.0, 0.0, 0.0])
-    out = np.empty_like(free)
-    for number in range(int(signal.stamps[-1] // _BLIND_STRETCH) + 1):
+    turns: dict[int, Array] = {}
+    for number in np.unique(stretch):
         inside = stretch == number
-        if inside.sum() > 20:
+        if inside.sum() > _LEAST_WINDOWS:
             x, y = shown[inside], felt[inside]
-            turn = from_matrix(nearest_rotation((x - x.mean(axis=0)).T @ (y - y.mean(axis=0))))
-        part = signal.stamps // _BLIND_STRETCH == number
+            turns[int(number)] = from_matrix(nearest_rotation((x - x.mean(axis=0)).T @ (y - y.mean(axis=0))))
+    turn = next(iter(turns.values()), np.array([1.0, 0.0, 0.0, 0.0]))
+    out = np.empty_like(free)
+    of_sample = (signal.stamps // _BLIND_STRETCH).astype(int)
+    for number in range(of_sample[0], of_sample[-1] + 1):
+        turn = turns.get(number, turn)
+        part = of_sample == number
         out[part] = multiply(turn, free[part])
     return out
 
 
-def fit_forces(
-    signal: InertialSignal,
-    fit: RateFit,
-    tau: Array,
-    q: Array,
-    p: Array | None,
-    gravity: float,
-    rests: Sequence[tuple[float, float]],
-) -> ForceFit:
+@dataclass(frozen=True)
+class Accelerations:
+    """Accelerations of one body, from readings and from the reference, over the same windows.
+
+    Attributes
+    ----------
+    felt : (windows, 3, 15)
+        See `felt_columns`.
+    shown : (windows, 3)
+        By the positions; zero where there are none.
+    still : (rests, 3, 15)
+        Means over rests, of the same columns.
+    """
+
+    felt: Array
+    shown: Array
+    still: Array
+
+    @classmethod
+    def over(
+        cls,
+        signal: InertialSignal,
+        fit: RateFit,
+        tau: Array,
+        q: Array,
+        p: Array | None,
+        rests: Sequence[tuple[float, float]],
+    ) -> Accelerations:
+        """Return them for a stretch of readings.
+
+        Parameters
+        ----------
+        tau, p : (m,), (m, 3) or None
+            Reference seconds and positions.
+        q : (n, 4)
+            Attitude q_rb at every sample.
+        rests
+            First and last IMU second of every rest.
+        """
+        columns = felt_columns(signal, fit, q)
+        windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
+        felt = np.stack([windows.integrate(column) for column in columns], axis=2)
+        shown = np.zeros(felt.shape[:2]) if p is None else windows.second_difference(p)
+        inside = [rest for rest in rests if rest[0] >= signal.stamps[0] and rest[1] <= signal.stamps[-1]]
+        still = [_mean_over(signal.stamps, columns, *rest) for rest in inside]
+        return cls(felt, shown, np.array(still).reshape(-1, 3, len(columns)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Accelerations]) -> Accelerations:
+        """Return those of several stretches as one."""
+        felt, shown, still = zip(*((part.felt, part.shown, part.still) for part in parts), strict=True)
+        return cls(np.concatenate(felt), np.concatenate(shown), np.concatenate(still))
+
+
+def fit_forces(seen: Accelerations, fit: RateFit, gravity: float, *, blind: bool) -> ForceFit:
     """Return first values of accelerometers and gravity.
 
     Parameters
     ----------
-    tau : (m,)
-        Reference seconds.
-    q : (n, 4)
-        Attitude q_rb at every IMU sample.
-    p : (m, 3) or None
-        Reference positions. Without them only rests, and that nothing runs away in seconds, are known.
     gravity
         Its magnitude, m/s^2.
-    rests
-        First and last IMU second of every rest.
+    blind
+        Whether the reference shows no positions: only rests, and that nothing runs away in seconds, are known.
     """
-    columns = felt_columns(signal, fit, q)
-    windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
-    felt_in_windows = np.stack([windows.integrate(column) for column in columns], axis=2)
-    A = np.concatenate([felt_in_windows, np.broadcast_to(np.eye(3), (len(felt_in_windows), 3, 3))], axis=2)
-    target = np.zeros(A.shape[:2]) if p is None else windows.second_difference(p)
+    A = np.concatenate([seen.felt, np.broadcast_to(np.eye(3), (len(seen.felt), 3, 3))], axis=2)
+    target = seen.shown
     R = nearest_rotation(fit.K_omega)
     felt = A[:, :, :9] @ R.ravel()
     g = target.mean(axis=0) - felt.mean(axis=0)
     g *= gravity / np.linalg.norm(g)
     slope = 1.0
-    if p is not None:
+    if blind:
+        at_rest = np.concatenate([seen.still, np.broadcast_to(np.eye(3), (len(seen.still), 3, 3))], axis=2)
+        A = np.concatenate([A, _REST_WEIGHT * at_rest])
+        target = np.zeros(A.shape[:2])
+    else:
         moved, expected = target - target.mean(axis=0), felt - felt.mean(axis=0)
         slope = float(np.sum(moved * expected) / max(np.sum(expected**2), 1e-12))
-    else:
-        still = [np.hstack([_mean_over(signal.stamps, columns, *rest), np.eye(3)]) for rest in rests]
-        A = np.concatenate([A, *(_REST_WEIGHT * row[None] for row in still)])
-        target = np.zeros(A.shape[:2])
     solution, deviation, residual = _solve(A, target, R, g, gravity)
     K = solution[:9].reshape(3, 3)
     return ForceFit(
@@ -200,8 +241,7 @@ def fit_forces(
         k_a0_sd=deviation[9:12],
         lever_arm_sd=deviation[12:15],
         tilt_sd=float(np.max(deviation[15:18])) / gravity,
-        windows=windows,
-        felt=felt_in_windows,
+        seen=seen,
     )
 
 

@@ -57,7 +57,7 @@ def _model() -> filtering.Model:
 
 def _samples() -> Samples:
     x = _NUMBERS
-    return Samples(_NUMBER, _INDEX, x, x, x, x, x, x, x, x)
+    return Samples(_NUMBER, _INDEX, x, x, x, x, x, x, x, 1.0)
 
 
 def _filter() -> None:

@@ -115,7 +115,7 @@ def _trimmed_ratio(shown: Array, believed: Array) -> float:
 
 def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
     """Return the problem with its noise figures multiplied by factors."""
-    noise, signal = problem.noise, problem.signal
+    noise = problem.noise
     return replace(
         problem,
         noise=replace(
@@ -128,18 +128,14 @@ def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
             jitter_orientation=noise.jitter_orientation * factors.standstill,
             velocity=noise.velocity * factors.standstill,
         ),
-        signal=signal.with_noise(factors.gyro, factors.accel),
+        readings=problem.readings.with_noise(factors.gyro, factors.accel),
     )
 
 
 def imu_density(problem: Problem) -> tuple[float, float]:
     """Return the noise densities believed in, gyro and accelerometer, rms over the axes, SI."""
-    dt = np.diff(problem.signal.stamps)[:, None]
-    variance = [
-        np.median(v / dt, axis=0).mean()
-        for v in (problem.signal.samples.rate_variance, problem.signal.samples.force_variance)
-    ]
-    return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
+    gyro, accel = np.sqrt(problem.readings.noise[:2].mean(axis=1))
+    return float(gyro), float(accel)
 
 
 def noise_finding(problem: Problem, *, given: bool) -> Finding:

@@ -124,7 +124,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     in_order = np.linalg.det(F) > 0.0 and _angle(F) < LARGEST_TURN
     agreed = fit.agreement > LEAST_AGREEMENT or fit.size < LEAST_ACCELERATION
     if not (in_order and agreed):
-        reading = better_reading(preparation.signal, reference, preparation.rate_fit.clock)
+        reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
         if reading is not None:
             raise RecordingError(
                 "accelerations of the positions and of the IMU agree only where the quaternions are read "

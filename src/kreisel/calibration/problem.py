@@ -20,7 +20,7 @@ from kreisel.calibration.robot_errors import RobotModel
 from kreisel.calibration.settings import BY_CHOICE, CalibrationSettings
 from kreisel.estimation.state import Part, StateLayout
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.strapdown import InertialSignal
+from kreisel.inertial.readings import Readings
 from kreisel.recording import ReferencePoses
 
 NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rotation=True))
@@ -77,8 +77,8 @@ class Problem:
 
     Attributes
     ----------
-    attitude : (n, 4)
-        q_rb at every IMU sample, roughly: where navigation begins if the reference shows no attitude. Good to
+    attitude : (updates, 4)
+        q_rb at every update, roughly: for navigation to begin with if the reference shows no attitude. Good to
         `attitude_sd`, rad.
     start, prior
         Values the first pass starts from, and those `prior_covariance` is about, group by group.
@@ -96,7 +96,7 @@ class Problem:
         How long the reference's errors on the path last, s; 0 where each update's are new.
     """
 
-    signal: InertialSignal
+    readings: Readings
     reference: ReferencePoses
     attitude: Array
     tau: Array
@@ -204,7 +204,7 @@ def build_layout(
 
 
 def schedule(
-    signal: InertialSignal,
+    readings: Readings,
     t_pose: Array,
     tau: Array,
     rests: tuple[Rest, ...],
@@ -223,14 +223,14 @@ def schedule(
     last_rest: int | None = None
     starts = np.array([rest.start for rest in rests])
     stops = np.array([rest.stop for rest in rests])
-    for begin, end in signal.segments:
-        low, high = signal.stamps[begin + 1], signal.stamps[end - 1]
+    for begin, end in readings.segments:
+        low, high = readings.stamps[begin + 1], readings.stamps[end - 1]
         inside = np.flatnonzero((t_pose > low) & (t_pose < high))
         if inside.size < 2:
             continue
         previous: int | None = None
         for pose in _spread(t_pose, inside, interval):
-            sample = _nearest(signal.stamps, float(t_pose[pose]), begin + 1, end - 1)
+            sample = _nearest(readings.stamps, float(t_pose[pose]), begin + 1, end - 1)
             if previous is not None and sample <= previous:
                 continue
             rest = _containing(starts, stops, float(t_pose[pose]))

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.recording.recording import angles_over, pieces
+from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization import Clock
 
 SHORTEST = 0.2
@@ -45,17 +47,13 @@ def find_rests(
     The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
     that never rests has no quiet windows at that level and the reference has the last word.
     """
-    still = _imu_still(imu)
-    t = imu.seconds
+    t, still = _imu_still(imu)
     limits = (0.004 + 4.0 * position_sd, 0.004 + 8.0 * orientation_sd)
-    moving = _reference_moving(reference, clock, t, limits)
-    calm = still & ~moving
-    edges = np.diff(np.concatenate([[0], calm.astype(np.int8), [0]]))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    starts, stops = runs(still & ~_reference_moving(reference, clock, t, limits))
     return tuple(
-        Rest(float(t[a]) + MARGIN, float(t[b]) - MARGIN)
+        Rest(float(t[a]) + MARGIN, float(t[b - 1]) - MARGIN)
         for a, b in zip(starts, stops, strict=True)
-        if t[b] - t[a] >= SHORTEST + 2.0 * MARGIN
+        if t[b - 1] - t[a] >= SHORTEST + 2.0 * MARGIN
     )
 
 
@@ -88,43 +86,46 @@ class OutsideRest:
 
 def rest_outside(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> OutsideRest | None:
     """Return the longest rest outside the reference's time, or None where it is shorter than two seconds."""
-    t = imu.seconds
+    t, still = _imu_still(imu)
     first, last = clock.imu_time(reference.seconds[[0, -1]])
-    still = _imu_still(imu) & ((t < first) | (t > last))
-    edges = np.diff(np.concatenate([[0], still.astype(np.int8), [0]]))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    starts, stops = runs(still & ((t < first) | (t > last)))
     if starts.size == 0:
         return None
-    longest = int(np.argmax(t[stops] - t[starts]))
-    part = slice(starts[longest], stops[longest] + 1)
-    seconds = float(t[stops[longest]] - t[starts[longest]])
-    if seconds < 2.0:
+    longest = int(np.argmax(t[stops - 1] - t[starts]))
+    start, stop = float(t[starts[longest]]), float(t[stops[longest] - 1])
+    if stop - start < 2.0:
         return None
-    return OutsideRest(imu.rates[part].mean(axis=0), seconds)
+    part = slice(*np.searchsorted(imu.seconds, (start, stop)))
+    return OutsideRest(imu.rates[part].mean(axis=0), stop - start)
 
 
-def _imu_still(imu: ImuSamples) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _imu_still(imu: ImuSamples) -> tuple[Array, Mask]:
+    """Return times a tenth of a window apart, IMU seconds, and whether the IMU stands still around them."""
     n = max(3, round(_WINDOW / imu.interval))
-    rate = _spread(imu.rates, n)
-    force = _spread(imu.accelerations, n)
+    step = max(1, n // 10)
+    rate, force = (_spread(values, n, step) for values in (imu.rates, imu.accelerations))
     limit_rate = np.clip(3.0 * np.percentile(rate, 10), _ALWAYS_STILL[0], _NEVER_STILL[0])
     limit_force = np.clip(3.0 * np.percentile(force, 10), _ALWAYS_STILL[1], _NEVER_STILL[1])
-    return np.asarray((rate < limit_rate) & (force < limit_force))
+    still = np.asarray((rate < limit_rate) & (force < limit_force))
+    # the ends of the recording are as still as the first and the last whole window
+    t = imu.seconds[n // 2 :: step][: still.size]
+    return np.concatenate([imu.seconds[:1], t, imu.seconds[-1:]]), np.pad(still, 1, mode="edge")
 
 
-def _spread(values: Array, n: int) -> Array:
-    """Return the standard deviation within a centred window of n samples, all axes together."""
-    centred = values - values.mean(axis=0)
-    sums = np.zeros((len(values) + 1, 4))
-    np.cumsum(np.column_stack([centred, (centred**2).sum(axis=1)]), axis=0, out=sums[1:])
-    mean = (sums[n:] - sums[:-n]) / n
-    inside = np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0))
-    return np.pad(inside, (n // 2, len(values) - inside.size - n // 2), mode="edge")
+def _spread(values: Array, n: int, step: int) -> Array:
+    """Return the standard deviation within windows of n samples that begin `step` samples apart, all axes together."""
+    found = []
+    for part in pieces((len(values) - n) // step + 1):
+        x = values[part.start * step : (part.stop - 1) * step + n]
+        centred = x - x.mean(axis=0)
+        sums = np.zeros((len(x) + 1, 4))
+        np.cumsum(np.column_stack([centred, (centred**2).sum(axis=1)]), axis=0, out=sums[1:])
+        mean = (sums[n::step] - sums[:-n:step]) / n
+        found.append(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
+    return np.concatenate(found)
 
 
-def _reference_moving(
-    reference: ReferencePoses, clock: Clock, t: Array, limits: tuple[float, float]
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, limits: tuple[float, float]) -> Mask:
     """Return for IMU times whether the reference moves, by its displacement over a third of a second."""
     tau = reference.seconds
     stride = max(1, round(0.3 / reference.interval))
@@ -135,8 +136,7 @@ def _reference_moving(
             np.linalg.norm(reference.positions[stride:] - reference.positions[:-stride], axis=1) / span > limits[0]
         )
     if reference.quaternions is not None:
-        turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
-        moving |= np.linalg.norm(turned, axis=1) / span > limits[1]
+        moving |= angles_over(reference.quaternions, stride) / span > limits[1]
     middle = clock.imu_time(0.5 * (tau[stride:] + tau[:-stride]))
     nearest = np.clip(np.searchsorted(middle, t), 0, middle.size - 1)
     result = moving[nearest]

@@ -106,9 +106,9 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     if float(without.mean()) > _MOST_WITHOUT:
         said = f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles"
         return None, [Finding("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
-    angles = np.column_stack(
-        [np.interp(reference.stamps_ns, joints.stamps_ns, joints.angles[:, j]) for j in range(joints.angles.shape[1])]
-    )
+    angles = joints.angles
+    if not np.array_equal(stamps, joints.stamps_ns):
+        angles = np.column_stack([np.interp(stamps, joints.stamps_ns, column) for column in joints.angles.T])
     far = _mismatch(arm, angles, reference)
     if any(d > limit for d, limit in zip(far, _ANOTHER_FRAME, strict=True)):
         return None, [

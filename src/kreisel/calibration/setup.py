@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -10,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from kreisel.calibration.initial import (
+    Accelerations,
     ForceFit,
     alignment_from_gravity,
     attitude_from_positions,
@@ -26,10 +28,12 @@ from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES, Grade, equivalent_walk, high_frequency_density
+from kreisel.inertial.readings import EXCERPT, Readings
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import InertialSignal, prepare
+from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import Finding, ImuSamples, Recording, ReferencePoses
 from kreisel.recording.checks import LONG_GAP, gaps
+from kreisel.recording.recording import excerpt
 from kreisel.synchronization import Clock, Correlation, RateFit, check_conventions, correlate, fit_rates
 from kreisel.synchronization.correlation import LARGEST_SKEW, quietest_second
 from kreisel.units import DEG, STANDARD_GRAVITY
@@ -45,6 +49,7 @@ _NON_ORTHOGONALITY = 0.015
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 _LEAST_NOISE, _MOTION_NOISE = 0.7, 20.0
 _HALF_A_CHAIN = math.sqrt(2.0)
+_LEAST_POSES = 10
 
 GRAVITY_SD = 0.015
 """m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
@@ -78,11 +83,10 @@ class Preparation:
     site: Site
     imu_noise: ImuNoise
     noise: ReferenceNoise
-    signal: InertialSignal
+    readings: Readings
     correlation: Correlation
     rate_fit: RateFit
     force_fit: ForceFit
-    attitude: Array
     rests: tuple[Rest, ...]
     outside_rest: OutsideRest | None
     robot: RobotModel | None
@@ -108,8 +112,10 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
     accel = table.accel_noise_density or (grade.accel_noise_density if grade else None)
     if sheet is not None and gyro is None and accel is None:
         gyro, accel = sheet.gyro_noise_density, sheet.accel_noise_density
-    shown_gyro = np.maximum(high_frequency_density(imu.rates, imu.interval), 1e-7)
-    shown_accel = np.maximum(high_frequency_density(imu.accelerations, imu.interval), 1e-6)
+    shown_gyro, shown_accel = (
+        np.maximum(np.median([high_frequency_density(p, imu.interval) for p in excerpt(values)], axis=0), least)
+        for values, least in ((imu.rates, 1e-7), (imu.accelerations, 1e-6))
+    )
     given = table.gyro_noise_density is not None or grade is not None
     return ImuNoise(
         gyro=np.full(3, gyro) if gyro and given else np.maximum(shown_gyro, gyro or 0.0),
@@ -141,41 +147,24 @@ def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
     return low, max(low, _MOTION_NOISE * size)
 
 
-def prepare_signal(recording: Recording, noise: ImuNoise, order: int) -> InertialSignal:
-    """Return the IMU's readings ready for integration, split at long gaps, with their noise."""
+def readings_of(recording: Recording, noise: ImuNoise, order: int) -> Readings:
+    """Return the IMU's readings, split at long gaps, with their noise."""
     imu = recording.imu
-    t = imu.seconds
     cuts = gaps(imu.stamps_ns, LONG_GAP)
-    edges = [0, *(int(k) + 1 for k in cuts), t.size]
+    edges = [0, *(int(k) + 1 for k in cuts), imu.stamps_ns.size]
     segments = tuple((a, b - 1) for a, b in pairwise(edges) if b - a >= 20)
     if not segments:
         raise RecordingError("no unbroken stretch of 20 samples or more", file=imu.source)
-    dt = np.diff(t)
-    bridged_gyro, bridged_accel = (_bridge_variance(values, dt) for values in (imu.rates, imu.accelerations))
-    return prepare(
-        t,
-        imu.rates,
-        imu.accelerations,
-        order=order,
-        segments=segments,
-        rate_variance=noise.gyro**2 * dt[:, None] + bridged_gyro,
-        force_variance=noise.accel**2 * dt[:, None] + bridged_accel,
+    bends = [_usual_bend(imu, values) for values in (imu.rates, imu.accelerations)]
+    return Readings(
+        imu.seconds, imu.rates, imu.accelerations, segments, order, np.array([noise.gyro**2, noise.accel**2, *bends])
     )
 
 
-def _bridge_variance(values: Array, dt: Array) -> Array:
-    """Return what a missing stretch adds to the variance of the integral over it, (n - 1, 3).
-
-    The error of interpolating across a gap of length h is about h^3/12 times the second derivative the
-    readings usually have.
-    """
-    usual = float(np.median(dt))
-    bend = np.diff(values, n=2, axis=0) / usual**2
-    size = np.percentile(np.abs(bend), 90, axis=0)
-    extra = np.zeros((dt.size, 3))
-    missing = dt > 1.6 * usual
-    extra[missing] = (dt[missing, None] ** 3 / 12.0 * size) ** 2
-    return extra
+def _usual_bend(imu: ImuSamples, values: Array) -> Array:
+    """Return the size of the second derivative the readings usually have, (3,)."""
+    size = [np.percentile(np.abs(np.diff(part, n=2, axis=0)), 90, axis=0) for part in excerpt(values)]
+    return np.asarray(np.median(size, axis=0) / imu.interval**2)
 
 
 def pose_indices(rests: tuple[Rest, ...], t_pose: Array) -> list[Indices]:
@@ -199,12 +188,12 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         )
     findings: list[Finding] = []
     imu_noise = imu_noise_of(recording)
-    signal = prepare_signal(recording, imu_noise, settings.polynomial_order)
+    readings = readings_of(recording, imu_noise, settings.polynomial_order)
     correlation = correlate(recording.imu, reference)
-    check_conventions(signal, reference, correlation.clock)
+    check_conventions(readings, reference, correlation.clock)
     tau = reference.seconds
     if reference.quaternions is not None:
-        fit = fit_rates(signal, tau, reference.quaternions, correlation.clock)
+        fit = fit_rates(readings, tau, reference.quaternions, correlation.clock)
     else:
         fit = _rates_without_attitude(recording.imu, reference, correlation.clock)
         findings.append(Finding("reference", "positions only: b takes the gyros' axes, as far as they are square"))
@@ -215,7 +204,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     noise = believed_noise(recording.settings, reference)
     rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
     stretches = [(rest.start, rest.stop) for rest in rests]
-    attitude, force = _forces(signal, fit, reference, site.gravity, stretches)
+    force = _forces(readings, fit, reference, site.gravity, stretches)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
     outside = rest_outside(recording.imu, reference, fit.clock)
     if outside is not None:
@@ -233,8 +222,8 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     robot, said = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
     findings += said
     return Preparation(
-        recording, reference, site, imu_noise, noise, signal, correlation, fit, force, attitude, rests, outside,
-        robot, tuple(findings),
+        recording, reference, site, imu_noise, noise, readings, correlation, fit, force, rests, outside, robot,
+        tuple(findings),
     )  # fmt: skip
 
 
@@ -250,24 +239,51 @@ def _overlap_finding(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -
 
 
 def _forces(
-    signal: InertialSignal,
-    fit: RateFit,
-    reference: ReferencePoses,
-    gravity: float,
-    rests: list[tuple[float, float]],
-) -> tuple[Array, ForceFit]:
-    """Return the attitude at every sample and the first values of the accelerometers."""
-    tau, p = reference.seconds, reference.positions
-    if reference.quaternions is not None:
-        attitude = reference_attitude(signal, fit, tau, reference.quaternions)
-        return attitude, fit_forces(signal, fit, tau, attitude, p, gravity, rests)
-    if p is None:
+    readings: Readings, fit: RateFit, reference: ReferencePoses, gravity: float, rests: list[tuple[float, float]]
+) -> ForceFit:
+    """Return the first values of the accelerometers."""
+    blind = reference.positions is None
+    if blind and reference.quaternions is None:
         raise RecordingError("holds neither positions nor orientations", file=reference.source)
-    attitude = attitude_from_positions(signal, fit, tau, p)
-    for _ in range(4):  # attitude and accelerometers need each other
-        force = fit_forces(signal, fit, tau, attitude, p, gravity, rests)
-        attitude = attitude_from_positions(signal, fit, tau, p, force)
-    return attitude, force
+    force = None
+    for _ in range(4 if reference.quaternions is None else 1):  # attitude and accelerometers need each other
+        seen = [
+            Accelerations.over(signal, fit, tau, q, p, rests)
+            for signal, tau, p, q in _with_attitude(readings.stretches(EXCERPT), fit, reference, force)
+        ]
+        force = fit_forces(Accelerations.joined(seen), fit, gravity, blind=blind)
+    assert force is not None  # noqa: S101 - for the type checker; it went round once
+    return force
+
+
+def _with_attitude(
+    stretches: Iterable[InertialSignal], fit: RateFit, reference: ReferencePoses, force: ForceFit | None
+) -> Iterator[tuple[InertialSignal, Array, Array | None, Array]]:
+    """Yield stretches of readings with reference seconds and positions in them, and attitudes at their samples."""
+    tau = reference.seconds
+    for signal in stretches:
+        part = slice(*np.searchsorted(fit.clock.imu_time(tau), signal.stamps[[0, -1]]))
+        if part.stop - part.start < _LEAST_POSES:
+            continue
+        p = None if reference.positions is None else reference.positions[part]
+        if reference.quaternions is not None:
+            q = reference_attitude(signal, fit, tau[part], reference.quaternions[part])
+        else:
+            assert p is not None  # noqa: S101 - for the type checker; a reference has one of the two
+            q = attitude_from_positions(signal, fit, tau[part], p, force)
+        yield signal, tau[part], p, q
+
+
+def _first_attitudes(preparation: Preparation, samples: Indices) -> Array:
+    """Return the attitudes navigation begins with at samples, (k, 4), where the reference shows none."""
+    out = np.tile([1.0, 0.0, 0.0, 0.0], (samples.size, 1))
+    fit, reference, force = preparation.rate_fit, preparation.reference, preparation.force_fit
+    if reference.quaternions is not None:
+        return out
+    for signal, _, _, q in _with_attitude(preparation.readings.stretches(), fit, reference, force):
+        inside = (samples >= signal.begin) & (samples < signal.begin + signal.stamps.size)
+        out[inside] = q[samples[inside] - signal.begin]
+    return out
 
 
 def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
@@ -463,7 +479,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     interval = settings.update_interval or INTERVALS[kind]
     tau = reference.seconds
     clock = Clock(start.start, start.skew)
-    updates = schedule(preparation.signal, clock.imu_time(tau), tau, preparation.rests, interval)
+    updates = schedule(preparation.readings, clock.imu_time(tau), tau, preparation.rests, interval)
     if len(updates) < 20:
         raise SynchronizationError(
             f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
@@ -484,9 +500,9 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         joints=0 if preparation.robot is None else preparation.robot.joints,
     )
     return Problem(
-        signal=preparation.signal,
+        readings=preparation.readings,
         reference=reference,
-        attitude=preparation.attitude,
+        attitude=_first_attitudes(preparation, np.array([update.last for update in updates])),
         tau=tau,
         settings=settings,
         site=site,

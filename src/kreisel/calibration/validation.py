@@ -85,7 +85,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     )  # fmt: skip
     unseen = _navigation_only(_part(problem, slice(cut, count)))
     return CrossValidation(
-        trained_until=float(problem.signal.stamps[problem.updates[cut].last]),
+        trained_until=float(problem.readings.stamps[problem.updates[cut].last]),
         nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=named(progress, "nominal"))),
         calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=named(progress, "calibrated"))),
     )
@@ -164,7 +164,7 @@ def _errors() -> _Errors:
 def _part(problem: Problem, part: slice) -> Problem:
     updates = list(problem.updates[part])
     updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
-    return replace(problem, updates=tuple(updates))
+    return replace(problem, updates=tuple(updates), attitude=problem.attitude[part])
 
 
 def _navigation_only(problem: Problem) -> Problem:

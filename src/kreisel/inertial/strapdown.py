@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -31,8 +31,11 @@ class Samples(NamedTuple):
         Integrals of the features over each sampling interval.
     forces : (3 N, n)
         Powers of the accelerometers' readings.
-    rate_variance, force_variance : (n - 1, 3)
-        Variance of the noise's integral over each sampling interval.
+    noise : (4, 3)
+        Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then how
+        much each bends (unit per second squared) where samples are missing: see `sensor_noise`.
+    usual
+        Usual time between two samples, s.
     """
 
     stamps: Array
@@ -43,8 +46,8 @@ class Samples(NamedTuple):
     slopes: Array
     integrals: Array
     forces: Array
-    rate_variance: Array
-    force_variance: Array
+    noise: Array
+    usual: float
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,14 @@ class InertialSignal:
         First and last sample (inclusive) of every unbroken stretch, each of six samples or more.
     order
         Polynomial order N it was made ready for.
+    begin
+        Number of its first sample in the recording it is a part of.
     """
 
     samples: Samples
     segments: tuple[tuple[int, int], ...]
     order: int
+    begin: int = 0
 
     @property
     def stamps(self) -> Array:
@@ -89,19 +95,6 @@ class InertialSignal:
     def accelerations(self) -> Array:
         """Raw accelerations, (n, 3)."""
         return self.samples.forces[:3].T
-
-    def with_noise(self, gyro: float, accel: float) -> InertialSignal:
-        """Return the signal with its noise's standard deviations multiplied by factors."""
-        s = self.samples
-        changed = s._replace(rate_variance=s.rate_variance * gyro**2, force_variance=s.force_variance * accel**2)
-        return replace(self, samples=changed)
-
-    def segment_of(self, sample: int) -> int | None:
-        """Return the index of the segment a sample lies in, or None."""
-        for i, (start, stop) in enumerate(self.segments):
-            if start <= sample <= stop:
-                return i
-        return None
 
 
 @dataclass(frozen=True)
@@ -171,8 +164,7 @@ def prepare(
     *,
     order: int = 1,
     segments: tuple[tuple[int, int], ...] | None = None,
-    rate_variance: Array | None = None,
-    force_variance: Array | None = None,
+    noise: Array | None = None,
 ) -> InertialSignal:
     """Return the signal made ready: stencils, powers, derivatives and integrals.
 
@@ -186,8 +178,8 @@ def prepare(
         Polynomial order N of the sensor model; 1 is offset and scale alone.
     segments
         Unbroken stretches as pairs of first and last sample; all samples by default.
-    rate_variance, force_variance : (n - 1, 3)
-        See `Samples`; zero by default.
+    noise : (4, 3)
+        See `Samples`; none by default.
     """
     n = stamps.size
     segments = ((0, n - 1),) if segments is None else segments
@@ -213,7 +205,6 @@ def prepare(
     features = powers(rates, order)
     integrals = np.empty((features.shape[0], n - 1))
     quadrature.integrate_intervals(base, single, features, integrals)
-    zero = np.zeros((n - 1, 3))
     samples = Samples(
         stamps=stamps,
         base=base,
@@ -223,8 +214,8 @@ def prepare(
         slopes=power_slopes(rates, slope, order),
         integrals=integrals,
         forces=powers(accelerations, order)[1:],
-        rate_variance=zero if rate_variance is None else rate_variance,
-        force_variance=zero if force_variance is None else force_variance,
+        noise=np.zeros((4, 3)) if noise is None else noise,
+        usual=float(np.median(np.diff(stamps))),
     )
     return InertialSignal(samples, segments, order)
 

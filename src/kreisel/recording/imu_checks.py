@@ -6,7 +6,10 @@ a peak cut flat, a step thirty times the usual, there and back.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 
@@ -15,7 +18,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.place import and_more, fault, is_table, rows, wrong_unit
-from kreisel.recording.recording import Finding, ImuSamples
+from kreisel.recording.recording import Finding, ImuSamples, Stamps, excerpt, pieces
 from kreisel.recording.stamp_checks import runs
 from kreisel.units import STANDARD_GRAVITY
 
@@ -27,6 +30,7 @@ IMPOSSIBLE = 1e9
 _LONG_FREEZE = 8
 _STUCK = 20
 _SPIKE = 30.0
+_OVERLAP = 512
 
 
 def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding]]:
@@ -43,20 +47,88 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding
     RecordingError
         For the first fault that would make results wrong.
     """
-    values = np.hstack([imu.rates, imu.accelerations])
-    check_finite(values, CHANNELS, imu.source)
+    for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
+        check_finite(columns, names, imu.source)
     _check_filled(imu)
     _check_gravity(imu)
-    findings = []
-    for check in (_check_dead, _check_copies, _check_saturation, _check_steps, _check_frozen, _check_stuck):
-        try:
-            check(imu, values)
-        except RecordingError as error:
-            if moved:
-                raise
-            findings.append(Finding("imu", error.message))
-    imu, repeated = _without_repeats(imu, values)
-    return imu, [*findings, *repeated]
+    findings: list[Finding] = []
+    for check in (_check_dead, _check_copies):
+        with _told(findings, moved=moved):
+            check(imu)
+    keep = np.ones(imu.stamps_ns.size, dtype=bool)
+    waiting = [_check_saturation, _check_steps, _check_frozen, _check_stuck]
+    for piece in _pieces(imu):
+        for look in list(waiting):
+            with _told(findings, moved=moved) as failed:
+                look(piece)
+            if failed:
+                waiting.remove(look)
+        keep[piece.first : piece.first + len(piece.values)] &= _fresh(piece)
+    return _without_repeats(imu, keep, findings)
+
+
+@contextmanager
+def _told(findings: list[Finding], *, moved: bool) -> Iterator[list[str]]:
+    """Note what a check finds instead of raising it, where nothing was moved; yield what was noted."""
+    failed: list[str] = []
+    try:
+        yield failed
+    except RecordingError as error:
+        if moved:
+            raise
+        failed.append(error.message)
+        findings.append(Finding("imu", error.message))
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Some samples of a recording in a row, all six channels (n, 6): number of the first, and if none follow."""
+
+    source: Path
+    first: int
+    last: bool
+    stamps_ns: Stamps
+    values: Array
+
+    @cached_property
+    def steps(self) -> Array:
+        """Sizes of the steps from sample to sample, (n - 1, 6)."""
+        return np.abs(np.diff(self.values, axis=0))
+
+    @cached_property
+    def repeats(self) -> Mask:
+        """Which steps are none, (n - 1, 6)."""
+        return np.asarray(self.steps == 0.0)
+
+    @cached_property
+    def still(self) -> Mask:
+        """Which samples are followed by the same in all channels."""
+        return np.asarray(self.repeats.all(axis=1))
+
+    @cached_property
+    def digits(self) -> Array:
+        """The least step every channel makes, (6,)."""
+        return resolution(self.steps)
+
+    def stalls(self) -> tuple[Indices, Indices, Array]:
+        """Return first and last samples of stretches in which all channels repeat, and the steps that end them."""
+        starts, stops = runs(self.still)
+        ended = stops < len(self.still)
+        starts, stops = starts[ended], stops[ended]
+        return starts, stops, self.steps[stops]
+
+    def fault(self, message: str, k: int) -> RecordingError:
+        """Return the error at one of its samples."""
+        return fault(self.source, message, self.first + k)
+
+
+def _pieces(imu: ImuSamples) -> Iterator[_Piece]:
+    """Yield all samples piece by piece, each with the end of the one before."""
+    n = imu.stamps_ns.size
+    for part in pieces(n):
+        wide = slice(max(part.start - _OVERLAP, 0), part.stop)
+        values = np.hstack([imu.rates[wide], imu.accelerations[wide]])
+        yield _Piece(imu.source, wide.start, part.stop == n, imu.stamps_ns[wide], values)
 
 
 def check_finite(values: Array, names: tuple[str, ...], source: Path) -> None:
@@ -67,11 +139,10 @@ def check_finite(values: Array, names: tuple[str, ...], source: Path) -> None:
     RecordingError
         With its place.
     """
-    bad = ~(np.abs(values) < IMPOSSIBLE)
-    where = np.flatnonzero(bad.any(axis=1))
+    where = np.flatnonzero(~((values > -IMPOSSIBLE) & (values < IMPOSSIBLE)).all(axis=1))
     if where.size:
         k = int(where[0])
-        channel = int(np.argmax(bad[k]))
+        channel = int(np.argmin(np.abs(values[k]) < IMPOSSIBLE))
         raise fault(
             source,
             f"{names[channel]} = {values[k, channel]:.4g} is no possible reading, here"
@@ -96,14 +167,14 @@ def _check_filled(imu: ImuSamples) -> None:
 
 def _check_gravity(imu: ImuSamples) -> None:
     """Raise an error if the accelerometers do not feel about one g, naming the unit that would fit."""
-    length = float(np.median(np.linalg.norm(imu.accelerations, axis=1)))
+    length = _usual_length(imu.accelerations)
     if 4.0 < length < 25.0:
         return
     got = f"accelerations have a median length of {length:.4g}, expected {STANDARD_GRAVITY:.4g} m/s^2 and a little"
     for unit, size in (("g", 1.0), ("mg", 1e3)):
         if 0.6 * size < length < 1.6 * size:
             raise wrong_unit(imu.source, got, unit, "m/s^2")
-    if 4.0 < float(np.median(np.linalg.norm(imu.rates, axis=1))) < 25.0:
+    if 4.0 < _usual_length(imu.rates) < 25.0:
         advice = "the rates seem to stand in their place: put rates first, accelerations behind them"
     elif length < 4.0:
         advice = "was gravity removed, or are the columns in another order? Raw readings are needed"
@@ -112,21 +183,29 @@ def _check_gravity(imu: ImuSamples) -> None:
     raise RecordingError(f"{got}; {advice}", file=imu.source, line=1 if is_table(imu.source) else None)
 
 
-def _check_dead(imu: ImuSamples, values: Array) -> None:
-    dead = np.flatnonzero(np.ptp(values, axis=0) == 0.0)
-    if dead.size:
-        names = ", ".join(f"{CHANNELS[c]} (always {values[0, c]:.4g})" for c in dead)
+def _usual_length(vectors: Array) -> float:
+    return float(np.median(np.concatenate([np.linalg.norm(part, axis=1) for part in excerpt(vectors)])))
+
+
+def _channels(imu: ImuSamples) -> list[Array]:
+    return [*imu.rates.T, *imu.accelerations.T]
+
+
+def _check_dead(imu: ImuSamples) -> None:
+    dead = [(name, x[0]) for name, x in zip(CHANNELS, _channels(imu), strict=True) if x.max() == x.min()]
+    if dead:
+        names = ", ".join(f"{name} (always {value:.4g})" for name, value in dead)
         raise RecordingError(
             f"dead channel: {names} never changes; check the sensor and the columns, and record again",
             file=imu.source,
         )
 
 
-def _check_copies(imu: ImuSamples, values: Array) -> None:
-    for a, b in combinations(range(len(CHANNELS)), 2):
-        if np.array_equal(values[:, a], values[:, b]):
+def _check_copies(imu: ImuSamples) -> None:
+    for (a, x), (b, y) in combinations(zip(CHANNELS, _channels(imu), strict=True), 2):
+        if x[0] == y[0] and np.array_equal(x, y):
             raise RecordingError(
-                f"{CHANNELS[a]} and {CHANNELS[b]} hold the same numbers throughout; one column was written twice: "
+                f"{a} and {b} hold the same numbers throughout; one column was written twice: "
                 "look how the file was made, and record again",
                 file=imu.source,
                 line=1 if is_table(imu.source) else None,
@@ -153,17 +232,15 @@ def _usual(steps: Array, share: float) -> Array:
     return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in steps.T])
 
 
-def _check_saturation(imu: ImuSamples, values: Array) -> None:
+def _check_saturation(piece: _Piece) -> None:
     """Raise an error for a channel that stays at its extreme while it should go on.
 
     A natural peak is approached ever more gently: before a plateau of n samples, with digits of size d, the
     slope is at most about 6 d / n. A clipped one is entered steeply.
     """
-    steps = np.abs(np.diff(values, axis=0))
-    digits = resolution(steps)
-    resting = np.concatenate([[False], (steps == 0.0).all(axis=1)])
+    resting = np.concatenate([[False], piece.still])
     for channel, name in enumerate(CHANNELS):
-        x = values[:, channel]
+        x = piece.values[:, channel]
         for extreme, word in ((x.max(), "largest"), (x.min(), "smallest")):
             flat = (x == extreme) & ~resting
             starts, stops = runs(flat)
@@ -174,25 +251,26 @@ def _check_saturation(imu: ImuSamples, values: Array) -> None:
                 continue
             edge = starts[plateau] - 1
             slope = float(np.median(np.abs(x[edge] - x[edge - before]))) / before
-            if slope > max(12.0 * digits[channel] / longest, 2e-4 * float(np.std(x))):
-                raise fault(
-                    imu.source,
+            if slope > max(12.0 * piece.digits[channel] / longest, 2e-4 * float(np.std(x))):
+                raise piece.fault(
                     f"{name} is saturated: it stays at its {word} value {extreme:.6g} for up to {longest} samples, "
                     f"{int(flat.sum())} in all; move more gently, or choose a larger range",
                     int(starts[plateau][0]),
                 )
 
 
-def _check_steps(imu: ImuSamples, values: Array) -> None:
+def _check_steps(piece: _Piece) -> None:
     """Raise an error for spikes of one sample, and for channels that run over their range and wrap round."""
-    source = imu.source
-    steps = np.diff(values, axis=0)
-    limit = _SPIKE * _usual(np.abs(steps), 99.0)
-    dt = np.diff(imu.stamps_ns)
-    large = (np.abs(steps) > limit) & (limit > 0.0) & (dt < 1.6 * float(np.median(dt)))[:, None]
-    back = np.abs(values[2:] - values[:-2]) < 0.3 * np.minimum(np.abs(steps[1:]), np.abs(steps[:-1]))
+    source, values, steps = piece.source, piece.values, piece.steps
+    limit = _SPIKE * _usual(steps, 99.0)
+    if not ((steps.max(axis=0) > limit) & (limit > 0.0)).any():
+        return
+    dt = np.diff(piece.stamps_ns)
+    large = (steps > limit) & (limit > 0.0) & (dt < 1.6 * float(np.median(dt)))[:, None]
+    back = np.abs(values[2:] - values[:-2]) < 0.3 * np.minimum(steps[1:], steps[:-1])
     spikes = large[1:] & large[:-1] & back
-    wraps = large & (np.abs(steps) > 0.9 * np.ptp(values, axis=0))
+    wraps = large & (steps > 0.9 * np.ptp(values, axis=0))
+    wraps[-1] &= piece.last  # in the next piece it is seen whether it comes back
     wraps[:-1] &= ~spikes
     wraps[1:] &= ~spikes
     for found, kind, advice in (
@@ -203,8 +281,7 @@ def _check_steps(imu: ImuSamples, values: Array) -> None:
         if where.size:
             k = int(where[0])
             channel = int(np.argmax(found[k]))
-            raise fault(
-                source,
+            raise piece.fault(
                 f"{kind} in {CHANNELS[channel]}: from {values[k, channel]:.4g} to {values[k + 1, channel]:.4g} in one "
                 f"sample{and_more(where.size - 1, rows(source))}; steps are usually below "
                 f"{limit[channel] / _SPIKE:.3g}; {advice}",
@@ -212,85 +289,79 @@ def _check_steps(imu: ImuSamples, values: Array) -> None:
             )
 
 
-def _stalls(values: Array) -> tuple[Indices, Indices, Array]:
-    """Return first and last samples of stretches in which all channels repeat, and the steps that end them."""
-    same = (np.diff(values, axis=0) == 0.0).all(axis=1)
-    starts, stops = runs(same)
-    ended = stops < len(same)
-    starts, stops = starts[ended], stops[ended]
-    return starts, stops, np.abs(values[stops + 1] - values[stops])
-
-
-def _check_frozen(imu: ImuSamples, values: Array) -> None:
+def _check_frozen(piece: _Piece) -> None:
     """Raise an error where all channels freeze and then leap: a sensor at rest starts gently."""
-    source = imu.source
-    starts, stops, leaps = _stalls(values)
-    usual = np.percentile(np.abs(np.diff(values, axis=0)), 90, axis=0) + 1e-12
-    frozen = (stops - starts >= _LONG_FREEZE) & ((leaps / usual).max(axis=1, initial=0.0) > 4.0)
+    starts, stops, leaps = piece.stalls()
+    frozen = stops - starts >= _LONG_FREEZE
+    if not frozen.any():
+        return
+    usual = np.percentile(piece.steps, 90, axis=0) + 1e-12
+    frozen &= (leaps / usual).max(axis=1, initial=0.0) > 4.0
     if frozen.any():
         k = int(np.flatnonzero(frozen)[0])
-        raise fault(
-            source,
+        raise piece.fault(
             f"all readings are frozen for {stops[k] - starts[k] + 1} samples, then leap"
-            f"{and_more(int(frozen.sum()) - 1, 'places')}; delete these {rows(source)} (a gap is bridged), "
+            f"{and_more(int(frozen.sum()) - 1, 'places')}; delete these {rows(piece.source)} (a gap is bridged), "
             "and look for a stalled driver",
             int(starts[k]) + 1,
         )
 
 
-def _check_stuck(imu: ImuSamples, values: Array) -> None:
+def _check_stuck(piece: _Piece) -> None:
     """Raise an error for one channel that stays the same while the others go on.
 
     Natural is that only where it hardly changes: at rest, or at the top of a peak, where after as many
     samples again it has changed by nine digits at the most.
     """
-    steps = np.abs(np.diff(values, axis=0))
-    digits, usual = resolution(steps), _usual(steps, 90.0)
-    still = (steps == 0.0).all(axis=1)
+    steps = piece.steps
     for channel, name in enumerate(CHANNELS):
-        x = values[:, channel]
-        same = (steps[:, channel] == 0.0) & ~still
+        x = piece.values[:, channel]
+        same = piece.repeats[:, channel] & ~piece.still
         starts, stops = runs(same)
         long = (stops - starts >= _STUCK) & (stops - starts < 0.99 * same.size)
+        if not long.any():
+            continue
+        digits, usual = piece.digits[channel], _usual(steps[:, channel : channel + 1], 90.0)[0]
         natural = float(np.mean(same)) - float(np.sum((stops - starts)[long])) / same.size
         for start, stop in zip(starts[long], stops[long], strict=True):
             leap = float(steps[stop, channel]) if stop < len(steps) else 0.0
-            leaps = leap > max(4.0 * usual[channel], 5.0 * digits[channel])
+            leaps = leap > max(4.0 * usual, 5.0 * digits)
             around = int(min(stop - start, 200))
             moved = max(
                 float(np.ptp(x[max(start - around, 0) : start + 1])), float(np.ptp(x[stop : stop + around + 1]))
             )
             # a channel that hardly ever repeats itself does not do so twenty times in a row
-            if leaps or (natural < 0.2 and moved > 20.0 * digits[channel]):
+            if leaps or (natural < 0.2 and moved > 20.0 * digits):
                 ending = "then leaps" if leaps else "while the others go on"
-                raise fault(
-                    imu.source,
+                raise piece.fault(
                     f"{name} stays at {x[start]:.4g} for {stop - start + 1} samples, {ending}: a stuck or dead "
-                    f"channel; delete these {rows(imu.source)}, and check the sensor",
+                    f"channel; delete these {rows(piece.source)}, and check the sensor",
                     int(start) + 1,
                 )
 
 
-def _without_repeats(imu: ImuSamples, values: Array) -> tuple[ImuSamples, list[Finding]]:
-    """Drop samples that only repeat the one before, as where a log runs faster than its sensor.
+def _fresh(piece: _Piece) -> Mask:
+    """Return the mask without samples that only repeat the one before, as where a log runs faster than its sensor.
 
     In all six channels at once that happens to a sensor at rest with few digits, whose next change is small,
     and to one without any noise; neither is touched.
     """
-    digits = resolution(np.abs(np.diff(values, axis=0)))
-    starts, stops, leaps = _stalls(values)
-    stale = (stops - starts < _LONG_FREEZE) & (leaps > 3.0 * digits).any(axis=1)
-    keep = first_of_each(len(values), starts[stale], stops[stale])
+    starts, stops, leaps = piece.stalls()
+    stale = (stops - starts < _LONG_FREEZE) & (leaps > 3.0 * piece.digits).any(axis=1)
+    return first_of_each(len(piece.values), starts[stale], stops[stale])
+
+
+def _without_repeats(imu: ImuSamples, keep: Mask, findings: list[Finding]) -> tuple[ImuSamples, list[Finding]]:
     dropped = int(np.sum(~keep))
     if not dropped:
-        return imu, []
+        return imu, findings
     finding = Finding(
         "repeats",
-        f"{imu.source.parent.name}: {dropped} of {len(values)} samples only repeat the one before and were left out"
-        f"{'; log the sensor at its own rate' if dropped > 0.1 * len(values) else ''}",
+        f"{imu.source.parent.name}: {dropped} of {keep.size} samples only repeat the one before and were left out"
+        f"{'; log the sensor at its own rate' if dropped > 0.1 * keep.size else ''}",
     )
     fresh = replace(imu, stamps_ns=imu.stamps_ns[keep], rates=imu.rates[keep], accelerations=imu.accelerations[keep])
-    return fresh, [finding]
+    return fresh, [*findings, finding]
 
 
 def first_of_each(size: int, starts: Indices, stops: Indices) -> Mask:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.imu_checks import check_finite, first_of_each
 from kreisel.recording.place import and_more, fault, rows, wrong_unit
-from kreisel.recording.recording import Finding, ReferencePoses
+from kreisel.recording.recording import Finding, ReferencePoses, angles_over
 from kreisel.recording.stamp_checks import check_duration, check_rate, check_stamps, gaps, runs
 
 MOST_OUTLIERS = 0.1
@@ -106,7 +106,7 @@ class _Steps:
         if (p := reference.positions) is not None:
             shift = np.linalg.norm(p[stride:] - p[:-stride], axis=1)
         if (q := reference.quaternions) is not None:
-            turn = np.linalg.norm(log(multiply(conjugate(q[:-stride]), q[stride:])), axis=1)
+            turn = angles_over(q, stride)
         return cls(shift, turn)
 
     def usual(self, share: float) -> tuple[float, float]:

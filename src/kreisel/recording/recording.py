@@ -3,15 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.recording.settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
+
+PIECE = 1 << 17
+"""Rows looked at together where a recording is worked through piece by piece, for want of memory for all."""
+
+
+def pieces(size: int) -> list[slice]:
+    """Return slices of `PIECE` rows one behind the other; a short rest is taken into the last."""
+    starts = range(0, max(size - PIECE // 4, 1), PIECE)
+    return [slice(start, size if start == starts[-1] else start + PIECE) for start in starts]
+
+
+def excerpt(values: Array, most: int = 4) -> list[Array]:
+    """Return a few pieces of rows (n, …), spread evenly: enough for what is usual."""
+    all_of_them = pieces(len(values))
+    chosen = np.unique(np.round(np.linspace(0, len(all_of_them) - 1, most)).astype(int))
+    return [values[all_of_them[i]] for i in chosen]
+
+
+def angles_over(q: Array, stride: int) -> Array:
+    """Return the angles (m - stride,) between attitudes q (m, 4) that many rows apart, rad."""
+    angle = np.empty(len(q) - stride)
+    for part in pieces(angle.size):
+        later = q[part.start + stride : part.stop + stride]
+        angle[part] = np.linalg.norm(log(multiply(conjugate(q[part]), later)), axis=1)
+    return angle
 
 
 @dataclass(frozen=True)
@@ -43,12 +69,12 @@ class ImuSamples:
     accelerations: Array
     source: Path
 
-    @property
+    @cached_property
     def seconds(self) -> Array:
         """Seconds since the first sample, (n,)."""
         return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Usual time between two samples, s."""
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9
@@ -78,7 +104,7 @@ class ReferencePoses:
         """Seconds since the first pose, (m,)."""
         return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Usual time between two poses, s."""
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,7 @@ _UNITS = {
     "angle": {"rad": 1.0, "deg": DEG},
 }  # fmt: skip
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
+_BLOCK = 1 << 23  # bytes read at once
 _LARGEST_STAMP = 9.0e18  # ns; a little below what 64 bits hold
 
 
@@ -43,12 +46,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as read: header, stamps, numbers (n, columns without the stamp), findings."""
+    """A table as read: header, stamps, numbers in blocks of rows (n, columns, the stamp's among them), findings."""
 
     source: Path
     columns: tuple[Column, ...]
     stamps_ns: Stamps
-    values: Array
+    blocks: tuple[Array, ...]
     findings: tuple[Finding, ...]
 
     def take(self, columns: list[Column], quantity: str) -> Array:
@@ -59,10 +62,15 @@ class Table:
         RecordingError
             If a unit is none of the quantity's.
         """
-        factors = [self._factor(column, quantity) for column in columns]
-        picked = self.values[:, [column.index - 1 for column in columns]]
-        with np.errstate(over="ignore"):  # an infinity is found and told by the checks
-            return np.ascontiguousarray(picked * np.array(factors))
+        factors = np.array([self._factor(column, quantity) for column in columns])
+        out, start = np.empty((self.stamps_ns.size, len(columns))), 0
+        for block in self.blocks:
+            with np.errstate(over="ignore"):  # an infinity is found and told by the checks
+                np.multiply(
+                    block[:, [column.index for column in columns]], factors, out=out[start : start + len(block)]
+                )
+            start += len(block)
+        return out
 
     def _factor(self, column: Column, quantity: str) -> float:
         known = _UNITS[quantity]
@@ -95,47 +103,95 @@ def read_table(path: Path, what: str) -> Table:
     RecordingError
         If the file is missing, empty, not text, without header, or has a row that is not numbers.
     """
-    header, _, body = _read_text(path, what).partition("\n")
-    if not header.strip():
-        raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
-    if header.rstrip().endswith(","):
-        body = re.sub(r",[ \t]*$", "", body, flags=re.MULTILINE)
-    columns = _parse_header(header, path)
+    columns: tuple[Column, ...] = ()
     findings: list[Finding] = []
-    body = _without_cut_line(body, path, findings)
-    if not body.strip():
+    blocks: list[Array] = []
+    stamps: list[Stamps] = []
+    comma = False
+    for text, line in _text_blocks(path, what, findings):
+        body = text
+        if not columns:
+            header, _, body = text.partition("\n")
+            if not header.strip():
+                break
+            columns, comma = _parse_header(header, path), header.rstrip().endswith(",")
+            line += 1
+        if comma:
+            body = re.sub(r",[ \t]*$", "", body, flags=re.MULTILINE)
+        if body.strip():
+            found = _parse_rows(body, columns, path, line)
+            stamps.append(found[0])
+            blocks.append(found[1])
+    if not columns:
+        raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
+    if not blocks:
         raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
-    stamps, values = _parse_body(body, columns, path)
-    return Table(path, columns, stamps, values, tuple(findings))
+    return Table(path, columns, np.concatenate(stamps), tuple(blocks), tuple(findings))
 
 
-def _read_text(path: Path, what: str) -> str:
-    """Return a file's text, or say what stands in its place."""
+def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+    """Yield a file's text in blocks of whole lines, and the number of their first line; a cut last line is dropped."""
     try:
         if not path.is_file():
             raise RecordingError(f"{_instead(path)}; expected {what} there", file=path)
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            left, done, line = b"", 0, 1
+            while data := file.read(_BLOCK):
+                _check_text(data, done + len(left), line, left, path)
+                data = left + data
+                # a line may end in two bytes, of which this may be the first
+                end = len(data) - 1 if data.endswith(b"\r") else len(data)
+                cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
+                left = data[cut:]
+                if cut:
+                    text = _decoded(data[:cut], done, line, what, path)
+                    yield text, line
+                    done, line = done + cut, line + text.count("\n")
+            if left:
+                yield from _last_line(_decoded(left, done, line, what, path), line, path, findings)
     except OSError as error:
         raise RecordingError(
             f"cannot be read: {error.strerror}; check its permissions, or copy it again", file=path
         ) from error
-    if b"\0" in data:
-        where = data.index(b"\0")
-        guess = "text in UTF-16: save it as UTF-8" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else (
-            "binary, or left so by a loss of power: take what is before, or copy it again"
-        )  # fmt: skip
-        line = data.count(b"\n", 0, where) + 1
-        raise RecordingError(
-            f"holds a zero byte (byte {where}), which no CSV does; it is {guess}", file=path, line=line
-        )
+
+
+def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> None:
+    """Raise an error for a zero byte, of which no text has any."""
+    where = data.find(b"\0")
+    if where < 0:
+        return
+    guess = "text in UTF-16: save it as UTF-8" if start == 0 and data[:2] in (b"\xff\xfe", b"\xfe\xff") else (
+        "binary, or left so by a loss of power: take what is before, or copy it again"
+    )  # fmt: skip
+    raise RecordingError(
+        f"holds a zero byte (byte {start + where}), which no CSV does; it is {guess}",
+        file=path,
+        line=line + left.count(b"\n") + data.count(b"\n", 0, where),
+    )
+
+
+def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
+    """Return bytes as text with plain line ends."""
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
         raise RecordingError(
-            f"not UTF-8 text (byte {error.start}); expected {what} as CSV: save it in UTF-8", file=path, line=line
+            f"not UTF-8 text (byte {start + error.start}); expected {what} as CSV: save it in UTF-8",
+            file=path,
+            line=line + data.count(b"\n", 0, error.start),
         ) from error
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    if start == 0:
+        text = text.removeprefix("\ufeff")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _last_line(text: str, line: int, path: Path, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+    """Yield a last line that has an end; drop one without: a recorder was stopped in it, perhaps in a number."""
+    if text.endswith("\n") or line == 1:
+        yield text, line
+        return
+    name = f"{path.parent.name}/{path.name}"
+    findings.append(Finding(name, f"the last line has no end ('{text[-40:]}'): it may be cut and was left out"))
 
 
 def _instead(path: Path) -> str:
@@ -181,17 +237,8 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _without_cut_line(body: str, path: Path, findings: list[Finding]) -> str:
-    """Drop a last line without an end: a recorder was stopped in it, perhaps in the middle of a number."""
-    if not body or body.endswith("\n"):
-        return body
-    head, _, tail = body.rpartition("\n")
-    name = f"{path.parent.name}/{path.name}"
-    findings.append(Finding(name, f"the last line has no end ('{tail[-40:]}'): it may be cut and was left out"))
-    return head + "\n" if head else ""
-
-
-def _parse_body(body: str, columns: tuple[Column, ...], path: Path) -> tuple[Stamps, Array]:
+def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -> tuple[Stamps, Array]:
+    """Return stamps and all columns (n, columns) of rows whose first stands in a line of the file."""
     unit = columns[0].unit or "ns"
     if unit not in _UNITS["time"]:
         raise RecordingError(
@@ -204,13 +251,13 @@ def _parse_body(body: str, columns: tuple[Column, ...], path: Path) -> tuple[Sta
     # a StringIO would keep four bytes a character and be read three times slower
     text = io.TextIOWrapper(io.BytesIO(body.encode()), encoding="utf-8")
     try:
-        rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # rows of comments alone are no reason to warn
+            rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
-        raise _bad_row(body, columns, stamp_type, path, error) from error
-    stamps = rows["stamp"] if unit == "ns" else _in_nanoseconds(rows["stamp"], unit, path)
-    names = [f"c{i}" for i in range(1, len(columns))]
-    values = np.column_stack([rows[name] for name in names]) if names else np.empty((stamps.size, 0))
-    return stamps, values
+        raise _bad_row(body, columns, stamp_type, path, error, line) from error
+    stamps = rows["stamp"].copy() if unit == "ns" else _in_nanoseconds(rows["stamp"], unit, path)
+    return stamps, rows.view(np.float64).reshape(-1, len(columns))
 
 
 def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
@@ -224,9 +271,11 @@ def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
     return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
 
 
-def _bad_row(body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError) -> RecordingError:
+def _bad_row(
+    body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError, first: int
+) -> RecordingError:
     """Find the first row that cannot be read and say what is wrong with it."""
-    for number, line in enumerate(body.split("\n"), start=2):
+    for number, line in enumerate(body.split("\n"), start=first):
         row = line.split("#")[0]
         if not row:
             continue

@@ -219,12 +219,12 @@ def telling_stretch(outcome: Outcome) -> slice:
     It lies within one unbroken segment, and between the first and the last update where they are far
     enough apart.
     """
-    signal, history = outcome.problem.signal, outcome.estimate.run.history
-    t, omega = signal.stamps, signal.rates
+    readings, history = outcome.problem.readings, outcome.estimate.run.history
+    t, omega = readings.stamps, readings.rates
     energy = np.zeros((t.size, 3))
     np.cumsum(omega[:-1] ** 2 * np.diff(t)[:, None], axis=0, out=energy[1:])
-    best, chosen = -1.0, slice(signal.segments[0][0], signal.segments[0][1] + 1)
-    for first, last in signal.segments:
+    best, chosen = -1.0, slice(readings.segments[0][0], readings.segments[0][1] + 1)
+    for first, last in readings.segments:
         low, high = max(t[first], history.seconds[0]), min(t[last], history.seconds[-1])
         starts = np.arange(low, max(high - STRETCH, low) + 1e-9, 0.5)
         a = np.searchsorted(t, starts)
@@ -272,14 +272,14 @@ def _spread(values: Array) -> Spread:
 
 def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
     """Return the norms of the rate by corrected gyros and by the reference, over the same stretch."""
-    signal, parameters, reference = (
-        outcome.problem.signal,
+    readings, parameters, reference = (
+        outcome.problem.readings,
         outcome.estimate.run.parameters,
         outcome.problem.reference,
     )
-    t = signal.stamps[stretch]
+    t = readings.stamps[stretch]
     s = parameters.sensors
-    omega = polynomial(signal.rates[stretch], s.k_w) @ s.K_omega.T
+    omega = polynomial(readings.rates[stretch], s.k_w) @ s.K_omega.T
     felt = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
@@ -363,17 +363,17 @@ def _correlation(series: Array, lags: int) -> Array | None:
 
 
 def _difference(outcome: Outcome, stretch: slice) -> Difference:
-    signal, sensors, nominal = (
-        outcome.problem.signal,
+    readings, sensors, nominal = (
+        outcome.problem.readings,
         outcome.calibration.sensors,
         outcome.problem.nominal.sensors,
     )
-    segment = signal.segments[signal.segment_of(stretch.start) or 0]
+    segment = readings.segments[readings.segment_of(stretch.start) or 0]
     wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))
-    rates, forces = signal.rates[wide], signal.accelerations[wide]
-    omega, f = outcome.calibration.correct(rates, forces, signal.stamps[wide])
+    rates, forces = readings.rates[wide], readings.accelerations[wide]
+    omega, f = outcome.calibration.correct(rates, forces, readings.stamps[wide])
     cut = slice(stretch.start - wide.start, stretch.stop - wide.start)
-    t = signal.stamps[stretch]
+    t = readings.stamps[stretch]
     gyro = _parts(rates[cut], sensors.K_omega, sensors.k_w, nominal.K_omega, omega[cut])
     accel = _parts(forces[cut], sensors.K_a, sensors.k_a, nominal.K_a, f[cut])
     del gyro["lever arms"]  # rates have none

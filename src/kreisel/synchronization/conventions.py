@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multiply
+from kreisel.inertial.readings import EXCERPT, Readings
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -19,6 +20,7 @@ EXPLAINED = 0.8
 _MARGIN = 0.2
 _LEAST_SHARE = 0.6
 _HALF_WINDOW = 0.25
+_LEAST_WINDOWS = 15
 _READINGS: dict[str, Callable[[Array], Array]] = {
     "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z": conjugate,
     "scalar last (q_x, q_y, q_z, q_w): put q_w first": lambda q: np.roll(q, 1, axis=1),
@@ -28,7 +30,7 @@ _READINGS: dict[str, Callable[[Array], Array]] = {
 }
 
 
-def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> None:
+def check_conventions(readings: Readings, reference: ReferencePoses, clock: Clock) -> None:
     """Raise an error if the reference's orientations do not turn as the gyros say.
 
     The correlation of rate norms says nothing of that: a norm is the same in all these conventions.
@@ -42,15 +44,15 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
     """
     if reference.quaternions is None:
         return
-    check_overlap(signal, reference, clock)
+    check_overlap(readings, reference, clock)
     q, tau = reference.quaternions, reference.seconds
-    usual = explained_share(signal, tau, q, clock)
+    usual = explained_share(readings, tau, q, clock)
     if usual >= EXPLAINED:
         return
-    shares = {name: explained_share(signal, tau, read(q), clock) for name, read in _READINGS.items()}
+    shares = {name: explained_share(readings, tau, read(q), clock) for name, read in _READINGS.items()}
     fitting = [name for name, share in shares.items() if share >= EXPLAINED]
     if fitting:
-        names = " or ".join(_most_likely(signal, reference, clock, fitting))
+        names = " or ".join(_most_likely(readings, reference, clock, fitting))
         raise RecordingError(
             f"the quaternions fit the gyros only when read {names} (the gyros then explain "
             f"{100 * shares[fitting[0]]:.0f} % of the rotation, as they stand {100 * max(usual, 0.0):.0f} %); "
@@ -60,33 +62,33 @@ def check_conventions(signal: InertialSignal, reference: ReferencePoses, clock: 
     raise SynchronizationError(
         f"{reference.source}: the poses turn by similar amounts as the IMU but about other axes: the gyros explain "
         f"{100 * max(usual, 0.0):.0f} % of the rotation, expected {100 * EXPLAINED:.0f} % or more. "
-        f"Do the poses belong to this run, and are the gyro columns in order?{_silent(signal)}",
+        f"Do the poses belong to this run, and are the gyro columns in order?{_silent(readings)}",
         correlation=usual,
     )
 
 
-def _silent(signal: InertialSignal) -> str:
+def _silent(readings: Readings) -> str:
     """Return a sentence about a gyro that hardly moves while the others do; nothing where there is none."""
-    moved = np.std(signal.rates, axis=0)
+    moved = np.std(readings.rates, axis=0)
     if moved.min() > 0.03 * moved.max():
         return ""
     return f" w_{'xyz'[int(np.argmin(moved))]} hardly moves at all: does it work?"
 
 
-def better_reading(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> str | None:
+def better_reading(readings: Readings, reference: ReferencePoses, clock: Clock) -> str | None:
     """Return how the quaternions must be read to fit the accelerations, or None where that is no better."""
     if reference.quaternions is None or reference.positions is None:
         return None
-    usual = acceleration_share(signal, reference, reference.quaternions, clock)
+    usual = acceleration_share(readings, reference, reference.quaternions, clock)
     shares = {
-        name: acceleration_share(signal, reference, read(reference.quaternions), clock)
+        name: acceleration_share(readings, reference, read(reference.quaternions), clock)
         for name, read in _READINGS.items()
     }
     best = max(shares, key=lambda name: shares[name])
     return best if shares[best] > max(usual + _MARGIN, _LEAST_SHARE) else None
 
 
-def _most_likely(signal: InertialSignal, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
+def _most_likely(readings: Readings, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
     """Return the readings that also fit the accelerations, all where that cannot be told.
 
     The parts of a quaternion in another order are that quaternion's conjugate between two constant ones: to
@@ -95,34 +97,39 @@ def _most_likely(signal: InertialSignal, reference: ReferencePoses, clock: Clock
     if reference.positions is None or reference.quaternions is None:
         return names
     q = reference.quaternions
-    shares = {name: acceleration_share(signal, reference, _READINGS[name](q), clock) for name in names}
+    shares = {name: acceleration_share(readings, reference, _READINGS[name](q), clock) for name in names}
     best = max(shares.values())
     return [name for name in names if shares[name] > best - _MARGIN]
 
 
-def acceleration_share(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> float:
+def acceleration_share(readings: Readings, reference: ReferencePoses, q: Array, clock: Clock) -> float:
     """Return the share of the positions' accelerations the accelerometers explain, seen with attitudes q (m, 4).
 
     Any linear map of the readings and any gravity are allowed; only the attitude must turn as it should.
     """
-    p, tau = reference.positions, reference.seconds
-    assert p is not None  # noqa: S101 - for the type checker; the callers looked
-    t = clock.imu_time(tau)
-    k = np.clip(np.searchsorted(t, signal.stamps) - 1, 0, t.size - 2)
-    part = np.clip((signal.stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)
-    C = matrix(multiply(q[k], exp(part[:, None] * log(multiply(conjugate(q[k]), q[k + 1])))))
-    felt = np.einsum("nij,nk->nijk", C, signal.accelerations).reshape(signal.stamps.size, 27)
-    half = max(_HALF_WINDOW, 3.0 * reference.interval)
-    low, high = max(t[0], signal.stamps[0]) + half, min(t[-1], signal.stamps[-1]) - half
-    middle = np.arange(low, high, half)
-    if middle.size < 15:
+    parts = [_seen_with(part, reference, q, clock) for part in readings.stretches(EXCERPT)]
+    columns, shown = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    if len(shown) < _LEAST_WINDOWS:
         return 0.0
-    shown = _second_difference(t, p, middle, half)
-    columns = _second_difference(signal.stamps, _twice(signal.stamps, felt), middle, half).reshape(-1, 3, 9)
-    A = np.concatenate([columns, np.broadcast_to(np.eye(3), (middle.size, 3, 3))], axis=2).reshape(-1, 12)
+    A = np.concatenate([columns, np.broadcast_to(np.eye(3), (len(shown), 3, 3))], axis=2).reshape(-1, 12)
     solution, *_ = np.linalg.lstsq(A, shown.reshape(-1), rcond=None)
     left = shown.reshape(-1) - A @ solution
     return 1.0 - float(left @ left) / max(float(np.sum((shown - shown.mean(axis=0)) ** 2)), 1e-30)
+
+
+def _seen_with(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> tuple[Array, Array]:
+    """Return accelerations felt, for each coupling (windows, 3, 9), and shown by the positions (windows, 3)."""
+    p, stamps = reference.positions, signal.stamps
+    assert p is not None  # noqa: S101 - for the type checker; the callers looked
+    t = clock.imu_time(reference.seconds)
+    k = np.clip(np.searchsorted(t, stamps) - 1, 0, t.size - 2)
+    share = np.clip((stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)
+    C = matrix(multiply(q[k], exp(share[:, None] * log(multiply(conjugate(q[k]), q[k + 1])))))
+    felt = np.einsum("nij,nk->nijk", C, signal.accelerations).reshape(stamps.size, 27)
+    half = max(_HALF_WINDOW, 3.0 * reference.interval)
+    middle = np.arange(max(t[0], stamps[0]) + half, min(t[-1], stamps[-1]) - half, half)
+    shown = _second_difference(t, p, middle, half)
+    return _second_difference(stamps, _twice(stamps, felt), middle, half).reshape(-1, 3, 9), shown
 
 
 def _second_difference(t: Array, values: Array, middle: Array, half: float) -> Array:

@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, Mask, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.recording.recording import PIECE, angles_over, excerpt, pieces
 from kreisel.synchronization.clock import Clock
 
 LARGEST_SKEW = 0.012
@@ -24,6 +25,7 @@ LEAST_CORRELATION = 0.6
 """Below this the two streams do not show the same motion."""
 
 _COARSE_POINTS = 12000
+_FINE_POINTS = 1_000_000
 _SURE = 0.97
 _SURE_IN_PART = 0.93
 _LEAST_OVERLAP = 0.25
@@ -76,7 +78,7 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     SynchronizationError
         If no shift and ratio brings the two onto each other; the best coefficient is named.
     """
-    fine = max(0.01, 0.5 * reference.interval)
+    fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
     x, y = _norms(imu, reference, fine)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
         raise SynchronizationError(
@@ -103,49 +105,82 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
 
 def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:
     """Return the norms of IMU and reference, each on an even grid and smoothed alike."""
-    tau, t = reference.seconds, imu.seconds
     window = max(0.06, 2.0 * reference.interval)
     if reference.quaternions is not None:
         bias = np.median(imu.rates[quietest_second(imu)], axis=0)
-        felt = np.linalg.norm(imu.rates - bias, axis=1)
-        stride = max(1, round(window / reference.interval))
-        turned = log(multiply(conjugate(reference.quaternions[:-stride]), reference.quaternions[stride:]))
-        span = tau[stride:] - tau[:-stride]
-        near = span < max(3.0 * stride * reference.interval, _GAP)
-        moved = (np.linalg.norm(turned, axis=1) / span)[near]
-        middle = (0.5 * (tau[stride:] + tau[:-stride]))[near]
-    else:
-        assert reference.positions is not None  # noqa: S101 - a reference has one of the two
-        felt = np.abs(np.linalg.norm(imu.accelerations, axis=1) - np.median(np.linalg.norm(imu.accelerations, axis=1)))
-        stride = max(1, round(2.0 * window / reference.interval))
-        p = reference.positions
-        after = (p[2 * stride :] - p[stride:-stride]) / (tau[2 * stride :] - tau[stride:-stride])[:, None]
-        before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
-        accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
-        # up is taken along the reference's z; a tilt changes little in a norm dominated by gravity
-        moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
-        middle = tau[stride:-stride]
-        window *= 2.0
-    return _even(t, felt, step, window), _even(middle, moved, step, 0.0)
+        middle, moved = _turning(reference, window)
+        return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window), _even(middle, moved, step, 0.0)
+    usual = float(np.median([np.median(np.linalg.norm(part, axis=1)) for part in excerpt(imu.accelerations)]))
+    middle, moved = _accelerating(reference, window)
+    felt = _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
+    return felt, _even(middle, moved, step, 0.0)
+
+
+def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
+    """Return the reference's rate norm over a window, rad/s, and the middles of the windows."""
+    q, tau = reference.quaternions, reference.seconds
+    assert q is not None  # noqa: S101 - for the type checker; the caller looked
+    stride = max(1, round(window / reference.interval))
+    span = tau[stride:] - tau[:-stride]
+    near = span < max(3.0 * stride * reference.interval, _GAP)
+    return (0.5 * (tau[stride:] + tau[:-stride]))[near], (angles_over(q, stride) / span)[near]
+
+
+def _accelerating(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
+    """Return how far the reference's specific force differs from gravity, m/s^2, and when."""
+    p, tau = reference.positions, reference.seconds
+    assert p is not None  # noqa: S101 - a reference has one of the two
+    stride = max(1, round(2.0 * window / reference.interval))
+    after = (p[2 * stride :] - p[stride:-stride]) / (tau[2 * stride :] - tau[stride:-stride])[:, None]
+    before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
+    accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
+    # up is taken along the reference's z; a tilt changes little in a norm dominated by gravity
+    moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
+    return tau[stride:-stride], moved
 
 
 def quietest_second(imu: ImuSamples) -> slice:
     """Return the second of the recording with the least variance of the rates: most likely a rest."""
     n = max(8, round(1.0 / imu.interval))
     blocks = imu.rates[: imu.rates.shape[0] // n * n].reshape(-1, n, 3)
-    best = int(np.argmin(blocks.var(axis=1).sum(axis=1)))
+    some = max(1, PIECE // n)
+    spread = [blocks[k : k + some].var(axis=1).sum(axis=1) for k in range(0, len(blocks), some)]
+    best = int(np.argmin(np.concatenate(spread)))
     return slice(best * n, (best + 1) * n)
 
 
+def _even_norm(t: Array, values: Array, centre: Array, usual: float, step: float, window: float) -> _Norm:
+    """Return | |values - centre| - usual | averaged over `window`, on an even grid, worked out piece by piece."""
+    parts: list[_Norm] = []
+    grid, half = _grid(t, step), 0.5 * max(window, step)
+    for part in pieces(t.size):
+        within = slice(*np.searchsorted(grid, (t[part][0], t[part.stop] if part.stop < t.size else np.inf)))
+        if within.stop == within.start:
+            continue
+        low, high = np.searchsorted(t, (grid[within.start] - half, grid[within.stop - 1] + half))
+        wide = slice(max(int(low) - 1, 0), int(high) + 2)
+        felt = np.abs(np.linalg.norm(values[wide] - centre, axis=1) - usual)
+        parts.append(_averaged(t[wide], felt, grid[within], step, half))
+    value, known = (np.concatenate([getattr(part, name) for part in parts]) for name in ("value", "known"))
+    return _Norm(float(grid[0]), step, value, known)
+
+
 def _even(t: Array, value: Array, step: float, window: float) -> _Norm:
-    """Average over `window` by differences of the running integral, on an even grid."""
-    grid = np.arange(t[0], t[-1], step)
-    half = 0.5 * max(window, step)
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(t))])
+    """Average over `window` on an even grid."""
+    return _averaged(t, value, _grid(t, step), step, 0.5 * max(window, step))
+
+
+def _grid(t: Array, step: float) -> Array:
+    return np.arange(t[0], t[-1], step)
+
+
+def _averaged(t: Array, value: Array, grid: Array, step: float, half: float) -> _Norm:
+    """Average over `half` to either side by differences of the running integral."""
+    dt = np.diff(t)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * dt)])
     low, high = np.clip(grid - half, t[0], t[-1]), np.clip(grid + half, t[0], t[-1])
     mean = (np.interp(high, t, integral) - np.interp(low, t, integral)) / np.maximum(high - low, 1e-9)
     known = np.ones(grid.size, dtype=bool)
-    dt = np.diff(t)
     for k in np.flatnonzero(dt > max(_GAP, 5.0 * float(np.median(dt)))):
         known[(grid > t[k]) & (grid < t[k + 1])] = False
     return _Norm(float(grid[0]), step, mean, known)

@@ -6,13 +6,15 @@ The reference's rotation over short stretches (noisy) is regressed on the integr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
 
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, Mask, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.inertial.readings import EXCERPT, Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -74,20 +76,41 @@ class _Stretches:
     tau_last: Array
     rotation: Array
 
+    def inside(self, signal: InertialSignal | Readings, clock: Clock) -> _Stretches:
+        """Return those that lie within unbroken readings: nothing is known across a gap."""
+        t, ends = signal.stamps, (clock.imu_time(self.tau_first), clock.imu_time(self.tau_last))
+        good = (ends[0] > t[1]) & (ends[1] < t[-2])
+        if not signal.segments:
+            good[:] = False
+        elif signal.segments != ((0, t.size - 1),):
+            starts, stops = (t[np.array(edges, dtype=int)] for edges in zip(*signal.segments, strict=True))
+            segment = np.clip(np.searchsorted(starts, ends[0], side="right") - 1, 0, starts.size - 1)
+            good &= (ends[0] >= starts[segment]) & (ends[1] <= stops[segment])
+        return _Stretches(self.tau_first[good], self.tau_last[good], self.rotation[good])
+
 
 @dataclass(frozen=True)
-class _Readings:
-    """Raw rates and their integral from the first sample, (n, 3), row by row."""
+class _Integrated:
+    """Raw rates of a stretch of readings, and their integral from its first sample, (n, 3), row by row."""
 
     signal: InertialSignal
     rates: Array
     integral: Array
 
     @classmethod
-    def of(cls, signal: InertialSignal) -> _Readings:
+    def of(cls, signal: InertialSignal) -> _Integrated:
         integral = np.zeros((signal.stamps.size, 3))
         np.cumsum(signal.integrals, axis=0, out=integral[1:])
         return cls(signal, np.ascontiguousarray(signal.rates), integral)
+
+    def between(self, t1: Array, t2: Array) -> Array:
+        """Return integrated readings from times t1 to times t2, (m, 3)."""
+        t, at = self.signal.stamps, []
+        for end in (t1, t2):
+            k = np.searchsorted(t, end) - 1
+            share = ((end - t[k]) / (t[k + 1] - t[k]))[:, None]
+            at.append((1.0 - share) * self.integral[k] + share * self.integral[k + 1])
+        return np.asarray(at[1] - at[0])
 
 
 def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
@@ -100,47 +123,26 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
     return _Stretches(tau[first][good], tau[first + stride][good], rotation[good])
 
 
-def explained_share(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> float:
+def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
-    stretches = _short(tau, q)
-    inside = _inside(signal, stretches, clock)
-    turned, duration = _integrated(_Readings.of(signal), stretches, clock, inside)
-    A = np.hstack([turned, duration[:, None]])
-    target = stretches.rotation[inside]
+    _, left, target = _linear_fit((_Integrated.of(part) for part in readings.stretches(EXCERPT)), _short(tau, q), clock)
+    return 1.0 - float(np.sum(left**2)) / max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
+
+
+def _linear_fit(parts: Iterable[_Integrated], stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array]:
+    """Return the map (4, 3) of integrated readings and time onto rotations, what it leaves, and the rotations."""
+    rows, targets = [], []
+    for part in parts:
+        within = stretches.inside(part.signal, clock)
+        t1, t2 = clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)
+        rows.append(np.column_stack([part.between(t1, t2), t2 - t1]))
+        targets.append(within.rotation)
+    A, target = np.concatenate(rows), np.concatenate(targets)
     solution, *_ = np.linalg.lstsq(A, target, rcond=None)
-    total = float(np.sum((target - target.mean(axis=0)) ** 2))
-    return 1.0 - float(np.sum((target - A @ solution) ** 2)) / max(total, 1e-30)
+    return np.asarray(solution), target - A @ solution, target
 
 
-def _inside(signal: InertialSignal, stretches: _Stretches, clock: Clock) -> Mask:
-    """Return which stretches lie within the IMU's recording."""
-    t = signal.stamps
-    t1, t2 = clock.imu_time(stretches.tau_first), clock.imu_time(stretches.tau_last)
-    return np.asarray((t1 > t[1]) & (t2 < t[-2]) & _unbroken(signal, t1, t2))
-
-
-def _integrated(readings: _Readings, stretches: _Stretches, clock: Clock, inside: Mask) -> tuple[Array, Array]:
-    """Return integrated readings over the stretches inside, and durations."""
-    t = readings.signal.stamps
-    ends = [clock.imu_time(tau[inside]) for tau in (stretches.tau_first, stretches.tau_last)]
-    at = []
-    for end in ends:
-        k = np.searchsorted(t, end) - 1
-        share = ((end - t[k]) / (t[k + 1] - t[k]))[:, None]
-        at.append((1.0 - share) * readings.integral[k] + share * readings.integral[k + 1])
-    return at[1] - at[0], ends[1] - ends[0]
-
-
-def _unbroken(signal: InertialSignal, t1: Array, t2: Array) -> Mask:
-    """Return which stretches lie within one segment of the signal: nothing is known across a gap."""
-    if len(signal.segments) == 1:
-        return np.ones(t1.size, dtype=bool)
-    starts, stops = (signal.stamps[np.array(ends)] for ends in zip(*signal.segments, strict=True))
-    segment = np.clip(np.searchsorted(starts, t1, side="right") - 1, 0, starts.size - 1)
-    return np.asarray((t1 >= starts[segment]) & (t2 <= stops[segment]))
-
-
-def check_overlap(signal: InertialSignal, reference: ReferencePoses, clock: Clock) -> None:
+def check_overlap(readings: Readings, reference: ReferencePoses, clock: Clock) -> None:
     """Raise an error if too little of the reference's rotation lies within the IMU's recording.
 
     Raises
@@ -153,10 +155,10 @@ def check_overlap(signal: InertialSignal, reference: ReferencePoses, clock: Cloc
         _short(reference.seconds, reference.quaternions),
         _long(reference.seconds, reference.quaternions),
     ):
-        inside = _inside(signal, stretches, clock)
-        if int(inside.sum()) >= LEAST_STRETCHES:
+        inside = stretches.inside(readings, clock)
+        first, last = inside.tau_first, inside.tau_last
+        if first.size >= LEAST_STRETCHES:
             continue
-        first, last = stretches.tau_first[inside], stretches.tau_last[inside]
         covered = float(last.max() - first.min()) if first.size else 0.0
         raise SynchronizationError(
             f"{reference.source}: overlaps with the IMU's recording by {covered:.1f} s, in {first.size} stretches that "
@@ -172,13 +174,13 @@ def _long(tau: Array, q: Array) -> _Stretches:
     return rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
 
 
-def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> RateFit:
+def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit:
     """Return the robust least squares fit of gyro parameters and clock.
 
     Parameters
     ----------
-    signal
-        Readings prepared for integration.
+    readings
+        Of a long recording, stretches spread evenly are fitted.
     tau, q : (m,), (m, 4)
         Reference seconds and attitudes q_rb.
     clock
@@ -189,27 +191,27 @@ def fit_rates(signal: InertialSignal, tau: Array, q: Array, clock: Clock) -> Rat
     Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
     stretches = _long(tau, q)
-    readings = _Readings.of(signal)
-    inside = _inside(signal, stretches, clock)
-    turned, duration = _integrated(readings, stretches, clock, inside)
-    A = np.hstack([turned, duration[:, None]])
-    solution, *_ = np.linalg.lstsq(A, stretches.rotation[inside], rcond=None)
-    K, b = np.asarray(solution[:3].T, dtype=float), np.asarray(solution[3], dtype=float)
-    fit = _settle(readings, stretches, K, b, clock, skewed=True)
+    parts = [_Integrated.of(part) for part in readings.stretches(EXCERPT)]
+    solution, *_ = _linear_fit(parts, stretches, clock)
+    fit = _settle(parts, stretches, solution[:3].T.copy(), solution[3], clock, skewed=True)
     # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
     doubt = max(4.0 * fit.clock.skew_sd, 1e-6)
     if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
-        fit = _settle(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, clock, skewed=False)
-    return replace(fit, wander=_wander(_compare(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock)))
+        fit = _settle(parts, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, clock, skewed=False)
+    everything = (_Integrated.of(part) for part in readings.stretches())
+    seen = _compare(everything, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock)
+    return replace(fit, wander=_wander(seen))
 
 
-def _settle(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool) -> RateFit:
+def _settle(
+    parts: Sequence[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+) -> RateFit:
     """Refine until nothing moves any more."""
-    fit = _refine(readings, stretches, K, b, clock, skewed=skewed)
+    fit = _refine(parts, stretches, K, b, clock, skewed=skewed)
     for _ in range(ROUNDS - 1):
         before = fit
-        fit = _refine(readings, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock, skewed=skewed)
+        fit = _refine(parts, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock, skewed=skewed)
         if _moved(before, fit) < SETTLED:
             break
     return fit
@@ -250,30 +252,35 @@ class _Comparison:
     slope: Array
 
 
-def _compare(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
-    signal = readings.signal
-    q = integrate_attitude(signal, linear_rate(K, b, signal.order))
-    inside = _inside(signal, stretches, clock)
-    turned, duration = _integrated(readings, stretches, clock, inside)
-    t1, t2 = clock.imu_time(stretches.tau_first[inside]), clock.imu_time(stretches.tau_last[inside])
-    q1, w1 = _attitude_at(readings, q, K, b, t1)
-    q2, w2 = _attitude_at(readings, q, K, b, t2)
+def _compare(parts: Iterable[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
+    """Return how the stretches compare in all parts together."""
+    found = [_compare_in(part, stretches, K, b, clock) for part in parts]
+    return _Comparison(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Comparison)))
+
+
+def _compare_in(part: _Integrated, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
+    q = integrate_attitude(part.signal, linear_rate(K, b, part.signal.order))
+    within = stretches.inside(part.signal, clock)
+    t1, t2 = clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)
+    q1, w1 = _attitude_at(part, q, K, b, t1)
+    q2, w2 = _attitude_at(part, q, K, b, t2)
     predicted = multiply(conjugate(q1), q2)
-    rotation = stretches.rotation[inside]
     return _Comparison(
-        turned,
-        duration,
-        tau=0.5 * (stretches.tau_first + stretches.tau_last)[inside],
-        rotation=rotation,
-        residual=log(multiply(conjugate(predicted), exp(rotation))),
+        part.between(t1, t2),
+        t2 - t1,
+        tau=0.5 * (within.tau_first + within.tau_last),
+        rotation=within.rotation,
+        residual=log(multiply(conjugate(predicted), exp(within.rotation))),
         # At the end of the stretch; the rate at its beginning is seen through the rotation between.
         slope=w2 - _turn_back(predicted, w1),
     )
 
 
-def _refine(readings: _Readings, stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool) -> RateFit:
+def _refine(
+    parts: Sequence[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+) -> RateFit:
     """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
-    seen = _compare(readings, stretches, K, b, clock)
+    seen = _compare(parts, stretches, K, b, clock)
     residual, slope = seen.residual, seen.slope
     weight = _robust_weight(residual)
     pivot = float(seen.tau.mean())
@@ -338,13 +345,13 @@ def _wander(seen: _Comparison) -> Array:
     return np.array(found).reshape(-1, 3)
 
 
-def _attitude_at(readings: _Readings, q: Array, K: Array, b: Array, t: Array) -> tuple[Array, Array]:
+def _attitude_at(part: _Integrated, q: Array, K: Array, b: Array, t: Array) -> tuple[Array, Array]:
     """Return attitude and rate at times between samples, of attitudes (n, 4) at the samples."""
-    stamps = readings.signal.stamps
+    stamps = part.signal.stamps
     k = np.clip(np.searchsorted(stamps, t) - 1, 0, stamps.size - 2)
     s = (t - stamps[k])[:, None]
     h = (stamps[k + 1] - stamps[k])[:, None]
-    omega, after = (readings.rates[at] @ K.T + b for at in (k, k + 1))
+    omega, after = (part.rates[at] @ K.T + b for at in (k, k + 1))
     slope = (after - omega) / h
     return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), omega + slope * s
 

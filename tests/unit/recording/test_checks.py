@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from kreisel.errors import RecordingError
 from kreisel.geometry import exp
 from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording import recording as module
 from kreisel.recording.checks import check_streams
 
 IMU, POSE = Path("run/imu0/data.csv"), Path("run/pose0/data.csv")
@@ -58,14 +59,42 @@ def message(r: Recording) -> str:
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, 0.05])
 @pytest.mark.parametrize("digits", [0.0, 1e-3, 0.02])
-def test_a_sound_recording_passes_untouched(noise: float, digits: float) -> None:
+@pytest.mark.parametrize("piece", [600, module.PIECE])
+def test_a_sound_recording_passes_untouched(
+    monkeypatch: pytest.MonkeyPatch, noise: float, digits: float, piece: int
+) -> None:
     """Also one without any noise, whose readings repeat while it rests, and one with few digits."""
+    monkeypatch.setattr(module, "PIECE", piece)
     want = recording(noise, digits)
     got = check_streams(want)
     assert got.findings == ()
     np.testing.assert_array_equal(got.imu.rates, want.imu.rates)
     np.testing.assert_array_equal(got.reference.positions, want.reference.positions)
     np.testing.assert_allclose(got.reference.quaternions, want.reference.quaternions, atol=1e-15)
+
+
+@pytest.mark.parametrize("row", [5, 599, 600, 1100, 2395])
+def test_a_fault_in_a_later_piece_keeps_its_place(monkeypatch: pytest.MonkeyPatch, row: int) -> None:
+    monkeypatch.setattr(module, "PIECE", 600)
+    r = recording()
+    rates = r.imu.rates.copy()
+    rates[row, 1] += 5.0
+    with pytest.raises(RecordingError, match="a spike in w_y") as error:
+        check_streams(with_imu(r, rates=rates))
+    assert error.value.line == row + 2
+
+
+def test_samples_that_repeat_are_left_out_across_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log twice as fast as its sensor, cut into pieces anywhere."""
+    r = recording()
+    half = np.arange(r.imu.stamps_ns.size) // 2 * 2
+    doubled = with_imu(r, rates=r.imu.rates[half], accelerations=r.imu.accelerations[half])
+    kept = []
+    for piece in (601, 4000):
+        monkeypatch.setattr(module, "PIECE", piece)
+        kept.append(check_streams(doubled).imu.stamps_ns)
+    np.testing.assert_array_equal(*kept)
+    assert kept[0].size == r.imu.stamps_ns.size // 2 + 1  # what repeats at the very end may yet go on
 
 
 def test_exact_rests_of_a_robot_are_no_frozen_poses() -> None:

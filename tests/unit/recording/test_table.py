@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import RecordingError
+from kreisel.recording import table as module
 from kreisel.recording.folder import load_folder
 from kreisel.recording.place import fault, line_of
 from kreisel.recording.settings import read_settings
@@ -16,8 +17,8 @@ from kreisel.units import DEG, STANDARD_GRAVITY
 HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
 
-def table(tmp_path: Path, text: str | bytes) -> Table:
-    file = tmp_path / "imu0" / "data.csv"
+def table(tmp_path: Path, text: str | bytes, name: str = "data.csv") -> Table:
+    file = tmp_path / "imu0" / name
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(text.encode() if isinstance(text, str) else text)
     return read_table(file, "numbers")
@@ -29,10 +30,15 @@ def message(tmp_path: Path, text: str | bytes) -> str:
     return str(error.value)
 
 
+def numbers(table: Table) -> np.ndarray:
+    """All columns but the stamp's, as they stand in the file."""
+    return np.concatenate(table.blocks)[:, 1:]
+
+
 def test_a_table_as_euroc_writes_it(tmp_path: Path) -> None:
     got = table(tmp_path, f"{HEADER}\n10,1,2,3,4,5,6\n20,-1e-3,2.5,3,4,5,6\n")
     np.testing.assert_array_equal(got.stamps_ns, [10, 20])
-    np.testing.assert_array_equal(got.values, [[1, 2, 3, 4, 5, 6], [-1e-3, 2.5, 3, 4, 5, 6]])
+    np.testing.assert_array_equal(numbers(got), [[1, 2, 3, 4, 5, 6], [-1e-3, 2.5, 3, 4, 5, 6]])
     assert [column.unit for column in got.columns] == ["ns", *3 * ["rad s^-1"], *3 * ["m s^-2"]]
     assert got.findings == ()
 
@@ -116,10 +122,10 @@ def test_any_bytes_are_a_table_or_an_error_of_ours(tmp_path_factory: pytest.Temp
     file.write_bytes(data)
     with suppress(RecordingError):
         got = read_table(file, "anything")
-        assert got.values.shape == (got.stamps_ns.size, len(got.columns) - 1)
+        assert numbers(got).shape == (got.stamps_ns.size, len(got.columns) - 1)
 
 
-@pytest.mark.parametrize("method", ["is_file", "read_bytes"])
+@pytest.mark.parametrize("method", ["is_file", "open"])
 def test_what_may_not_be_read_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     def forbidden(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
@@ -201,3 +207,39 @@ def test_what_are_no_poses_is_refused(tmp_path: Path, header: str) -> None:
     write_poses(tmp_path, header + "\n" + ",".join("1" for _ in header.split(",")) + "\n")
     with pytest.raises(RecordingError, match=r"pose0/data.csv, line 1: columns are .*expected #timestamp \[ns\],p_x"):
         load_folder(tmp_path)
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("size", [1, 2, 7, 64])
+def test_blocks_are_joined_as_if_read_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, size: int
+) -> None:
+    lines = ["#timestamp [ns],a [m]", *(f"{10 * k},{k / 7!r}" for k in range(30)), "300,cut"]
+    whole = table(tmp_path, ending.join(lines), "whole.csv")
+    monkeypatch.setattr(module, "_BLOCK", size)
+    parts = table(tmp_path, ending.join(lines), "parts.csv")
+    np.testing.assert_array_equal(parts.stamps_ns, whole.stamps_ns)
+    np.testing.assert_array_equal(numbers(parts), numbers(whole))
+    np.testing.assert_array_equal(parts.take([parts.columns[1]], "length"), whole.take([whole.columns[1]], "length"))
+    assert len(parts.findings) == len(whole.findings) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,x\n1,2\n2,oops\n3,4\n", "'oops'"),
+        ("t,x\n1,2\n2\x00,3\n", "zero byte (byte 9)"),
+        ("t,x\n1,2\n2\xff,3\n", "byte 9"),
+    ],
+    ids=["no number", "zero byte", "not UTF-8"],
+)
+def test_a_fault_keeps_its_place_in_a_later_block(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, said: str
+) -> None:
+    monkeypatch.setattr(module, "_BLOCK", 5)
+    file = tmp_path / "data.csv"
+    file.write_bytes(text.encode("latin-1"))
+    with pytest.raises(RecordingError) as error:
+        read_table(file, "numbers")
+    assert said in str(error.value)
+    assert error.value.line == 3

@@ -8,8 +8,8 @@ import pytest
 
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry import apply, conjugate, exp, multiply
-from kreisel.inertial.strapdown import InertialSignal, prepare
-from kreisel.recording import ReferencePoses
+from kreisel.inertial.readings import Readings
+from kreisel.recording import Recording, ReferencePoses
 from kreisel.synchronization import Clock, better_reading, check_conventions
 from kreisel.synchronization.conventions import acceleration_share
 
@@ -19,10 +19,14 @@ CLOCK = Clock(0.05)
 TURN = exp(np.array([0.3, -0.5, 0.9]))
 
 
+def readings(r: Recording, rates: np.ndarray) -> Readings:
+    return Readings(r.imu.seconds, rates, r.imu.accelerations, ((0, rates.shape[0] - 1),))
+
+
 @cache
-def simulated() -> tuple[InertialSignal, ReferencePoses]:
+def simulated() -> tuple[Readings, ReferencePoses]:
     _, r = simulate(np.random.default_rng(1), 40.0, Path("run"))
-    return prepare(r.imu.seconds, r.imu.rates, r.imu.accelerations), r.reference
+    return readings(r, r.imu.rates), r.reference
 
 
 def scalar_last(q: np.ndarray) -> np.ndarray:
@@ -82,4 +86,4 @@ def test_a_silent_gyro_is_named() -> None:
     noise = np.random.default_rng(2).normal(0.0, 1e-3, len(r.imu.rates))
     rates = np.column_stack([r.imu.rates[:, :2], noise])
     with pytest.raises(SynchronizationError, match="w_z hardly moves at all"):
-        check_conventions(prepare(r.imu.seconds, rates, r.imu.accelerations), reference, CLOCK)
+        check_conventions(readings(r, rates), reference, CLOCK)

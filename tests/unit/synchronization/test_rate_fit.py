@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.errors import SynchronizationError
-from kreisel.inertial.strapdown import InertialSignal, prepare
+from kreisel.inertial.readings import Readings
 from kreisel.recording import Recording
 from kreisel.synchronization import Clock, RateFit, fit_rates
 from kreisel.synchronization.rate_fit import WANDER_PARTS, check_overlap, explained_share
@@ -22,12 +22,13 @@ def simulated() -> tuple[Truth, Recording]:
     return simulate(np.random.default_rng(1), 40.0, Path("run"))
 
 
-def signal_of(r: Recording, segments: tuple[tuple[int, int], ...] | None = None) -> InertialSignal:
-    return prepare(r.imu.seconds, r.imu.rates, r.imu.accelerations, segments=segments)
+def readings_of(r: Recording, segments: tuple[tuple[int, int], ...] | None = None) -> Readings:
+    whole = ((0, r.imu.stamps_ns.size - 1),)
+    return Readings(r.imu.seconds, r.imu.rates, r.imu.accelerations, segments or whole)
 
 
 def fit(r: Recording, segments: tuple[tuple[int, int], ...] | None = None, start: float = START + 0.05) -> RateFit:
-    return fit_rates(signal_of(r, segments), r.reference.seconds, r.reference.quaternions, Clock(start))
+    return fit_rates(readings_of(r, segments), r.reference.seconds, r.reference.quaternions, Clock(start))
 
 
 def test_gyros_and_clock_are_found_from_a_tenth_of_a_second_off() -> None:
@@ -75,12 +76,12 @@ def test_an_axis_that_never_turns_is_told_by_its_deviation() -> None:
 def test_too_little_in_common_is_refused(start: float) -> None:
     _, r = simulated()
     with pytest.raises(SynchronizationError, match=r"run/pose0/data.csv: overlaps .* by 0\.0 s, in 0 stretches"):
-        check_overlap(signal_of(r), r.reference, Clock(start))
+        check_overlap(readings_of(r), r.reference, Clock(start))
 
 
 def test_the_share_explained_needs_no_knowledge_of_the_mount() -> None:
     _, r = simulated()
     turned = replace(r.imu, rates=r.imu.rates[:, [1, 2, 0]])
     q = r.reference.quaternions
-    assert explained_share(signal_of(replace(r, imu=turned)), r.reference.seconds, q, Clock(START)) > 0.999
-    assert explained_share(signal_of(r), r.reference.seconds, q[::-1], Clock(START)) < 0.8
+    assert explained_share(readings_of(replace(r, imu=turned)), r.reference.seconds, q, Clock(START)) > 0.999
+    assert explained_share(readings_of(r), r.reference.seconds, q[::-1], Clock(START)) < 0.8

@@ -1,0 +1,130 @@
+"""The raw readings of a whole recording, made ready for integration a stretch at a time.
+
+What integration needs of a sample takes five times the memory of its readings; of a long recording only the
+stretches in use are held ready.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices, conjugate, multiply
+from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, prepare
+
+STRETCH = 1 << 16
+"""Samples made ready at once: nearly three minutes at 400 Hz."""
+
+EXCERPT = 8
+"""Stretches that say enough where all of a long recording need not be looked at."""
+
+_REACH = 6  # samples around an interval that enter its integral
+_HELD = 4
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Raw readings on the IMU's clock.
+
+    Attributes
+    ----------
+    stamps : (n,)
+        Seconds since the first sample.
+    rates, accelerations : (n, 3)
+        rad/s and m/s^2.
+    segments
+        First and last sample (inclusive) of every unbroken stretch.
+    order
+        Polynomial order N they are made ready for.
+    noise : (4, 3)
+        See `strapdown.Samples`.
+    """
+
+    stamps: Array
+    rates: Array
+    accelerations: Array
+    segments: tuple[tuple[int, int], ...]
+    order: int = 1
+    noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    _ready: dict[tuple[int, int], InertialSignal] = field(default_factory=dict, repr=False, compare=False)
+
+    def with_noise(self, gyro: float, accel: float) -> Readings:
+        """Return the readings with their noise's standard deviations multiplied by factors."""
+        return replace(self, noise=self.noise * np.array([gyro**2, accel**2, gyro, accel])[:, None])
+
+    def segment_of(self, sample: int) -> int | None:
+        """Return the index of the segment a sample lies in, or None."""
+        for i, (start, stop) in enumerate(self.segments):
+            if start <= sample <= stop:
+                return i
+        return None
+
+    def stretches(self, most: int | None = None) -> Iterator[InertialSignal]:
+        """Yield stretches ready for integration, one behind the other.
+
+        Parameters
+        ----------
+        most
+            Yield no more than so many, spread evenly from the first to the last.
+        """
+        starts = self._starts()
+        if most is not None and starts.size > most:
+            starts = starts[np.round(np.linspace(0, starts.size - 1, most)).astype(int)]
+        for start in starts:
+            yield self._usual(int(start))
+
+    def holding(self, first: int, last: int) -> tuple[InertialSignal, int]:
+        """Return a stretch the motion from sample `first` to `last` can be integrated in, and up to which sample."""
+        signal = self._usual(min(first // STRETCH * STRETCH, int(self._starts()[-1])))
+        if last > self._good_until(signal):
+            signal = self._between(first - _REACH, last + _REACH)
+        return signal, self._good_until(signal)
+
+    def _good_until(self, signal: InertialSignal) -> int:
+        """Return the last sample whose stencils are those of the whole recording."""
+        end = signal.begin + signal.stamps.size - 1
+        return end if end == self.stamps.size - 1 else end - _REACH
+
+    def _starts(self) -> Indices:
+        """Return the first samples of the stretches; a short rest at the end is taken into the last."""
+        return np.arange(0, max(self.stamps.size - STRETCH // 4, 1), STRETCH)
+
+    def _usual(self, start: int) -> InertialSignal:
+        last = start == self._starts()[-1]
+        return self._between(start - _REACH, self.stamps.size - 1 if last else start + STRETCH + _REACH)
+
+    def _between(self, low: int, high: int) -> InertialSignal:
+        low, high = max(low, 0), min(high, self.stamps.size - 1)
+        ready = self._ready.pop((low, high), None)
+        if ready is None:
+            while len(self._ready) >= _HELD:
+                del self._ready[next(iter(self._ready))]
+            inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
+            part = slice(low, high + 1)
+            ready = replace(
+                prepare(
+                    self.stamps[part], self.rates[part], self.accelerations[part], order=self.order,
+                    segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+                ),
+                begin=low,
+            )  # fmt: skip
+        self._ready[low, high] = ready  # the latest is let go last
+        return replace(ready, samples=ready.samples._replace(noise=self.noise))
+
+
+def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:
+    """Return attitudes (k, 4) at ascending samples, seen from the first of all; see `strapdown.integrate_attitude`."""
+    out = np.empty((samples.size, 4))
+    before, joint = np.array([1.0, 0.0, 0.0, 0.0]), 0
+    for signal in readings.stretches():
+        free = integrate_attitude(signal, rate)
+        carried = multiply(before, conjugate(free[joint - signal.begin]))
+        end = signal.begin + signal.stamps.size
+        inside = (samples >= joint) & (samples < end)
+        out[inside] = multiply(carried, free[samples[inside] - signal.begin])
+        # on either side of it the stencils are those of the whole
+        joint = max(end - 1 - _REACH, 0)
+        before = multiply(carried, free[joint - signal.begin])
+    return out

@@ -1,0 +1,84 @@
+"""A recording made ready stretch by stretch is the recording made ready at once."""
+
+import numpy as np
+import pytest
+
+from kreisel.inertial import readings as module
+from kreisel.inertial.readings import Readings, attitudes_at
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.inertial.strapdown import SensorColumns, integrate_attitude, preintegrate, prepare
+
+SEGMENTS = ((0, 1499), (1520, 3999))
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "STRETCH", 1024)
+
+
+def some(segments: tuple[tuple[int, int], ...] = SEGMENTS) -> Readings:
+    rng = np.random.default_rng(3)
+    stamps = np.cumsum(rng.uniform(0.0024, 0.0026, 4000))
+    t = stamps[:, None]
+    rates = np.sin(t * [2.0, 3.0, 5.0]) + rng.normal(0.0, 1e-3, (4000, 3))
+    forces = np.cos(t * [3.0, 1.0, 2.0]) + np.array([0.0, 0.0, 9.8])
+    return Readings(stamps, rates, forces, segments, noise=rng.uniform(1e-6, 1e-5, (4, 3)))
+
+
+@pytest.mark.usefixtures("short")
+@pytest.mark.parametrize(
+    ("first", "last"), [(0, 190), (900, 1023), (1000, 1100), (1021, 1024), (3060, 3300), (3900, 3999)]
+)
+def test_increments_are_the_same_to_the_last_bit(first: int, last: int) -> None:
+    r = some()
+    whole = prepare(r.stamps, r.rates, r.accelerations, segments=r.segments, noise=r.noise)
+    columns = SensorColumns.single(SensorParameters.ideal(1), SizeEffect.COMPLETED)
+    part, until = r.holding(first, last)
+    assert last <= until
+    assert part.stamps.size <= 1024 + 1024 // 4 + 12
+    got = preintegrate(part, first - part.begin, last - part.begin, columns)
+    expected = preintegrate(whole, first, last, columns)
+    for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_path"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name), err_msg=name)
+
+
+@pytest.mark.usefixtures("short")
+def test_stretches_cover_everything_and_some_are_spread_evenly() -> None:
+    r = some()
+    begins = [part.begin for part in r.stretches()]
+    assert begins == [0, 1018, 2042, 3066]
+    ends = [part.begin + part.stamps.size for part in r.stretches()]
+    assert ends == [1031, 2055, 3079, 4000]
+    assert [part.begin for part in r.stretches(2)] == [0, 3066]
+
+
+@pytest.mark.usefixtures("short")
+def test_a_motion_longer_than_a_stretch_is_made_ready_as_a_whole() -> None:
+    part, until = some().holding(500, 3500)
+    assert (part.begin, until) == (494, 3500)
+
+
+@pytest.mark.usefixtures("short")
+def test_only_a_few_stretches_are_held() -> None:
+    r = some()
+    for _ in r.stretches():
+        r.holding(1000, 1100)
+    assert len(r._ready) <= module._HELD
+
+
+@pytest.mark.usefixtures("short")
+def test_attitudes_are_carried_from_stretch_to_stretch() -> None:
+    r = some(((0, 3999),))
+    rate = np.vstack([[0.01, 0.02, -0.01], np.eye(3)])
+    samples = np.array([0, 5, 1018, 1023, 1030, 2047, 2048, 3999])
+    whole = integrate_attitude(prepare(r.stamps, r.rates, r.accelerations), rate)
+    np.testing.assert_allclose(attitudes_at(r, rate, samples), whole[samples], atol=1e-9)
+
+
+def test_noise_is_scaled_by_deviations_and_not_in_what_is_held() -> None:
+    r = some()
+    before, _ = r.holding(0, 100)
+    louder = r.with_noise(2.0, 3.0)
+    after, _ = louder.holding(0, 100)
+    np.testing.assert_allclose(after.samples.noise, before.samples.noise * np.array([4.0, 9.0, 2.0, 3.0])[:, None])
+    np.testing.assert_array_equal(r.holding(0, 100)[0].samples.noise, r.noise)
