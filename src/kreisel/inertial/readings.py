@@ -48,7 +48,7 @@ class Readings:
     segments: tuple[tuple[int, int], ...]
     order: int = 1
     noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
-    _ready: dict[tuple[int, int], InertialSignal] = field(default_factory=dict, repr=False, compare=False)
+    _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
 
     def with_noise(self, gyro: float, accel: float) -> Readings:
         """Return the readings with their noise's standard deviations multiplied by factors."""
@@ -92,26 +92,25 @@ class Readings:
         return np.arange(0, max(self.stamps.size - STRETCH // 4, 1), STRETCH)
 
     def _usual(self, start: int) -> InertialSignal:
-        last = start == self._starts()[-1]
-        return self._between(start - _REACH, self.stamps.size - 1 if last else start + STRETCH + _REACH)
+        """Return the stretch that begins at one of the `_starts`, held ready for the next time."""
+        signal = self._ready.pop(start, None)
+        if signal is None:
+            while len(self._ready) >= _HELD:
+                del self._ready[next(iter(self._ready))]
+            last = start == self._starts()[-1]
+            signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + STRETCH + _REACH)
+        self._ready[start] = signal  # the latest is let go last
+        return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _between(self, low: int, high: int) -> InertialSignal:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
-        ready = self._ready.pop((low, high), None)
-        if ready is None:
-            while len(self._ready) >= _HELD:
-                del self._ready[next(iter(self._ready))]
-            inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
-            part = slice(low, high + 1)
-            ready = replace(
-                prepare(
-                    self.stamps[part], self.rates[part], self.accelerations[part], order=self.order,
-                    segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
-                ),
-                begin=low,
-            )  # fmt: skip
-        self._ready[low, high] = ready  # the latest is let go last
-        return replace(ready, samples=ready.samples._replace(noise=self.noise))
+        inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
+        part = slice(low, high + 1)
+        signal = prepare(
+            self.stamps[part], self.rates[part], self.accelerations[part], order=self.order, noise=self.noise,
+            segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+        )  # fmt: skip
+        return replace(signal, begin=low)
 
 
 def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:
