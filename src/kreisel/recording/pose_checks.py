@@ -46,7 +46,8 @@ def check_poses(reference: ReferencePoses, imu: tuple[str, float]) -> tuple[Refe
     kept = np.arange(reference.stamps_ns.size)
     for choose in (_near, _fresh):
         keep = choose(reference, kept, findings)
-        reference, kept = reference.part(keep), kept[keep]
+        if not keep.all():
+            reference, kept = reference.part(keep), kept[keep]
     _check_frozen(reference, kept)
     _check_leaps(reference, kept)
     _check_metres(reference)
@@ -81,7 +82,7 @@ def _normalised(reference: ReferencePoses, findings: list[Finding]) -> Reference
             k,
         )
     q = q / norm[:, None]
-    flips = int(np.sum(np.sum(q[1:] * q[:-1], axis=1) < 0.0))
+    flips = int(np.sum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0))
     if flips:
         findings.append(
             Finding(
@@ -130,7 +131,7 @@ def _percentile(values: Array, share: float) -> float:
 def _stalls(reference: ReferencePoses) -> tuple[Indices, Indices]:
     """Return first and last of the poses in stretches where all numbers repeat, without one at the end."""
     parts = [part for part in (reference.positions, reference.quaternions) if part is not None]
-    same = (np.diff(np.hstack(parts), axis=0) == 0.0).all(axis=1)
+    same = np.all([(part[1:] == part[:-1]).all(axis=1) for part in parts], axis=0)
     starts, stops = runs(same)
     ended = stops < len(same)
     return starts[ended], stops[ended]

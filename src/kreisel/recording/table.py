@@ -46,12 +46,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as read: header, stamps, numbers in blocks of rows (n, columns, the stamp's among them), findings."""
+    """A table as read: header, stamps, numbers (n, columns, the stamp's place among them), findings."""
 
     source: Path
     columns: tuple[Column, ...]
     stamps_ns: Stamps
-    blocks: tuple[Array, ...]
+    values: Array
     findings: tuple[Finding, ...]
 
     def take(self, columns: list[Column], quantity: str) -> Array:
@@ -63,13 +63,10 @@ class Table:
             If a unit is none of the quantity's.
         """
         factors = np.array([self._factor(column, quantity) for column in columns])
-        out, start = np.empty((self.stamps_ns.size, len(columns))), 0
-        for block in self.blocks:
-            with np.errstate(over="ignore"):  # an infinity is found and told by the checks
-                np.multiply(
-                    block[:, [column.index for column in columns]], factors, out=out[start : start + len(block)]
-                )
-            start += len(block)
+        out = np.empty((self.stamps_ns.size, len(columns)))
+        with np.errstate(over="ignore"):  # an infinity is found and told by the checks
+            for i, column in enumerate(columns):
+                np.multiply(self.values[:, column.index], factors[i], out=out[:, i])
         return out
 
     def _factor(self, column: Column, quantity: str) -> float:
@@ -105,8 +102,7 @@ def read_table(path: Path, what: str) -> Table:
     """
     columns: tuple[Column, ...] = ()
     findings: list[Finding] = []
-    blocks: list[Array] = []
-    stamps: list[Stamps] = []
+    rows: _Rows | None = None
     comma = False
     for text, line in _text_blocks(path, what, findings):
         body = text
@@ -120,13 +116,32 @@ def read_table(path: Path, what: str) -> Table:
             body = re.sub(r",[ \t]*$", "", body, flags=re.MULTILINE)
         if body.strip():
             found = _parse_rows(body, columns, path, line)
-            stamps.append(found[0])
-            blocks.append(found[1])
+            if rows is None:
+                rows = _Rows(round(1.02 * path.stat().st_size / len(body) * len(found[0])) + 16, len(columns))
+            rows.add(*found)
     if not columns:
         raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
-    if not blocks:
+    if rows is None:
         raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
-    return Table(path, columns, np.concatenate(stamps), tuple(blocks), tuple(findings))
+    return Table(path, columns, rows.stamps[: rows.count], rows.values[: rows.count], tuple(findings))
+
+
+class _Rows:
+    """Room for the rows of a table, as many as its size suggests: pieces to be joined would take it twice."""
+
+    def __init__(self, room: int, columns: int) -> None:
+        self.stamps = np.empty(room, dtype=np.int64)
+        self.values = np.empty((room, columns))
+        self.count = 0
+
+    def add(self, stamps: Stamps, values: Array) -> None:
+        end = self.count + len(stamps)
+        if end > len(self.stamps):
+            self.stamps = np.resize(self.stamps, 2 * end)
+            self.values = np.resize(self.values, (2 * end, self.values.shape[1]))
+        self.stamps[self.count : end] = stamps
+        self.values[self.count : end] = values
+        self.count = end
 
 
 def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tuple[str, int]]:

@@ -26,6 +26,7 @@ LEAST_CORRELATION = 0.6
 
 _COARSE_POINTS = 12000
 _FINE_POINTS = 1_000_000
+_LONGEST_SEARCHED = 3600.0
 _SURE = 0.97
 _SURE_IN_PART = 0.93
 _LEAST_OVERLAP = 0.25
@@ -187,8 +188,10 @@ def _averaged(t: Array, value: Array, grid: Array, step: float, half: float) -> 
 
 
 def _search(x: _Norm, y: _Norm) -> Clock:
-    """Search all shifts and ratios. Long recordings are searched on a coarser grid."""
-    xc, yc = _coarse(x, y)
+    """Search all shifts and ratios. Long recordings are searched on a coarser grid, for an hour in their middle."""
+    spare = max(0, y.value.size - round(_LONGEST_SEARCHED / y.step)) // 2
+    middle = slice(spare, y.value.size - spare)
+    xc, yc = _coarse(x, _Norm(y.first + spare * y.step, y.step, y.value[middle], y.known[middle]))
     xv = xc.value - xc.value.mean()
     best = (-1.0, 0.0, 0.0)
     for skew, yv, _ in _stretched(yc):
