@@ -1,11 +1,14 @@
 """A recording watched while it is made: the estimate, and the page in a real browser."""
 
+import asyncio
 import io
 import json
 import re
 import shutil
+import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +21,8 @@ import pytest
 import kreisel
 from kreisel.acquisition.record import Recorder
 from kreisel.acquisition.tail import Tail
-from kreisel.dashboard.online import SHARE, Online
+from kreisel.dashboard.feed import MOST, Feed
+from kreisel.dashboard.online import SHARE, Estimate, Online
 from kreisel.devices.events import Arrival
 from kreisel.devices.twins import imu_samples, robot_samples
 from kreisel.recording import RecordingSettings
@@ -130,6 +134,12 @@ def page(file, *options):
         process.communicate()
 
 
+def grow(file, data):
+    """Append what a recorder has written since."""
+    with file.open("ab") as stream:
+        stream.write(data[file.stat().st_size :])
+
+
 def wait_until(what, seconds=30.0):
     ends = time.monotonic() + seconds
     while not what():
@@ -154,7 +164,9 @@ def test_the_page_shows_what_was_recorded(small, tmp_path):
         wait_until(lambda: tab.inner_text("#verdict") == "accepted")
         second = browser.new_page()
         second.goto(url)
-        file.write_bytes(parts[-1])
+        wait_until(lambda: second.inner_text("#verdict") == "accepted")
+        assert second.evaluate("estimates.length") == tab.evaluate("estimates.length")
+        grow(file, parts[-1])
         wait_until(lambda: tab.inner_text("#link") == "recording has ended")
         recording = kreisel.load(file)
         assert int(tab.inner_text("#imu-count")) == recording.imu.stamps_ns.size
@@ -180,6 +192,122 @@ def test_the_page_shows_what_was_recorded(small, tmp_path):
         browser.close()
     assert complaints == []
     assert all(address.startswith(("http://127.0.0.1:", "ws://127.0.0.1:")) for address in outside)
+
+
+def estimate(seconds):
+    return Estimate(seconds, ("timing.offset",), np.array([0.1]), np.array([0.2]), True, f"after {seconds}")
+
+
+@contextmanager
+def hub_of(file, monkeypatch):
+    """Serve the page from here, where its hub can be told things; yield both, and what has the loop do something."""
+    uvicorn = pytest.importorskip("uvicorn")
+    from kreisel.dashboard import app as module
+
+    hubs = []
+
+    class Seen(module.Hub):
+        def __init__(self, path):
+            super().__init__(path)
+            self.loop = None
+            hubs.append(self)
+
+        async def follow(self):
+            self.loop = asyncio.get_running_loop()
+            await super().follow()
+
+    monkeypatch.setattr(module, "Hub", Seen)
+    server = uvicorn.Server(uvicorn.Config(module.make_app(file)[0], log_level="warning", ws="websockets-sansio"))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        serving = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        serving.start()
+        try:
+            wait_until(lambda: hubs[0].loop is not None and hubs[0].feed.so_far()[-1].get("imu"))
+            yield hubs[0], port
+        finally:
+            server.should_exit = True
+            serving.join()
+
+
+def in_loop(hub, what):
+    """Do something in the server's loop."""
+    done = threading.Event()
+    hub.loop.call_soon_threadsafe(lambda: (what(), done.set()))
+    assert done.wait(10.0)
+
+
+def much(k):
+    return {"kind": "much", "text": np.random.default_rng(k).bytes(9000).hex()}
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_a_browser_too_far_behind_is_told_to_come_again(small, tmp_path, monkeypatch, reads):
+    """One that does not read while much is said finds, once it reads again, that it was let go."""
+    sync = pytest.importorskip("websockets.sync.client")
+    exceptions = pytest.importorskip("websockets.exceptions")
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 60)[1])
+    with hub_of(file, monkeypatch) as (hub, port), sync.connect(f"ws://127.0.0.1:{port}/live", max_queue=1) as slow:
+        slow.recv()
+        if reads:
+            in_loop(hub, lambda: [hub.tell({"kind": "little"}) for _ in range(1000)])
+        for k in range(0 if reads else 2000):
+            in_loop(hub, lambda k=k: hub.tell(much(k)))
+        with pytest.raises(exceptions.ConnectionClosedError) as closed:
+            list(slow)
+        assert not reads or closed.value.rcvd.code == 1013
+        with sync.connect(f"ws://127.0.0.1:{port}/live") as again:
+            assert [json.loads(again.recv())["kind"] for _ in range(2)] == ["imu", "pose"]
+
+
+def test_a_newcomer_after_hours_of_estimates_stays(small, tmp_path, monkeypatch):
+    sync = pytest.importorskip("websockets.sync.client")
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 60)[1])
+    with hub_of(file, monkeypatch) as (hub, port):
+        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(1000)])
+        with sync.connect(f"ws://127.0.0.1:{port}/live") as newcomer:
+            first = [json.loads(newcomer.recv()) for _ in range(4)]
+            assert [message["kind"] for message in first] == ["imu", "pose", "estimates", "status"]
+            assert {e["seconds"] for e in first[2]["estimates"]} >= set(map(float, range(1000)))
+            in_loop(hub, lambda: hub.tell({"kind": "more"}))
+            while json.loads(newcomer.recv(timeout=10.0))["kind"] != "more":
+                pass
+
+
+def test_estimates_without_number_are_thinned_out_and_it_is_said(tmp_path):
+    feed = Feed(tmp_path)
+    for k in range(2 * MOST + 1):
+        feed.estimate(estimate(float(k)))
+    history = feed.so_far()[0]
+    assert history["every"] == 3
+    assert len(history["estimates"]) <= MOST
+    assert history["estimates"][-1]["seconds"] == 2.0 * MOST
+    assert set(np.diff([e["seconds"] for e in history["estimates"]])) == {3.0}
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_page_that_was_let_go_comes_back_up_to_date(small, tmp_path, monkeypatch):
+    playwright = pytest.importorskip("playwright.sync_api")
+    file, parts = tmp_path / "growing.mcap", chunks(small, 60)
+    file.write_bytes(parts[1])
+    with hub_of(file, monkeypatch) as (hub, port), playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.goto(f"http://127.0.0.1:{port}")
+        wait_until(lambda: tab.inner_text("#link") == "live")
+        in_loop(hub, lambda: [hub.tell({"kind": "pose", "pose": [9.0] * 7, "arm": None}) for _ in range(1000)])
+        wait_until(lambda: "trying again" in tab.inner_text("#link"))
+        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(2 * MOST)])
+        wait_until(lambda: tab.inner_text("#link") == "live")
+        wait_until(lambda: "of the earlier ones 1 in 3" in tab.inner_text("#thinned"))
+        assert tab.evaluate("estimates.length") >= MOST / 2
+        before = int(tab.inner_text("#imu-count"))
+        grow(file, parts[2])
+        wait_until(lambda: int(tab.inner_text("#imu-count")) > before)
+        browser.close()
 
 
 def test_strangers_are_kept_out(small, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager, suppress
 from importlib import resources
 from pathlib import Path
@@ -16,18 +16,53 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from kreisel.acquisition.tail import Tail
 from kreisel.dashboard.feed import Feed, Message
-from kreisel.dashboard.online import Online
+from kreisel.dashboard.online import Estimate, Online
 from kreisel.errors import KreiselError
 
 PERIOD = 0.05
 """Seconds between two looks at the recording."""
 
 _WAITING = 400  # messages that may wait for a browser before it is let go
+_TRY_AGAIN = 1013  # the close code that says so
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+class Browser:
+    """What is still to be sent to one browser.
+
+    Parameters
+    ----------
+    backlog
+        What it is sent first, however much that is.
+
+    Attributes
+    ----------
+    behind
+        Set once more waits than may: it is to be let go, and to come again.
+    """
+
+    def __init__(self, backlog: Iterable[str]) -> None:
+        self.behind = asyncio.Event()
+        self._backlog = list(backlog)
+        self._queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
+
+    def tell(self, text: str) -> None:
+        """Have a message wait; never wait for the browser."""
+        try:
+            self._queue.put_nowait(text)
+        except asyncio.QueueFull:
+            self.behind.set()
+
+    async def messages(self) -> AsyncIterator[str]:
+        """Yield what is to be sent, for ever."""
+        while self._backlog:
+            yield self._backlog.pop(0)
+        while True:
+            yield await self._queue.get()
 
 
 class Hub:
@@ -36,7 +71,8 @@ class Hub:
     def __init__(self, path: Path) -> None:
         self.feed = Feed(path)
         self._online = Online(Tail(path))
-        self._queues: set[asyncio.Queue[str]] = set()
+        self._browsers: set[Browser] = set()
+        self._telling = asyncio.Lock()  # a newcomer comes before or after news, so it has none twice
 
     async def follow(self) -> None:
         """Tell all browsers what is new, for ever."""
@@ -44,8 +80,9 @@ class Hub:
         try:
             while True:
                 with suppress(KreiselError):
-                    for message in await asyncio.to_thread(self.feed.news):
-                        self._tell(message)
+                    async with self._telling:
+                        for message in await asyncio.to_thread(self.feed.news):
+                            self.tell(message)
                 await asyncio.sleep(PERIOD)
         finally:
             estimating.cancel()
@@ -53,37 +90,33 @@ class Hub:
     async def _estimate(self) -> None:
         """Calibrate what there is by now, beside all else."""
 
-        def step() -> Message | None:
+        def look() -> Estimate | None:
             with suppress(KreiselError):
-                found = self._online.look()
-                return None if found is None else self.feed.estimate(found)
+                return self._online.look()
             return None
 
         while True:
-            message = await asyncio.to_thread(step)
-            if message is not None:
-                self._tell(message)
+            found = await asyncio.to_thread(look)
+            if found is not None:
+                self.tell(self.feed.estimate(found))
             await asyncio.sleep(0.2)
 
     @asynccontextmanager
-    async def listening(self) -> AsyncIterator[asyncio.Queue[str]]:
-        """Yield the messages for one browser, beginning with all so far."""
-        queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
-        for message in self.feed.so_far()[-_WAITING:]:
-            queue.put_nowait(json.dumps(message))
-        self._queues.add(queue)
+    async def listening(self) -> AsyncIterator[Browser]:
+        """Yield a new browser, to be sent all so far and then what is new."""
+        async with self._telling:
+            browser = Browser(map(json.dumps, self.feed.so_far()))
+            self._browsers.add(browser)
         try:
-            yield queue
+            yield browser
         finally:
-            self._queues.discard(queue)
+            self._browsers.discard(browser)
 
-    def _tell(self, message: Message) -> None:
+    def tell(self, message: Message) -> None:
+        """Send a message to all browsers."""
         text = json.dumps(message)
-        for queue in list(self._queues):
-            try:
-                queue.put_nowait(text)
-            except asyncio.QueueFull:
-                self._queues.discard(queue)
+        for browser in self._browsers:
+            browser.tell(text)
 
 
 def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None]:
@@ -113,14 +146,20 @@ def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None
             await socket.close(1008)
             return
         await socket.accept()
-        async with hub.listening() as queue:
-            leaving = asyncio.ensure_future(socket.receive())
-            with suppress(WebSocketDisconnect, RuntimeError):
-                while not leaving.done():
-                    with suppress(TimeoutError):
-                        async with asyncio.timeout(1.0):
-                            await socket.send_text(await queue.get())
-            leaving.cancel()
+        async with hub.listening() as browser:
+            ends = [
+                asyncio.ensure_future(end) for end in (_send(socket, browser), socket.receive(), browser.behind.wait())
+            ]
+            try:
+                await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for end in ends:
+                    end.cancel()
+                await asyncio.gather(*ends, return_exceptions=True)
+        if browser.behind.is_set():
+            with suppress(TimeoutError, RuntimeError):  # the connection ends with this handler in any case
+                async with asyncio.timeout(1.0):
+                    await socket.close(_TRY_AGAIN, "too far behind: connect again")
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -132,3 +171,8 @@ def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None
     guard = [Middleware(TrustedHostMiddleware, allowed_hosts=[*_LOOPBACK])] if token is None else []
     routes = [Route("/", page), WebSocketRoute("/live", live)]
     return Starlette(routes=routes, middleware=guard, lifespan=lifespan), token
+
+
+async def _send(socket: WebSocket, browser: Browser) -> None:
+    async for message in browser.messages():
+        await socket.send_text(message)

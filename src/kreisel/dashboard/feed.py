@@ -20,6 +20,9 @@ from kreisel.robot.kinematics import Arm, parse_arm, skeleton
 WINDOW = 10.0
 """Seconds of readings a browser that comes late is shown."""
 
+MOST = 2000
+"""Estimates a browser that comes late is shown: of more, the last and evenly chosen ones before it."""
+
 Message = dict[str, Any]
 
 
@@ -82,7 +85,12 @@ class Feed:
         """Return what a browser needs that has just come."""
         readings: list[Message] = [{"kind": "imu", "rows": list(self._recent)}] if self._recent else []
         pose = [] if self._pose is None else [self._pose]
-        return [*readings, *pose, *self._estimates, self._status]
+        return [*readings, *pose, *self._history(), self._status]
+
+    def _history(self) -> list[Message]:
+        """Return all estimates as one message; after hours there are more than should wait one by one."""
+        every = -(-len(self._estimates) // MOST)
+        return [{"kind": "estimates", "every": every, "estimates": self._estimates[::-every][::-1]}] if every else []
 
     def _readings(self, imu: Rows) -> Message:
         new, facts = [], self._facts["imu"]
@@ -97,7 +105,7 @@ class Feed:
         self._recent.extend(new)
         while self._recent[0][0] < new[-1][0] - WINDOW:
             self._recent.popleft()
-        return {"kind": "imu", "rows": new}
+        return {"kind": "imu", "rows": [row for row in new if row[0] >= self._recent[0][0]]}
 
     def _skeleton(self, angles: Sequence[float]) -> list[list[float]] | None:
         """Return where the arm's joints are, if its description is known and fits."""
