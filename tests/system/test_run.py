@@ -282,6 +282,32 @@ def test_an_interrupt_stops_the_arm_and_keeps_the_recording(program, cell, tmp_p
     assert (tmp_path / "run" / "recording.mcap").stat().st_size > 10_000
 
 
+def test_the_page_shows_the_program_while_it_runs(program, cell, tmp_path):
+    client = pytest.importorskip("websockets.sync.client")
+    process = subprocess.Popen(
+        run_of(program, cell, tmp_path / "run", "--dashboard", "--port", "0"),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        url = process.stdout.readline().strip()
+        with client.connect(f"{url.replace('http', 'ws', 1)}/live") as page:
+            seen = {}
+            while not (seen.get("status", {}).get("imu", {}).get("count") and seen.get("pose", {}).get("arm")):
+                message = json.loads(page.recv(timeout=30.0))
+                seen[message["kind"]] = message
+            begun = seen["pose"]["pose"][:3]
+            while np.linalg.norm(np.subtract(seen["pose"]["pose"][:3], begun)) < 0.1:  # it moves
+                message = json.loads(page.recv(timeout=30.0))
+                seen[message["kind"]] = message
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert "the motion was stopped: told to; what was recorded is kept" in errors
+    assert "Traceback" not in errors
+    with pytest.raises(OSError, match="refused"):  # the page goes with the program
+        client.connect(f"{url.replace('http', 'ws', 1)}/live")
+
+
 def test_programs_that_cannot_obey(program):
     recording = simulate(Cell.model_validate({"seconds": 20.0, "reference": {"joints": False}}), program)[1]
     with pytest.raises(SettingsError, match="joint angles"):

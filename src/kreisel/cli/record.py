@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli.watch import DASHBOARD, PORT, page_of
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from kreisel.acquisition.record import Status
     from kreisel.recording.settings import RecordingSettings
@@ -26,7 +27,8 @@ def record(
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
     urdf: Path | None = typer.Option(None, help="The robot's description, for joint angles to be of use."),
-    dashboard: bool = typer.Option(False, "--dashboard", help="Serve a page that shows it; see `kreisel watch`."),
+    dashboard: bool = DASHBOARD,
+    port: int = PORT,
 ) -> None:
     """Record until interrupted; nothing is ever sent that moves the robot."""
     import asyncio
@@ -51,7 +53,7 @@ def record(
             of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()
         )
 
-    with _page(output) if dashboard else nullcontext():
+    with page_of(output, port, wanted=dashboard):
         status = asyncio.run(until_told())
     if sys.stderr.isatty():
         typer.echo(err=True)
@@ -62,20 +64,6 @@ def record(
         f"next: kreisel calibrate {output} -o OUT"
     )
     _check_settings(known, status)
-
-
-@contextmanager
-def _page(output: Path) -> Iterator[None]:
-    """Serve the page from a process of its own, which cannot hold up the recorder."""
-    import subprocess
-    import sys
-
-    server = subprocess.Popen([sys.executable, "-m", "kreisel.cli.main", "watch", str(output), "--dashboard"])
-    try:
-        yield
-    finally:
-        server.terminate()
-        server.wait()
 
 
 def _check_settings(known: RecordingSettings, status: Status) -> None:

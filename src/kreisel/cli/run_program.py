@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli.watch import DASHBOARD, PORT, page_of
+
 if TYPE_CHECKING:
     from kreisel.acquisition.drive import Mover, UrScriptMover
     from kreisel.acquisition.record import Status
@@ -33,6 +35,8 @@ def run_program(
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
     seconds: float = typer.Option(3600.0, min=1.0, help="Give up after so long."),
+    dashboard: bool = DASHBOARD,
+    port: int = PORT,
 ) -> None:
     """Move a robot through a program, one move at a time, while the IMU is recorded and calibrated.
 
@@ -58,7 +62,8 @@ def run_program(
     if output is None:
         raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
-    ended, status = _drive(moves, known, mover, of_imu, of_robot, output, recorded, targets, seconds)
+    with page_of(output, port, wanted=dashboard):
+        ended, status = _drive(moves, known, mover, of_imu, of_robot, output, recorded, targets, seconds)
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples, {status.robot.count} poses; {ended}; "
         f"next: kreisel calibrate {output} -o OUT"

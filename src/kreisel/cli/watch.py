@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DASHBOARD: Any = typer.Option(False, "--dashboard", help="Serve a page that shows it.")
+PORT: Any = typer.Option(8321, "--port", min=0, max=65535, help="The page's port; 0 for any.")
 
 
 def watch(
     recording: Path = typer.Argument(..., help="A recording that is being made: an .mcap file, or its folder."),
-    dashboard: bool = typer.Option(False, "--dashboard", help="Serve a page that shows it."),
+    dashboard: bool = DASHBOARD,
     host: str = typer.Option("127.0.0.1", help="Where to serve the page; anywhere but on this machine with a token."),
-    port: int = typer.Option(8321, min=0, max=65535, help="The page's port; 0 for any."),
+    port: int = PORT,
     as_json: bool = typer.Option(False, "--json", help="Print every estimate as one line of JSON."),
 ) -> None:
     """Calibrate a recording again and again while it grows; end when it ends. The recorder is not disturbed."""
@@ -19,6 +27,30 @@ def watch(
         _serve(recording, host, port)
     else:
         _print(recording, as_json=as_json)
+
+
+@contextmanager
+def page_of(output: Path, port: int, *, wanted: bool) -> Iterator[None]:
+    """Serve the page of a recording that is being made, from a process of its own, which cannot hold up the recorder.
+
+    Parameters
+    ----------
+    wanted
+        Whether to serve it at all.
+    """
+    import subprocess
+    import sys
+
+    if not wanted:
+        yield
+        return
+    command = [sys.executable, "-m", "kreisel.cli.main", "watch", str(output), "--dashboard", "--port", str(port)]
+    server = subprocess.Popen(command)
+    try:
+        yield
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def _print(recording: Path, *, as_json: bool) -> None:
