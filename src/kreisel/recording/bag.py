@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
@@ -38,8 +40,8 @@ from kreisel.recording.mcap import (
 from kreisel.recording.recording import Finding, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, read_settings, what_is_wrong
 
-_IMU = "sensor_msgs/msg/Imu"
-_JOINTS = "sensor_msgs/msg/JointState"
+IMU = "sensor_msgs/msg/Imu"
+JOINTS = "sensor_msgs/msg/JointState"
 _POINT = "geometry_msgs/msg/PointStamped"
 _TURN = "geometry_msgs/msg/QuaternionStamped"
 _STORES = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
@@ -67,7 +69,7 @@ def _transform_row(message: Any) -> tuple[float, ...]:
     return (*_vector(message.transform.translation), *_turn(message.transform.rotation))
 
 
-_REFERENCE_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+REFERENCE_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     "geometry_msgs/msg/PoseStamped": lambda message: _pose_row(message.pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose_row(message.pose.pose),
     "geometry_msgs/msg/TransformStamped": _transform_row,
@@ -76,9 +78,9 @@ _REFERENCE_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     _TURN: lambda message: _turn(message.quaternion),
 }
 _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    _IMU: _imu_row,
-    _JOINTS: lambda message: tuple(message.position),
-    **_REFERENCE_ROWS,
+    IMU: _imu_row,
+    JOINTS: lambda message: tuple(message.position),
+    **REFERENCE_ROWS,
 }
 
 WANTED = frozenset({*_ROWS, NOTE_TYPE})
@@ -89,8 +91,14 @@ Decode = Callable[[Topic, Path], Decoded]
 
 
 @dataclass(frozen=True)
-class _Role:
-    """What a topic is wanted for, how it is chosen, and which ones kreisel itself writes."""
+class Role:
+    """What a topic is wanted for, how it is chosen, and which ones kreisel itself writes.
+
+    Attributes
+    ----------
+    option
+        What stands before a topic's name where one is chosen.
+    """
 
     what: str
     option: str
@@ -98,11 +106,11 @@ class _Role:
     own: tuple[str, ...]
 
 
-_IMU_ROLE = _Role("IMU readings", "--imu", frozenset({_IMU}), (IMU_TOPIC,))
-_REFERENCE_ROLE = _Role(
+IMU_ROLE = Role("IMU readings", "--imu ", frozenset({IMU}), (IMU_TOPIC,))
+REFERENCE_ROLE = Role(
     "reference poses",
-    "--reference",
-    frozenset(_REFERENCE_ROWS),
+    "--reference ",
+    frozenset(REFERENCE_ROWS),
     (POSE_TOPIC, POSITION_TOPIC, ORIENTATION_TOPIC),
 )
 
@@ -152,9 +160,9 @@ def recording_of(
     """
     path, findings, decode = contents.path, list(contents.findings), decode or decode_topic
     settings = _settings(contents, findings)
-    samples = _imu_samples(_body(contents, _IMU_ROLE, imu, findings, decode), contents)
-    poses = _reference_poses(_body(contents, _REFERENCE_ROLE, reference, findings, decode), path)
-    joints = _joint_angles(contents, findings, decode)
+    samples = imu_of(body_of(contents, IMU_ROLE, imu, findings, decode), contents)
+    poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, findings, decode), path)
+    joints = _joint_angles(contents, None if poses is None else poses.name, findings, decode)
     findings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
     return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
@@ -275,26 +283,52 @@ def _settings(contents: Contents, findings: list[Finding]) -> RecordingSettings:
 
 
 @dataclass(frozen=True)
-class _Body:
-    """The decoded messages of one body on one topic."""
+class Body:
+    """The decoded messages of one body on one topic; `keep` says which of the topic's they are."""
 
     topic: Topic
     stamps_ns: Stamps
     values: Array
+    keep: NDArray[np.bool_]
 
 
-def _body(contents: Contents, role: _Role, asked: str | None, findings: list[Finding], decode: Decode) -> _Body | None:
-    """Return the messages meant; None where none were asked for and the bag has none."""
+def body_of(contents: Contents, role: Role, asked: str | None, findings: list[Finding], decode: Decode) -> Body | None:
+    """Return the messages meant; None where none were asked for and the bag has none; see `choose_topic`."""
     path = contents.path
-    fitting = _fitting(contents, role.msgtypes)
-    name, frame = _split(asked, fitting)
-    topic = _choose(fitting, role, name, contents, findings)
+    topic, frame = choose_topic(contents, role, asked, findings)
     if topic is None:
         return None
     stamps, frames, rows = decode(topic, path)
     keep = _of_frame(frames, frame, topic, role, path)
     values = np.array(rows, dtype=np.float64)[keep]
-    return _Body(topic, _stamps(stamps, topic, findings)[keep], values)
+    return Body(topic, _stamps(stamps, topic, findings)[keep], values, keep)
+
+
+def choose_topic(
+    contents: Contents, role: Role, asked: str | None, findings: list[Finding]
+) -> tuple[Topic | None, str | None]:
+    """Return the topic meant by `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
+
+    Raises
+    ------
+    RecordingError
+        If it is not clear which topic is meant, or the one asked for is not there or holds something else.
+    """
+    fitting = _fitting(contents, role.msgtypes)
+    name, frame = _split(asked, fitting)
+    return _choose(fitting, role, name, contents, findings), frame
+
+
+def joint_topic(contents: Contents, reference: str | None, findings: list[Finding]) -> Topic | None:
+    """Return the topic with the robot's joint angles, on the same clock as the reference where kreisel wrote them."""
+    topics = _fitting(contents, frozenset({JOINTS}))
+    epoch = re.search(r"_\d+$", reference or "")
+    own = f"{JOINT_TOPIC}{epoch[0]}" if epoch and JOINT_TOPIC in {topic.name for topic in topics} else JOINT_TOPIC
+    chosen = [topic for topic in topics if topic.name == own] or topics
+    if len(chosen) > 1:
+        names = ", ".join(topic.name for topic in chosen)
+        findings.append(Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
+    return chosen[0] if len(chosen) == 1 else None
 
 
 def _fitting(contents: Contents, msgtypes: frozenset[str]) -> list[Topic]:
@@ -314,7 +348,7 @@ def _split(asked: str | None, topics: list[Topic]) -> tuple[str | None, str | No
 
 
 def _choose(
-    topics: list[Topic], role: _Role, name: str | None, contents: Contents, findings: list[Finding]
+    topics: list[Topic], role: Role, name: str | None, contents: Contents, findings: list[Finding]
 ) -> Topic | None:
     path = contents.path
     if name is not None:
@@ -326,45 +360,46 @@ def _choose(
         named = [topic for topic in topics if topic.name == own]
         if named and len(topics) > len(named):
             others = ", ".join(topic.name for topic in topics)
-            findings.append(Finding("topics", f"took {own} of {others}; {role.option} picks another"))
+            findings.append(Finding("topics", f"took {own} of {others}; {role.option.strip()} picks another"))
         if named:
             return _only(named, role, path)
     return _only(topics, role, path) if topics else None
 
 
-def _only(topics: list[Topic], role: _Role, path: Path) -> Topic:
+def _only(topics: list[Topic], role: Role, path: Path) -> Topic:
     """Return the one topic, or raise the error that lists them all."""
     if len(topics) == 1:
         return topics[0]
-    remedy = f"choose with {role.option} TOPIC"
+    remedy = f"choose with {role.option}TOPIC"
     if len({topic.name for topic in topics}) == 1:
         remedy = "they share a name, so record them again under names of their own"
-    raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {_listed(topics)}; {remedy}", file=path)
+    raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {listed(topics)}; {remedy}", file=path)
 
 
-def _listed(topics: Iterable[Topic]) -> str:
+def listed(topics: Iterable[Topic]) -> str:
+    """Return topics with what they hold, for a message."""
     return ", ".join(f"{t.name} ({t.msgtype or t.encoding}, {t.count} messages)" for t in topics)
 
 
-def _not_found(name: str, topics: list[Topic], role: _Role, contents: Contents) -> str:
+def _not_found(name: str, topics: list[Topic], role: Role, contents: Contents) -> str:
     for topic in contents.topics:
         if topic.name == name:
             expected = ", ".join(sorted(role.msgtypes))
             return (
                 f"the topic {name} holds {topic.count} messages of type {topic.msgtype or 'unknown'} "
-                f"({topic.encoding}); expected {role.what}: {expected}. Choose with {role.option} TOPIC"
+                f"({topic.encoding}); expected {role.what}: {expected}. Choose with {role.option}TOPIC"
             )
     known = [topic.name for topic in topics] or [f"none: no topic holds {role.what}"]
-    return f"{unknown_name(f'topic with {role.what}', name, known)}; choose with {role.option} TOPIC"
+    return f"{unknown_name(f'topic with {role.what}', name, known)}; choose with {role.option}TOPIC"
 
 
-def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: _Role, path: Path) -> Any:
+def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, path: Path) -> Any:
     """Return the mask of one body's messages; bodies on one topic are told apart by their frame id."""
     known = sorted(set(frames))
     if frame is not None and frame not in known:
         raise RecordingError(unknown_name(f"frame id on {topic.name}", frame, known), file=path)
     if frame is None and len(known) > 1:
-        listed = " or ".join(f"{role.option} '{topic.name}@{name}'" for name in known)
+        listed = " or ".join(f"{role.option}'{topic.name}@{name}'" for name in known)
         raise RecordingError(
             f"{len(known)} bodies share the topic {topic.name}, with the frame ids "
             f"{', '.join(repr(name) for name in known)}; expected one. Choose with {listed}",
@@ -416,7 +451,14 @@ def _source(path: Path, topic: Topic) -> Path:
     return path / topic.name.lstrip("/")
 
 
-def _imu_samples(body: _Body | None, contents: Contents) -> ImuSamples:
+def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuSamples:
+    """Return the IMU readings that messages are.
+
+    Raises
+    ------
+    RecordingError
+        If there are none, or they lack rates or accelerations.
+    """
     if body is None:
         raise RecordingError(_no_imu(contents), file=contents.path)
     for mark, quantity in ((6, "angular_velocity"), (7, "linear_acceleration")):
@@ -424,7 +466,7 @@ def _imu_samples(body: _Body | None, contents: Contents) -> ImuSamples:
         if without:
             raise RecordingError(
                 f"{without} of {len(body.values)} messages on {body.topic.name} have no {quantity}, as their "
-                f"{quantity}_covariance[0] = -1 says; both are needed. Choose another topic with --imu TOPIC",
+                f"{quantity}_covariance[0] = -1 says; both are needed. Choose another topic with {role.option}TOPIC",
                 file=contents.path,
             )
     rates, accelerations = body.values[:, 0:3].copy(), body.values[:, 3:6].copy()
@@ -432,12 +474,13 @@ def _imu_samples(body: _Body | None, contents: Contents) -> ImuSamples:
 
 
 def _no_imu(contents: Contents) -> str:
-    got = _listed(contents.topics) or "no topics at all"
+    got = listed(contents.topics) or "no topics at all"
     broken = "".join(f" ({finding.message})" for finding in contents.findings)
-    return f"no IMU readings; expected a topic of type {_IMU}, got {got}{broken}; record the IMU's raw topic"
+    return f"no IMU readings; expected a topic of type {IMU}, got {got}{broken}; record the IMU's raw topic"
 
 
-def _reference_poses(body: _Body | None, path: Path) -> ReferencePoses | None:
+def poses_of(body: Body | None, path: Path) -> ReferencePoses | None:
+    """Return the poses that messages are."""
     if body is None:
         return None
     positions = None if body.topic.msgtype == _TURN else body.values[:, :3].copy()
@@ -445,19 +488,21 @@ def _reference_poses(body: _Body | None, path: Path) -> ReferencePoses | None:
     return ReferencePoses(body.topic.name, body.stamps_ns, positions, quaternions, _source(path, body.topic))
 
 
-def _joint_angles(contents: Contents, findings: list[Finding], decode: Decode) -> JointAngles | None:
-    topics = _fitting(contents, frozenset({_JOINTS}))
-    chosen = [t for t in topics if t.name == JOINT_TOPIC] or topics
-    if len(chosen) > 1:
-        names = ", ".join(topic.name for topic in chosen)
-        findings.append(Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
-        return None
-    if not chosen:
-        return None
-    return _joints_of(chosen[0], contents.path, findings, decode)
+def _joint_angles(
+    contents: Contents, reference: str | None, findings: list[Finding], decode: Decode
+) -> JointAngles | None:
+    topic = joint_topic(contents, reference, findings)
+    return None if topic is None else joints_of(topic, contents.path, findings, decode)
 
 
-def _joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
+def joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
+    """Return the joint angles on a topic.
+
+    Raises
+    ------
+    RecordingError
+        If they are not always those of the same joints in the same order.
+    """
     stamps, names, rows = decode(topic, path)
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):
         if name != names[0] or len(row) != len(rows[0]) or len(row) == 0:

@@ -292,13 +292,20 @@ def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: I
 
 @dataclass(frozen=True)
 class Contents:
-    """What a bag holds: topics, settings as `table.key` -> text, findings, the robot's description."""
+    """What a bag holds: topics, settings as `table.key` -> text, findings, the robot's description.
+
+    Attributes
+    ----------
+    begun_ns
+        The earliest log time of all messages; None where it is not known.
+    """
 
     path: Path
     topics: tuple[Topic, ...]
     settings: dict[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     urdf: str | None = None
+    begun_ns: int | None = None
 
 
 def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
@@ -324,7 +331,7 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
         raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
     lost = scan.lost()
     findings = (Finding(path.name, lost),) if lost else ()
-    return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf)
+    return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf, scan.begun_ns)
 
 
 def check_magic(start: bytes, path: Path) -> None:
@@ -368,6 +375,7 @@ class McapScan:
     def __init__(self, wanted: frozenset[str]) -> None:
         self.settings: dict[str, str] = {}
         self.urdf: str | None = None
+        self.begun_ns: int | None = None
         self._wanted = wanted
         self._kept = wanted | {None}  # what is not known yet may turn out to be wanted
         self._schemas: dict[int, Schema] = {}
@@ -445,6 +453,8 @@ class McapScan:
     def _take_message(self, content: bytes) -> None:
         channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(content)
         self._counts[channel] += 1
+        if self.begun_ns is None or log_time < self.begun_ns:
+            self.begun_ns = log_time
         if self._type(channel) in self._kept:
             self._messages[channel].append((log_time, content[_MESSAGE_HEAD.size :]))
 
