@@ -381,7 +381,7 @@ def test_a_port_in_use_is_an_error(tmp_path):
     ("address", "complaint"),
     [
         ("ixcom:/host", "names no host"),
-        ("http://host", "unknown scheme 'http'; known are: csv, ixcom, serial"),
+        ("http://host", "unknown scheme 'http'; known are: csv, ixcom, mcap, serial"),
         ("ixcom://host:70000", "no address"),
         ("ixcom://host?speed=3", "unknown option 'speed'; known are: channel, divider"),
     ],

@@ -14,6 +14,7 @@ from kreisel.acquisition.streams import Stream
 from kreisel.devices.address import Address
 from kreisel.devices.drivers import events
 from kreisel.devices.events import Arrival, Event, Level
+from kreisel.devices.replay import REPLAY
 from kreisel.errors import RecordingError
 from kreisel.protocols import ImuSample, RobotSample
 from kreisel.recording.mcap import INFO, RECORDED, WARN, McapWriter
@@ -158,40 +159,49 @@ async def record(
 ) -> Status:
     """Record until so many seconds have passed since readings of all devices come in, or until told to stop.
 
+    Where recordings are played in the place of devices, it also ends with them.
+
     Parameters
     ----------
     output
         An .mcap file, or a folder in which one is made.
     show
-        Called twice a second.
+        Called twice a second, and at the end.
     observe
         Called with every event, once it is on its way to the file.
 
     Raises
     ------
     RecordingError
-        If the file exists or cannot be written; what was recorded before is kept.
+        If the file exists or cannot be written, what was recorded before is kept; or if one to be played cannot be.
     SettingsError, DeviceError
         If an address makes no sense, or is not free to listen on.
     """
     file = output if output.suffix == ".mcap" else output / RECORDED
     if file.exists():
         raise RecordingError("exists already; delete it, or give another name", file=file)
-    sources = {str(address): events(address) for address in (imu, robot) if address is not None}
+    addresses = [address for address in (imu, robot) if address is not None]
+    sources = [events(address) for address in addresses]
     stop = stop or asyncio.Event()
     queue: asyncio.Queue[tuple[str, Event]] = asyncio.Queue(_QUEUE)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("xb") as stream:
             recorder = Recorder(stream, settings or RecordingSettings(), urdf, time.time_ns(), time.monotonic_ns())
-            feeding = [asyncio.create_task(_feed(name, source, queue)) for name, source in sources.items()]
+            feeding = [
+                asyncio.create_task(_feed(str(address), source, queue))
+                for address, source in zip(addresses, sources, strict=True)
+            ]
+            ending = [task for task, address in zip(feeding, addresses, strict=True) if address.scheme == REPLAY]
             try:
-                await _write(recorder, queue, feeding, stop, seconds, robot is not None, show, observe)
+                await _write(recorder, queue, feeding, ending, stop, seconds, robot is not None, show, observe)
             finally:
                 for task in feeding:
                     task.cancel()
                 await asyncio.gather(*feeding, return_exceptions=True)
             recorder.finish()
+            if show is not None:
+                show(recorder.status)
     except OSError as error:
         raise RecordingError(
             f"cannot be written any more ({error.strerror or error}); what was recorded before is kept: "
@@ -210,19 +220,33 @@ async def _write(
     recorder: Recorder,
     queue: asyncio.Queue[tuple[str, Event]],
     feeding: list[asyncio.Task[None]],
+    ending: list[asyncio.Task[None]],
     stop: asyncio.Event,
     seconds: float | None,
     with_robot: bool,
     show: Show | None,
     observe: Callable[[Event], None] | None,
 ) -> None:
-    """Write what comes until it is time to stop."""
+    """Write what comes until it is time to stop, or all is written of the sources that end."""
     status, began = recorder.status, None
+
+    def take(name: str, event: Event) -> None:
+        recorder.take(name, event)
+        if observe is not None:
+            observe(event)
+
+    def take_waiting() -> None:
+        for _ in range(queue.qsize()):
+            take(*queue.get_nowait())
+
     flushed = shown = time.monotonic()
     while not stop.is_set():
         for task in feeding:
             if task.done() and task.exception() is not None:
                 raise task.exception()  # type: ignore[misc]
+        if ending and all(task.done() for task in ending):
+            take_waiting()
+            return
         now = time.monotonic()
         if began is None and status.imu.count and (status.robot.count or not with_robot):
             began = now
@@ -240,9 +264,6 @@ async def _write(
                 name, event = await queue.get()
         except TimeoutError:
             continue
-        waiting = [(name, event), *(queue.get_nowait() for _ in range(queue.qsize()))]
-        for name, event in waiting:
-            recorder.take(name, event)
-            if observe is not None:
-                observe(event)
+        take(name, event)
+        take_waiting()
         await asyncio.sleep(0.01)

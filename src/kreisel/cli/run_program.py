@@ -52,6 +52,8 @@ def run_program(
     of_imu, of_robot = parse_address(imu, IMUS), parse_address(robot, ROBOTS)
     if of_robot.scheme != "rtde":
         raise SettingsError(f"{robot}: only Universal Robots arms can be moved so far (rtde://HOST)")
+    if of_imu.scheme == "mcap":
+        raise SettingsError(f"{imu}: a recording feels nothing of this motion; give the address of the IMU itself")
     targets = dict(_target(text) for text in until)
     known = load_arm(model)
     moves = read_program(program, known)

@@ -1,21 +1,33 @@
-"""Where a device is and how it speaks: ``rsi://0.0.0.0:49152``, ``ixcom://192.168.1.30:3000?divider=2``."""
+"""Where a device is and how it speaks: ``rsi://0.0.0.0:49152``, ``ixcom://192.168.1.30:3000?divider=2``.
+
+A recording stands in for a device: ``mcap:///data/run/recording.mcap?speed=10``.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from kreisel.errors import SettingsError, unknown_name
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A way of speaking: its usual port, the options it knows, and an example."""
+    """A way of speaking: its usual port, the options it knows, and an example.
+
+    Attributes
+    ----------
+    port
+        0 where a path of this machine takes the place of host and port.
+    device
+        `imu` or `robot`, where the way of speaking does not say which.
+    """
 
     port: int
     example: str
     options: tuple[str, ...] = ()
     listens: bool = False
+    device: str = ""
 
 
 ROBOTS = {
@@ -25,11 +37,13 @@ ROBOTS = {
     "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
+    "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
 }
 IMUS = {
     "ixcom": Scheme(3000, "ixcom://192.168.1.30:3000 (?channel=0&divider=1)", ("channel", "divider")),
     "csv": Scheme(4000, "csv://127.0.0.1:4000 (?columns=t [ms],w_x [deg/s],…)", ("columns",)),
     "serial": Scheme(0, "serial:///dev/ttyUSB0?baud=115200 (&columns=…)", ("columns", "baud")),
+    "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/imu/data_raw&speed=1)", ("topic", "speed"), device="imu"),
 }
 
 
@@ -42,9 +56,11 @@ class Address:
     port: int
     path: str = ""
     options: dict[str, str] = field(default_factory=dict)
+    device: str = ""
 
     def __str__(self) -> str:
-        return f"{self.scheme}://{self.path}" if self.path else f"{self.scheme}://{self.host}:{self.port}"
+        where = f"{self.scheme}://{self.path}" if self.path else f"{self.scheme}://{self.host}:{self.port}"
+        return f"{self.device} {where}" if self.device else where
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
         """Return an option that is a number.
@@ -74,7 +90,7 @@ def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:
     """
     examples = "; ".join(scheme.example for scheme in schemes.values())
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(text, allow_fragments=False)
         port = parts.port
     except ValueError as error:
         raise SettingsError(f"'{text}' is no address ({error}); known are: {examples}") from error
@@ -85,7 +101,20 @@ def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:
     for name in options:
         if name not in scheme.options:
             raise SettingsError(f"'{text}': {unknown_name('option', name, scheme.options)}")
-    path = parts.path if parts.scheme == "serial" else ""
-    if not path and not parts.hostname:
+    if not scheme.port:
+        return Address(parts.scheme, "", 0, _path(text, parts), options, scheme.device)
+    if not parts.hostname:
         raise SettingsError(f"'{text}' names no host; write it as {scheme.example}")
-    return Address(parts.scheme, parts.hostname or "", scheme.port if port is None else port, path, options)
+    return Address(parts.scheme, parts.hostname, scheme.port if port is None else port, "", options, scheme.device)
+
+
+def _path(text: str, parts: SplitResult) -> str:
+    """Return the path an address names."""
+    if parts.netloc:
+        raise SettingsError(
+            f"'{text}' names a host, '{parts.netloc}', expected a path from the root, with three slashes: "
+            f"{parts.scheme}:///{parts.netloc}{parts.path}"
+        )
+    if not parts.path.strip("/"):
+        raise SettingsError(f"'{text}' names no path, expected such as {parts.scheme}:///PATH")
+    return unquote(parts.path)

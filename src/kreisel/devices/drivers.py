@@ -1,7 +1,7 @@
 """Drivers: an endless stream of events from the device at an address, through every loss of it.
 
-A driver never ends by itself and never raises for what a device does. It reads; what it sends is what makes a device
-stream, and nothing that moves a robot.
+A driver never ends by itself, unless it plays a recording, and never raises for what a device does. It reads; what it
+sends is what makes a device stream, and nothing that moves a robot.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 
 from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level, Notice
+from kreisel.devices.replay import REPLAY, replay
 from kreisel.devices.sessions import SESSIONS, Session
 from kreisel.errors import DeviceError, KreiselError, ProtocolError, SettingsError
 from kreisel.protocols import egm, rsi
@@ -43,7 +44,11 @@ def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[
     ------
     SettingsError, ProtocolError
         If an option of the address makes no sense.
+    RecordingError
+        If it is that of a recording which cannot be played.
     """
+    if address.scheme == REPLAY:
+        return replay(address, clock)
     if address.scheme in ("rsi", "egm"):
         return _datagrams(address, clock)
     make: Any = SESSIONS[address.scheme]

@@ -1,0 +1,120 @@
+"""A recording in the place of a device: what it sent comes again as it came, or faster, and then ends."""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import math
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+from kreisel.devices.address import Address
+from kreisel.devices.events import Arrival, Event, Level, Notice
+from kreisel.devices.twins import Pace, imu_samples
+from kreisel.protocols import ImuSample, RobotSample
+from kreisel.protocols.samples import LAST_STAMP_NS
+from kreisel.recording.playback import Playback, Track, load_imu, load_robot
+from kreisel.recording.recording import ImuSamples, JointAngles, ReferencePoses
+
+REPLAY = "mcap"
+"""The scheme of addresses that are recordings."""
+
+LATEST_NS = 60_000_000_000
+"""A stream that begins so much later than its file was logged by another clock, as in files made of others: it begins
+at once."""
+
+_TURN = 200  # messages after which others have theirs, however fast it goes
+
+Timed = tuple[int, ImuSample | RobotSample]
+
+
+def replay(address: Address, clock: Callable[[], int]) -> AsyncIterator[Event]:
+    """Return the events of a device whose messages are in a file.
+
+    Stamps are those of the messages. The host's times are those of the log, shifted to now: what is recorded anew has
+    every reading as far apart as it was, however fast it is played.
+
+    Raises
+    ------
+    SettingsError
+        If an option of the address makes no sense.
+    RecordingError
+        If the file cannot be played; see `load_imu`.
+    """
+    speed = address.number("speed", 1.0, 1e-3, 1e6)
+    load = {"imu": load_imu, "robot": load_robot}[address.device]
+    return _play(address, load(Path(address.path), address.options.get("topic")), speed, clock)
+
+
+async def _play(address: Address, playback: Playback, speed: float, clock: Callable[[], int]) -> AsyncIterator[Event]:
+    begun_ns, began = clock(), time.monotonic()
+    pace = Pace(lambda: began, speed)
+    for finding in playback.findings:
+        yield Notice(Level.WARNING, f"{address}: {finding}", begun_ns)
+    yield Notice(Level.INFO, f"{address}: {_names(playback)} is played at {speed:g} times real time", begun_ns)
+    first_ns = now_ns = None
+    refused = 0
+    for number, (log_ns, sample) in enumerate(_timed(playback)):
+        if first_ns is None:
+            first_ns = log_ns if log_ns - playback.begun_ns > LATEST_NS else playback.begun_ns
+        if not _possible(sample):
+            refused += 1
+            continue
+        now_ns = log_ns - first_ns
+        await pace.until(now_ns * 1e-9)
+        if number % _TURN == 0:
+            await asyncio.sleep(0)
+        yield Arrival(sample, begun_ns + now_ns)
+    if refused:
+        text = f"{address}: {refused} messages left out that are not finite, or whose stamps no recording can have"
+        yield Notice(Level.WARNING, text, begun_ns + (now_ns or 0))
+    yield Notice(Level.INFO, f"{address}: has ended", begun_ns + (now_ns or 0))
+
+
+def _names(playback: Playback) -> str:
+    tracks: list[Track[ImuSamples] | Track[ReferencePoses] | Track[JointAngles] | None]
+    tracks = [playback.imu, playback.poses, playback.joints]
+    names = [f"/{track.content.source.relative_to(playback.file)}" for track in tracks if track is not None]
+    return " with ".join(names)
+
+
+def _timed(playback: Playback) -> Iterator[Timed]:
+    """Yield readings with the times of logging; a pose and joint angles of one stamp are one reading."""
+    if playback.imu is not None:
+        yield from zip(playback.imu.log_times_ns.tolist(), imu_samples(playback.imu.content), strict=True)
+    poses = () if playback.poses is None else _poses(playback.poses)
+    joints = () if playback.joints is None else _angles(playback.joints)
+    merged = heapq.merge(poses, joints, key=_stamp)  # of two with one stamp the pose comes first
+    for _, group in groupby(merged, key=_stamp):
+        times, samples = zip(*group, strict=True)
+        yield min(times), replace(samples[0], joints=next((s.joints for s in samples if s.joints), ()))
+
+
+def _poses(track: Track[ReferencePoses]) -> Iterator[tuple[int, RobotSample]]:
+    p, q = track.content.positions, track.content.quaternions
+    stamps = track.content.stamps_ns.tolist()
+    for k, (log_ns, stamp_ns) in enumerate(zip(track.log_times_ns.tolist(), stamps, strict=True)):
+        position = None if p is None else tuple(p[k].tolist())
+        yield log_ns, RobotSample(stamp_ns, position, None if q is None else tuple(q[k].tolist()))
+
+
+def _angles(track: Track[JointAngles]) -> Iterator[tuple[int, RobotSample]]:
+    stamps = track.content.stamps_ns.tolist()
+    for k, (log_ns, stamp_ns) in enumerate(zip(track.log_times_ns.tolist(), stamps, strict=True)):
+        yield log_ns, RobotSample(stamp_ns, None, None, tuple(track.content.angles[k].tolist()))
+
+
+def _stamp(timed: tuple[int, RobotSample]) -> int:
+    return timed[1].stamp_ns
+
+
+def _possible(sample: ImuSample | RobotSample) -> bool:
+    """Return whether a reading can be recorded, as protocols check theirs."""
+    if isinstance(sample, ImuSample):
+        values: tuple[float, ...] = (*sample.rate, *sample.acceleration)
+    else:
+        values = (*(sample.position or ()), *(sample.quaternion or ()), *sample.joints)
+    return 0 <= sample.stamp_ns <= LAST_STAMP_NS and all(map(math.isfinite, values))
