@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings
 
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
@@ -96,10 +96,35 @@ def write_settings(recording: Recording, folder: Path) -> None:
         (folder / (recording.settings.robot.urdf or "robot.urdf")).write_text(recording.urdf, encoding="utf-8")
 
 
+def add_reference(path: Path, reference: ReferencePoses | None, joints: JointAngles | None) -> None:
+    """Write poses and joint angles into a folder, new or there already, beside what it holds.
+
+    Raises
+    ------
+    RecordingError
+        If the folder has poses or joint angles of these names, or cannot be written.
+    """
+    names = ["joint0"] if joints is not None else []
+    names += [] if reference is None else [_folder_name(reference.name)]
+    for name in names:
+        if (path / name).exists():
+            raise RecordingError("is there already; delete it, or give another folder", file=path / name)
+    if path.exists() and not path.is_dir():
+        raise RecordingError("is a file; give a folder", file=path)
+    try:
+        _write_reference(path, reference, joints)
+    except OSError as error:
+        raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
+
+
 def _write_streams(recording: Recording, path: Path) -> None:
-    imu, reference, joints = recording.imu, recording.reference, recording.joints
+    imu = recording.imu
     readings = np.hstack([imu.rates, imu.accelerations])
     _write_table(path / "imu0", _IMU_HEADER, imu.stamps_ns, readings)
+    _write_reference(path, recording.reference, recording.joints)
+
+
+def _write_reference(path: Path, reference: ReferencePoses | None, joints: JointAngles | None) -> None:
     if reference is not None:
         header, poses = _pose_table(reference)
         _write_table(path / _folder_name(reference.name), header, reference.stamps_ns, poses)
