@@ -8,17 +8,41 @@ import typer
 
 
 def convert(
-    source: Path = typer.Argument(..., help="Recording to read."),
+    source: Path = typer.Argument(..., help="Recording to read, or a KUKA trace (.dat beside its .r64, or text)."),
     target: Path = typer.Argument(
-        ..., help="What to write: a new folder, an .mcap file, or a .tum file of the poses alone."
+        ...,
+        help="What to write: a new folder, an .mcap file, or a .tum file of the poses alone. "
+        "For a trace, a recording folder.",
     ),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
 ) -> None:
-    """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory."""
+    """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.
+
+    A trace of a KUKA controller ($TRACE) is the robot's half of a recording: its poses and joint angles are added to a
+    folder that holds the IMU's half already, or is to hold it.
+    """
+    from kreisel.recording.trace import is_trace
+
+    if is_trace(source):
+        _convert_trace(source, target, reference or imu)
+        return
     from kreisel.recording import load
     from kreisel.recording.write import write
 
     recording = load(source, reference, imu)
     write(recording, target)
+    typer.echo(f"written: {target}")
+
+
+def _convert_trace(source: Path, target: Path, choice: str | None) -> None:
+    from kreisel.errors import RecordingError, SettingsError
+    from kreisel.recording.trace import add_trace
+
+    if choice is not None:
+        raise SettingsError(f"'{choice}': a trace has no streams to choose from; leave --reference and --imu out")
+    if target.suffix.lower() in (".mcap", ".tum", ".bag", ".db3"):
+        raise RecordingError("a trace is added to a recording folder; give a folder", file=target)
+    for finding in add_trace(source, target):
+        typer.echo(f"· {finding}")
     typer.echo(f"written: {target}")
