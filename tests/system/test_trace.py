@@ -59,3 +59,19 @@ def test_a_trace_is_converted_and_calibrated(halves):
     # the controller's clock begins with the trace, the IMU's somewhere else
     began = 1e-9 * simulated.reference.stamps_ns[0]
     assert calibration.document["timing"]["offset"] == pytest.approx(began + truth.time_offset, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "telling"),
+    [
+        (["run.mcap"], "give a folder"),
+        (["new", "--imu", "imu1"], "leave --reference and --imu out"),
+        (["new"], "no robot.urdf in"),
+    ],
+)
+def test_what_convert_refuses_of_a_trace(halves, tmp_path, arguments, telling):
+    done = command("convert", halves[0], tmp_path / arguments[0], *arguments[1:])
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert telling in done.stderr
+    assert not any(tmp_path.iterdir())

@@ -41,7 +41,9 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
     first = next((k for k, line in enumerate(lines) if _is_row(line, delimiter)), len(lines))
     names, units, at = _header(path, lines, first, delimiter)
     values = _numbers(path, lines, first, len(names), delimiter)
-    units[0] = units[0] or "ms"  # what KR C2's tool writes
+    if not units[0]:
+        units[0] = "ms"  # what KR C2's tool writes
+        findings.append(Finding("trace", f"'{names[0]}' has no unit, so it is taken in ms"))
     columns = zip(names, units, values.T, strict=True)
     return [Channel(name, unit, column, at, k == 0) for k, (name, unit, column) in enumerate(columns)], findings
 

@@ -148,7 +148,8 @@ def test_text_of_a_kr_c2(tmp_path: Path, comma: str, divider: str) -> None:
     file = table(tmp_path, [*AXES, *TCP], np.hstack([DEGREES, POSE]), comma, divider)
     got = read_trace(file)
     assert_all_read(got, 1e-8)
-    assert "without unit, so taken in ° and mm" in str(got.findings[0])
+    assert str(got.findings[0]) == "trace: 't' has no unit, so it is taken in ms"
+    assert "without unit, so taken in ° and mm" in str(got.findings[1])
 
 
 def test_text_with_units_seconds_and_more_lines_above(tmp_path: Path) -> None:
