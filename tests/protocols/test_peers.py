@@ -152,10 +152,19 @@ def test_openshowvar_talks_to_our_proxy(background):
                 answer = varproxy.Answer(number, values.get(request.name, ""), known)
                 writer.write(varproxy.encode_answer(answer))
         writer.close()
+        await writer.wait_closed()
+        ended.set()
 
+    ended = threading.Event()
     server = background(asyncio.start_server(talk, HOST, 0)).result(5)
     client = openshowvar(HOST, server.sockets[0].getsockname()[1])
     assert client.read("$OV_PRO", debug=False) == b"100"
     client.write("$OV_PRO", "50", debug=False)
     assert client.read("$OV_PRO", debug=False) == b"50"
     client.close()
+    assert ended.wait(5.0)
+
+    async def close():
+        server.close()
+
+    background(close()).result(5)
