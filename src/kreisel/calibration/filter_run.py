@@ -13,14 +13,14 @@ from kreisel.calibration.cell_model import filter_model, filter_record, filter_s
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import LASTING, Problem, Update
 from kreisel.errors import EstimationError
-from kreisel.estimation.consistency import chi_square
+from kreisel.estimation.consistency import gate as gate_at
 from kreisel.estimation.filter import Belief, renew
 from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
 from kreisel.inertial.readings import attitudes_at
 from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
-GATE = 1.0 - 1e-6
+GATE = 1e-6
 """A measurement less probable than one in a million is set aside."""
 
 MOST_IN_A_ROW = 6
@@ -156,7 +156,7 @@ def run_filter(
     """
     updates, model = problem.updates, filter_model(problem, start)
     belief = first_belief(problem, start) if belief is None else belief
-    bounds = np.array([0.0, *(gate * float(chi_square(GATE, m)) for m in range(1, filtering.MEASURED + 1))])
+    bounds = np.array([0.0, *(gate * gate_at(GATE, m) for m in range(1, filtering.MEASURED + 1))])
     rejected, histories = np.zeros(1, dtype=np.int64), []
     for begin in range(0, len(updates), _MOST_IN_A_PART):
         some = slice(begin, min(begin + _MOST_IN_A_PART, len(updates)))

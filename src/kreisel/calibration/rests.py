@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import ImuSamples, ReferencePoses
-from kreisel.recording.recording import angles_over, pieces
+from kreisel.recording.recording import PIECE, angles_over, pieces
 from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization import Clock
 
@@ -20,6 +20,7 @@ MARGIN = 0.15
 """Seconds left out at either end, where the arm still swings and its reported pose still settles."""
 
 _WINDOW = 0.2
+_STEPS = 10
 _ALWAYS_STILL = (0.01, 0.05)
 _NEVER_STILL = (0.06, 0.8)
 
@@ -33,7 +34,7 @@ class Rest:
 
 
 def find_rests(
-    imu: ImuSamples, reference: ReferencePoses, clock: Clock, position_sd: float, orientation_sd: float
+    standstill: Standstill, reference: ReferencePoses, clock: Clock, position_sd: float, orientation_sd: float
 ) -> tuple[Rest, ...]:
     """Return the stretches in which neither reference nor IMU moves.
 
@@ -47,7 +48,7 @@ def find_rests(
     The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
     that never rests has no quiet windows at that level and the reference has the last word.
     """
-    t, still = _imu_still(imu)
+    t, still = standstill.seconds, standstill.still
     limits = (0.004 + 4.0 * position_sd, 0.004 + 8.0 * orientation_sd)
     starts, stops = runs(still & ~_reference_moving(reference, clock, t, limits))
     return tuple(
@@ -55,6 +56,14 @@ def find_rests(
         for a, b in zip(starts, stops, strict=True)
         if t[b - 1] - t[a] >= SHORTEST + 2.0 * MARGIN
     )
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """Times a tenth of a window apart, IMU seconds (k,), and whether the IMU stands still around them."""
+
+    seconds: Array
+    still: Mask
 
 
 @dataclass(frozen=True)
@@ -84,9 +93,11 @@ class OutsideRest:
         return np.asarray(2.0 * np.sqrt(density**2 / self.seconds + EARTH_RATE**2))
 
 
-def rest_outside(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> OutsideRest | None:
+def rest_outside(
+    imu: ImuSamples, standstill: Standstill, reference: ReferencePoses, clock: Clock
+) -> OutsideRest | None:
     """Return the longest rest outside the reference's time, or None where it is shorter than two seconds."""
-    t, still = _imu_still(imu)
+    t, still = standstill.seconds, standstill.still
     first, last = clock.imu_time(reference.seconds[[0, -1]])
     starts, stops = runs(still & ((t < first) | (t > last)))
     if starts.size == 0:
@@ -99,30 +110,30 @@ def rest_outside(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> Ou
     return OutsideRest(imu.rates[part].mean(axis=0), stop - start)
 
 
-def _imu_still(imu: ImuSamples) -> tuple[Array, Mask]:
-    """Return times a tenth of a window apart, IMU seconds, and whether the IMU stands still around them."""
-    n = max(3, round(_WINDOW / imu.interval))
-    step = max(1, n // 10)
-    rate, force = (_spread(values, n, step) for values in (imu.rates, imu.accelerations))
+def imu_still(imu: ImuSamples) -> Standstill:
+    """Return when the IMU stands still."""
+    step = max(1, round(_WINDOW / _STEPS / imu.interval))
+    rate, force = (_spread(values, step) for values in (imu.rates, imu.accelerations))
     limit_rate = np.clip(3.0 * np.percentile(rate, 10), _ALWAYS_STILL[0], _NEVER_STILL[0])
     limit_force = np.clip(3.0 * np.percentile(force, 10), _ALWAYS_STILL[1], _NEVER_STILL[1])
     still = np.asarray((rate < limit_rate) & (force < limit_force))
     # the ends of the recording are as still as the first and the last whole window
-    t = imu.seconds[n // 2 :: step][: still.size]
-    return np.concatenate([imu.seconds[:1], t, imu.seconds[-1:]]), np.pad(still, 1, mode="edge")
+    t = imu.seconds[_STEPS * step // 2 :: step][: still.size]
+    return Standstill(np.concatenate([imu.seconds[:1], t, imu.seconds[-1:]]), np.pad(still, 1, mode="edge"))
 
 
-def _spread(values: Array, n: int, step: int) -> Array:
-    """Return the standard deviation within windows of n samples that begin `step` samples apart, all axes together."""
-    found = []
-    for part in pieces((len(values) - n) // step + 1):
-        x = values[part.start * step : (part.stop - 1) * step + n]
-        centred = x - x.mean(axis=0)
-        sums = np.zeros((len(x) + 1, 4))
-        np.cumsum(np.column_stack([centred, (centred**2).sum(axis=1)]), axis=0, out=sums[1:])
-        mean = (sums[n::step] - sums[:-n:step]) / n
-        found.append(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
-    return np.concatenate(found)
+def _spread(values: Array, step: int) -> Array:
+    """Return the standard deviation within windows of `_STEPS` steps, one step apart, all axes together."""
+    usual = values[: min(len(values), PIECE)].mean(axis=0)  # squares of what is far from zero leave no digits
+    steps = len(values) // step
+    sums = np.zeros((steps + 1, 4))
+    for part in pieces(steps):
+        x = (values[part.start * step : part.stop * step] - usual).reshape(-1, step, 3)
+        sums[1:][part, :3] = x.sum(axis=1)
+        sums[1:][part, 3] = np.einsum("kij,kij->k", x, x)
+    np.cumsum(sums, axis=0, out=sums)
+    mean = (sums[_STEPS:] - sums[:-_STEPS]) / (_STEPS * step)
+    return np.asarray(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
 
 
 def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, limits: tuple[float, float]) -> Mask:

@@ -29,7 +29,7 @@ from kreisel.calibration.noise_factors import (
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem, hold, with_lasting_errors
-from kreisel.estimation.consistency import chi_square, correlation_time, lag_one, mean_normalised
+from kreisel.estimation.consistency import correlation_time, gate, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
 from kreisel.recording import Finding
 
@@ -209,7 +209,8 @@ def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
         return done < problem.settings.passes
     if done >= MOST_PASSES:
         return False
-    beyond = run.history.used * run.history.nis / chi_square(GATE, run.history.degrees)
+    bounds = {m: gate(GATE, int(m)) for m in np.unique(run.history.degrees)}
+    beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
     if done == 1 and (let_in or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None):
         return True

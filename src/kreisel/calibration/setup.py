@@ -21,7 +21,7 @@ from kreisel.calibration.initial import (
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.calibration.problem import Problem, Site, build_layout, schedule
 from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
-from kreisel.calibration.rests import OutsideRest, Rest, find_rests, rest_outside
+from kreisel.calibration.rests import OutsideRest, Rest, find_rests, imu_still, rest_outside
 from kreisel.calibration.robot_errors import RobotModel, robot_model
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RecordingError, SynchronizationError
@@ -202,11 +202,12 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     findings += _overlap_finding(recording.imu, reference, fit.clock)
     site = site_of(recording)
     noise = believed_noise(recording.settings, reference)
-    rests = find_rests(recording.imu, reference, fit.clock, noise.position, noise.orientation)
+    standstill = imu_still(recording.imu)
+    rests = find_rests(standstill, reference, fit.clock, noise.position, noise.orientation)
     stretches = [(rest.start, rest.stop) for rest in rests]
     force = _forces(readings, fit, reference, site.gravity, stretches)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
-    outside = rest_outside(recording.imu, reference, fit.clock)
+    outside = rest_outside(recording.imu, standstill, reference, fit.clock)
     if outside is not None:
         findings.append(
             Finding("rest", f"{outside.seconds:.1f} s of rest without reference used for the gyro offset's first value")

@@ -45,7 +45,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
     import numpy as np
 
     from kreisel.calibration.reference_noise import believed_noise
-    from kreisel.calibration.rests import find_rests
+    from kreisel.calibration.rests import find_rests, imu_still
     from kreisel.errors import KreiselError
     from kreisel.inertial.noise import high_frequency_density
     from kreisel.synchronization import correlate
@@ -86,7 +86,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
         try:
             found = correlate(imu, reference)
             noise = believed_noise(recording.settings, reference)
-            rests = find_rests(imu, reference, found.clock, noise.position, noise.orientation)
+            rests = find_rests(imu_still(imu), reference, found.clock, noise.position, noise.orientation)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {
                 "correlation of rates": found.coefficient,

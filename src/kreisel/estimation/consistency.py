@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from kreisel.geometry.rotation import Array
 
 
 def chi_square(level: float, degrees: ArrayLike) -> Array:
     """Return what a chi-square variable stays below with the probability `level`."""
+    from scipy.special import chdtri  # here, for it takes as long to import as a minute's data to filter
+
     return np.asarray(chdtri(degrees, 1.0 - level))
+
+
+def gate(tail: float, degrees: int) -> float:
+    """Return what a chi-square variable of a few whole degrees exceeds with the probability `tail`.
+
+    By halving: its probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5).
+    """
+    low, high = 0.0, 2.0 * (degrees - 4.0 * math.log(tail))
+    while high - low > 1e-13 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _exceeds(middle, degrees) > tail else (low, middle)
+    return high
+
+
+def _exceeds(x: float, degrees: int) -> float:
+    """Return the probability that a chi-square variable exceeds x."""
+    half, odd = 0.5 * x, degrees % 2
+    total = math.erfc(math.sqrt(half)) if odd else 0.0
+    term = math.exp(-half) / (math.gamma(1.5) * half**-0.5 if odd else 1.0) if half > 0.0 else 1.0 - odd
+    for k in range(degrees // 2):
+        total += term
+        term *= half / (k + 1.0 + 0.5 * odd)
+    return total
 
 
 def mean_normalised(nis: Array, degrees: Array) -> float:
