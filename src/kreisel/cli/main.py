@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import sys
+from contextlib import suppress
 
 import typer
 
@@ -14,6 +16,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from kreisel.cli import calibrate, convert, demo, info, record, run_program, simulate, study, virtual_cell, watch  # noqa: E402 - after the environment is set
 from kreisel.errors import KreiselError  # noqa: E402
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # as in malloc.h
 
 _ALLOCATIONS = 100_000
 """Objects made between two looks for cycles: importing makes many that last, and looking takes a fifth of its time."""
@@ -54,6 +58,7 @@ def version(
 def run() -> None:
     """Run the command line; turn our errors into one line on standard error and exit status 1."""
     gc.set_threshold(_ALLOCATIONS, 20, 50)
+    _keep_freed_memory()
     try:
         app()
     except KreiselError as error:
@@ -70,6 +75,14 @@ def run() -> None:
         fail(f"unexpected {type(error).__name__}: {error}; set KREISEL_DEBUG=1 to see where, and please report it")
     finally:
         gc.freeze()  # nobody needs what is left to be looked through: the process ends
+
+
+def _keep_freed_memory() -> None:
+    """Have the C library keep what is freed: arrays come and go, and every new page is zeroed by the system."""
+    with suppress(OSError, AttributeError):  # of other systems' libraries
+        libc = ctypes.CDLL(None)
+        libc.mallopt(_M_TRIM_THRESHOLD, 1 << 30)
+        libc.mallopt(_M_MMAP_THRESHOLD, 1 << 25)
 
 
 def fail(message: str) -> None:
