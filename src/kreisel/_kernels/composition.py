@@ -52,8 +52,8 @@ def environment(level, down, q_rn, north, magnitude, gravity, earth_rate):
         earth_rate[0, s] = level * north[0, s]
         earth_rate[1, s] = level * north[1, s]
         earth_rate[2, s] = down
-    rotate(q_rn, gravity, gravity)
-    rotate(q_rn, earth_rate, earth_rate)
+    rotate(q_rn, gravity)
+    rotate(q_rn, earth_rate)
 
 
 @kernel
@@ -90,8 +90,8 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
     turn(E, w, 1.0)
     cross(earth_rate, gravity, wg)
     cross(earth_rate, wg, wwg)
-    rotate(q, y_dot, y_dot)
-    rotate(q, y, y)
+    rotate(q, y_dot)
+    rotate(q, y)
     for i in range(3):
         for s in range(m):
             y_dot[i, s] += v[i, s] + T * (gravity[i, s] + T / 2.0 * (wg[i, s] + T / 3.0 * wwg[i, s]))
@@ -100,8 +100,9 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
     for i in range(3):
         for s in range(m):
             y_dot[i, s] -= w[i, s]
-    rotate(E, y_dot, v)
-    rotate(E, y, y)
+    place(y_dot, 0, 0, v)
+    rotate(E, v)
+    rotate(E, y)
     for i in range(3):
         for s in range(m):
             p[i, s] += y[i, s]
@@ -139,7 +140,8 @@ def pose_at(
         back[0, s] = q[0, s]
         for i in range(3):
             back[i + 1, s] = -q[i + 1, s]
-    rotate(back, earth, theta)
+    place(earth, 0, 0, theta)
+    rotate(back, theta)
     for i in range(3):
         for s in range(m):
             j = which[s]
@@ -148,8 +150,8 @@ def pose_at(
             after = (u_end[2, i, j] - u_end[1, i, j]) / dt_after
             slope[i, s] = (before * dt_after + after * dt_before) / span
             accel[i, s] = u_end[1, i, j]
-    rotate(begin, slope, slope)
-    rotate(begin, accel, accel)
+    rotate(begin, slope)
+    rotate(begin, accel)
     cross(earth, v, coriolis)
     for i in range(3):
         for s in range(m):

@@ -296,16 +296,18 @@ def predicted_poses(model, motion, regressor, resting, t, before, after, points,
     if regressor.shape[1] == 0:
         return q, p
     # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
-    errors = rows_of(model.robot, points, np.arange(m))
-    turned = np.zeros((3, m))
+    turned, source, known = np.zeros((3, m)), model.robot.source, model.robot.known
     for axis in range(3):
-        for e in range(errors.shape[0]):
-            if model.robot.source[e] < 0 and model.robot.known[e] == 0.0:
-                continue
-            moves, turns = regressor[axis, e], regressor[3 + axis, e]
-            for s in range(m):
-                p[axis, s] -= moves * errors[e, s]
-                turned[axis, s] -= turns * errors[e, s]
+        for e in range(source.size):
+            row, moves, turns = source[e], regressor[axis, e], regressor[3 + axis, e]
+            if row >= 0:
+                for s in range(m):
+                    p[axis, s] -= moves * points[row, s]
+                    turned[axis, s] -= turns * points[row, s]
+            elif known[e] != 0.0:
+                for s in range(m):
+                    p[axis, s] -= moves * known[e]
+                    turned[axis, s] -= turns * known[e]
     rotation.plus(q, turned, q)
     return q, p
 

@@ -82,12 +82,14 @@ def outer_weights(first, last, low, signal, weights):
 @kernel
 def weighted(coefficients, features, out):
     """Write sum_f coefficients[f, i] features[f, k], (3, c)."""
-    out[:] = 0.0
     for i in range(3):
-        for f in range(features.shape[0]):
-            c = coefficients[f, i]
+        a, b, c, d = coefficients[0, i], coefficients[1, i], coefficients[2, i], coefficients[3, i]
+        for k in range(out.shape[1]):
+            out[i, k] = a * features[0, k] + b * features[1, k] + c * features[2, k] + d * features[3, k]
+        for f in range(4, features.shape[0], 3):
+            a, b, c = coefficients[f, i], coefficients[f + 1, i], coefficients[f + 2, i]
             for k in range(out.shape[1]):
-                out[i, k] += c * features[f, k]
+                out[i, k] += a * features[f, k] + b * features[f + 1, k] + c * features[f + 2, k]
 
 
 @kernel
@@ -198,12 +200,15 @@ def block_length(first, last, signal, difference):
 def combine(sums, coefficients, out):
     """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, s]."""
     out[:] = 0.0
-    for i in range(3):
-        for j in range(3):
-            for f in range(coefficients.shape[0]):
-                c = sums[3 * i + j, f]
-                for s in range(out.shape[1]):
-                    out[i, s] += c * coefficients[f, j, s]
+    for f in range(coefficients.shape[0]):
+        a, b, c = sums[0, f], sums[1, f], sums[2, f]
+        d, e, g = sums[3, f], sums[4, f], sums[5, f]
+        h, k, n = sums[6, f], sums[7, f], sums[8, f]
+        for s in range(out.shape[1]):
+            x, y, z = coefficients[f, 0, s], coefficients[f, 1, s], coefficients[f, 2, s]
+            out[0, s] += a * x + b * y + c * z
+            out[1, s] += d * x + e * y + g * z
+            out[2, s] += h * x + k * y + n * z
 
 
 @kernel
@@ -319,7 +324,7 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
                         )
             combine(sums[which], force, part)
             contract(lever[which], difference, part)
-            rotate(q, part, part)
+            rotate(q, part)
             out = dv if which == 0 else dp
             for i in range(3):
                 for s in range(m):
@@ -456,7 +461,7 @@ def finish(
         place(q, 0, 0, turned)
         if which != 1:
             turn(turned, neighbours[which // 2], 1.0)
-        rotate(turned, part, part)
+        rotate(turned, part)
         place(part, 0, 0, u_end[which])
         force_at(k - low, psi, C, shared, others)
         place(others, 0, m, u_end[which])
@@ -466,11 +471,12 @@ def finish(
 def force_at(j, psi, C, coefficients, out):
     """Write the specific force (3, m) of one sample, turned by its direction cosines."""
     force = np.zeros(out.shape)
-    for row in range(3):
-        for f in range(psi.shape[1]):
-            c = psi[j, f]
-            for s in range(out.shape[1]):
-                force[row, s] += c * coefficients[f, row, s]
+    for f in range(psi.shape[1]):
+        c = psi[j, f]
+        for s in range(out.shape[1]):
+            force[0, s] += c * coefficients[f, 0, s]
+            force[1, s] += c * coefficients[f, 1, s]
+            force[2, s] += c * coefficients[f, 2, s]
     for i in range(3):
         for s in range(out.shape[1]):
             out[i, s] = C[j, 3 * i] * force[0, s] + C[j, 3 * i + 1] * force[1, s] + C[j, 3 * i + 2] * force[2, s]

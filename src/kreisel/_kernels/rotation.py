@@ -41,8 +41,8 @@ def turn(q, theta, sign):
 
 
 @kernel
-def rotate(q, vector, out):
-    """Write the vectors (3, m) turned by the quaternions (4, m); out may be vector itself."""
+def rotate(q, vector):
+    """Turn vectors (3, m), in place, by quaternions (4, m)."""
     for s in range(q.shape[1]):
         w = q[0, s]
         x = q[1, s]
@@ -55,9 +55,9 @@ def rotate(q, vector, out):
         tx = 2.0 * (y * c - z * b)
         ty = 2.0 * (z * a - x * c)
         tz = 2.0 * (x * b - y * a)
-        out[0, s] = a + w * tx + (y * tz - z * ty)
-        out[1, s] = b + w * ty + (z * tx - x * tz)
-        out[2, s] = c + w * tz + (x * ty - y * tx)
+        vector[0, s] = a + w * tx + (y * tz - z * ty)
+        vector[1, s] = b + w * ty + (z * tx - x * tz)
+        vector[2, s] = c + w * tz + (x * ty - y * tx)
 
 
 @kernel

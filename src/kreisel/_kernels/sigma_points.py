@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from kreisel._kernels import manifold, triangular
-from kreisel._kernels.blocks import column_of, place
+from kreisel._kernels.blocks import column_of, forward, place
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
 SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
@@ -57,8 +57,9 @@ def recombine(distance, w, first, further, shift):
         total = 0.0
         square = 0.0
         for j in range(n):
-            first[i, j] = (distance[i, 1 + j] - distance[i, 1 + n + j]) / (2.0 * w[SPREAD])
-            total += distance[i, 1 + j] + distance[i, 1 + n + j]
+            plus, minus = distance[i, 1 + j], distance[i, forward(1 + n + j)]
+            first[i, j] = (plus - minus) / (2.0 * w[SPREAD])
+            total += plus + minus
             square += first[i, j] * first[i, j]
         shift[i] = w[MEAN] * total
         least[i] = LEAST * math.sqrt(square)
@@ -85,7 +86,7 @@ def deviations(upper, i, out):
     for j in range(out.shape[1]):
         out[i, j] = 0.0
     for r in range(out.shape[1]):
-        for j in range(r, out.shape[1]):
+        for j in range(forward(r), forward(out.shape[1])):
             out[i, j] += upper[r, j] * upper[r, j]
     for j in range(out.shape[1]):
         out[i, j] = math.sqrt(out[i, j])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from kreisel._kernels.blocks import place
+from kreisel._kernels.blocks import forward, place
 from kreisel._kernels.compilation import kernel, reassociating_kernel
 
 
@@ -35,7 +35,7 @@ def reflect(columns):
     r, k = columns.shape
     for i in range(r):
         below = 0.0
-        for a in range(i + 1, k):
+        for a in range(forward(i + 1), forward(k)):
             below += columns[i, a] * columns[i, a]
         if below == 0.0:
             continue
@@ -46,11 +46,11 @@ def reflect(columns):
         scale = 2.0 / (head * head + below)
         for j in range(i + 1, r):
             dot = head * columns[j, i]
-            for a in range(i + 1, k):
+            for a in range(forward(i + 1), forward(k)):
                 dot += columns[i, a] * columns[j, a]
             dot *= scale
             columns[j, i] -= dot * head
-            for a in range(i + 1, k):
+            for a in range(forward(i + 1), forward(k)):
                 columns[j, a] -= dot * columns[i, a]
         columns[i, i] = -length if pivot >= 0.0 else length
 
@@ -110,7 +110,7 @@ def condition(first, upper, further, innovation, innovation_factor, whitened, ga
     for j in range(held - 1, -1, -1):
         for r in range(m):
             seen[r] = first[r, j]
-        for r in range(j, held):
+        for r in range(forward(j), forward(held)):
             column[r] = upper[j, r]
         for r in range(changing):
             column[held + r] = first[m + r, j]
@@ -125,11 +125,11 @@ def condition(first, upper, further, innovation, innovation_factor, whitened, ga
                 x = head[i, r]
                 head[i, r] = c * x + s * seen[r]
                 seen[r] = c * seen[r] - s * x
-            for r in range(j, n):
+            for r in range(forward(j), forward(n)):
                 x = pivot[i, r]
                 pivot[i, r] = c * x + s * column[r]
                 column[r] = c * column[r] - s * x
-        for r in range(j, n):
+        for r in range(forward(j), forward(n)):
             posterior[j, r] = column[r]
     for i in range(m):
         for r in range(m):
@@ -157,7 +157,7 @@ def widen(upper, index, deviation):
         length = math.sqrt(upper[j, j] * upper[j, j] + extra[j] * extra[j])
         c = upper[j, j] / length
         s = extra[j] / length
-        for i in range(j, n):
+        for i in range(forward(j), forward(n)):
             x = upper[j, i]
             upper[j, i] = c * x + s * extra[i]
             extra[i] = c * extra[i] - s * x
