@@ -10,12 +10,11 @@ import numpy as np
 
 from kreisel._kernels.compilation import kernel
 
-
 forward = np.uint64
 """An index or a bound of a loop that is never negative, as a number that cannot be.
 
-An index with a sign may count from the end. Where a loop does not begin at zero the compiler cannot rule that out, looks at
-every element by itself, and takes four times as long.
+An index with a sign may count from the end. Where a loop does not begin at zero the compiler cannot rule that out,
+looks at every element by itself, and takes four times as long.
 """
 
 
