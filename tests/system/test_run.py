@@ -66,6 +66,12 @@ class Arm:
     async def stop(self):
         self.told.append(("stop",))
 
+    async def connect(self):
+        pass
+
+    async def close(self):
+        pass
+
     def describe(self, target, speed):
         return "a move"
 
@@ -198,16 +204,16 @@ def test_the_obedient_cell_waits_moves_and_refuses(program):
 
     wait(20.0)
     assert np.ptp(angles, axis=0).max() < 1e-9
-    cell.obey(urscript.JointMove(tuple(AWAY + 0.1), 1.0, 1.0))
-    assert cell.refused == ["a move to another target than the program's 1"]
-    cell.obey(urscript.JointMove(tuple(AWAY), 1.0, 1.0))
+    assert cell.move(AWAY + 0.1) == "a move to another target than the program's 1"
+    assert cell.move(AWAY) is None
+    assert cell.move(AWAY) == "a move while another is under way"
     wait(20.0)
     assert angles[-1] == pytest.approx(AWAY, abs=1e-6)
     for kept, interval in zip(stamps, (recording.imu.interval, 0.002), strict=True):
         assert np.diff(kept) == pytest.approx(interval * 1e9, abs=1)
-    cell.obey(urscript.JointMove(tuple(np.radians([-50, -110, 100, 40, 30, -80])), 1.0, 1.0))
+    assert cell.move(np.radians([-50, -110, 100, 40, 30, -80])) is None
     wait(1.0)
-    cell.obey(urscript.Stop())
+    cell.stop()
     count = len(angles)
     wait(5.0)
     assert len(angles) == count
@@ -306,6 +312,73 @@ def test_the_page_shows_the_program_while_it_runs(program, cell, tmp_path):
     assert "Traceback" not in errors
     with pytest.raises(OSError, match="refused"):  # the page goes with the program
         client.connect(f"{url.replace('http', 'ws', 1)}/live")
+
+
+KUKA = """
+start_deg = [0, -90, 90, 0, 30, 0]
+[[move]]
+joints_deg = [30, -70, 80, 20, 50, 40]
+rest = 1.0
+[[move]]
+joints_deg = [-30, -100, 100, -60, 40, -80]
+rest = 1.0
+[[move]]
+joints_deg = [20, -60, 70, 80, -50, 100]
+rest = 1.0
+"""
+
+
+@pytest.fixture(params=["rsi", "ekrl"])
+def kuka(request, tmp_path):
+    """Start an obedient KUKA arm, which tells its poses by RSI or by kreisel's program; give its addresses."""
+    (tmp_path / "program.toml").write_text(KUKA)
+    (tmp_path / "cell.toml").write_text('seed = 3\n[robot]\nmodel = "kr125"\n[motion]\nprogram = "program.toml"\n')
+    process = subprocess.Popen(
+        command("virtual-cell", "cell.toml", "--robot", request.param, "--imu", "csv", "--obey"),
+        cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        yield json.loads(process.stdout.readline())
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def run_kuka(kuka, tmp_path, program="program.toml"):
+    return command(
+        "run", tmp_path / program, "--robot", kuka["robot"], "--imu", kuka["imu"], "--mover", kuka["mover"],
+        "--model", "kr125", "-o", tmp_path / "run", "--arm",
+    )  # fmt: skip
+
+
+def test_a_kuka_arm_is_driven_and_recorded(kuka, tmp_path):
+    done = subprocess.run(run_kuka(kuka, tmp_path), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "; done; next" in done.stdout
+    recording = kreisel.load(tmp_path / "run")
+    last = np.radians([20, -60, 70, 80, -50, 100])
+    assert recording.joints.angles[-1] == pytest.approx(last, abs=1e-3)
+    assert kreisel.calibrate(recording).document["verdict"]["accepted"]
+
+
+def test_a_kuka_arm_is_stopped_where_a_move_is_refused(kuka, tmp_path):
+    (tmp_path / "other.toml").write_text(KUKA.replace("[30, -70, 80, 20, 50, 40]", "[60, -70, 80, 20, 50, 40]"))
+    done = subprocess.run(run_kuka(kuka, tmp_path, "other.toml"), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert "the controller refuses <Kreisel><Move>" in done.stderr
+    assert "what was recorded is kept" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_where_moves_go_must_be_known(program):
+    done = subprocess.run(
+        command(
+            "run", "program.toml", "--robot", "rsi://127.0.0.1:0", "--imu", "csv://127.0.0.1:9", "--model", "kr125"
+        ),
+        cwd=program, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "say with --mover where moves are sent: urscript://" in done.stderr
 
 
 def test_programs_that_cannot_obey(program):

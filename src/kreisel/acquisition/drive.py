@@ -6,14 +6,14 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
+from kreisel.acquisition.movers import Mover
 from kreisel.devices.events import Arrival, Event, Level
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import ImuSample, RobotSample, urscript
+from kreisel.protocols import ImuSample, RobotSample
 from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
@@ -29,76 +29,6 @@ MARGIN = math.radians(1.0)
 """rad; an arm that comes so near a limit of its joints is stopped."""
 
 _SATURATED = 20
-_PATIENCE = 3.0
-
-
-class Mover(Protocol):
-    """What sends moves to a controller."""
-
-    async def move(self, target: Array, speed: float) -> None:
-        """Send one move."""
-
-    async def stop(self) -> None:
-        """Bring the arm to rest where it is."""
-
-    def describe(self, target: Array, speed: float) -> str:
-        """Return what would be sent."""
-
-
-class UrScriptMover:
-    """Moves for a Universal Robots controller, line by line over its secondary interface.
-
-    Parameters
-    ----------
-    speed
-        The leading joint's speed at full share, rad/s.
-    """
-
-    def __init__(self, host: str, port: int, speed: float) -> None:
-        self._host, self._port, self._speed = host, port, speed
-        self._writer: asyncio.StreamWriter | None = None
-
-    async def connect(self) -> None:
-        """Open the connection.
-
-        Raises
-        ------
-        DeviceError
-            If the controller cannot be reached.
-        """
-        try:
-            async with asyncio.timeout(_PATIENCE):
-                _, self._writer = await asyncio.open_connection(self._host, self._port)
-        except (OSError, TimeoutError) as error:
-            why = getattr(error, "strerror", None) or "no answer"
-            raise DeviceError(
-                f"{self._host}:{self._port}: the controller takes no URScript ({why}); is remote control switched on?"
-            ) from error
-
-    async def move(self, target: Array, speed: float) -> None:
-        """Send one move."""
-        await self._send(urscript.encode(self._command(target, speed)))
-
-    async def stop(self) -> None:
-        """Bring the arm to rest where it is."""
-        await self._send(urscript.encode(urscript.Stop()))
-
-    def describe(self, target: Array, speed: float) -> str:
-        """Return what would be sent."""
-        return urscript.encode(self._command(target, speed)).decode().strip()
-
-    def _command(self, target: Array, speed: float) -> urscript.JointMove:
-        v = speed * self._speed
-        return urscript.JointMove(tuple(target.tolist()), 2.0 * v, v)
-
-    async def _send(self, data: bytes) -> None:
-        if self._writer is None:
-            raise DeviceError(f"{self._host}:{self._port}: not connected")
-        try:
-            self._writer.write(data)
-            await self._writer.drain()
-        except OSError as error:
-            raise DeviceError(f"{self._host}:{self._port}: the controller is gone ({error.strerror})") from error
 
 
 class Watch:
@@ -193,16 +123,27 @@ async def drive(
             if enough():
                 return "enough"
             say(f"move {number} of {len(program.moves)}: {mover.describe(move.target, move.speed)}")
-            await mover.move(move.target, move.speed)
+            try:
+                await mover.move(move.target, move.speed)
+            except DeviceError as error:
+                return f"stopped: {error}{await _stopped(mover)}"
             ended = await _until(lambda target=move.target: watch.rests_at(target), watch, stop, _longest(move, watch))  # type: ignore[misc]
             ended = ended or await _until(lambda: False, watch, stop, move.rest, late_is_well=True)
             if ended:
-                await mover.stop()
-                return f"stopped: {ended}"
+                return f"stopped: {ended}{await _stopped(mover)}"
     except asyncio.CancelledError:
-        await mover.stop()
+        await _stopped(mover)
         raise
     return "done"
+
+
+async def _stopped(mover: Mover) -> str:
+    """Stop the arm; return what to say where that cannot be known."""
+    try:
+        await mover.stop()
+    except DeviceError as error:
+        return f"; and the stop was not taken ({error}): SEE THAT THE ARM RESTS"
+    return ""
 
 
 def _longest(move: Move, watch: Watch) -> float:

@@ -6,7 +6,8 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from kreisel.acquisition.drive import UrScriptMover, Watch, drive
+from kreisel.acquisition.drive import Watch, drive
+from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.record import Status, record
 from kreisel.devices.address import Address
 from kreisel.errors import DeviceError
@@ -20,7 +21,7 @@ _PATIENCE = 10.0
 async def run(
     program: Program,
     arm: Arm,
-    mover: UrScriptMover,
+    mover: Mover,
     imu: Address,
     robot: Address,
     output: Path,
@@ -50,6 +51,7 @@ async def run(
         await mover.connect()
         ended = await drive(program, mover, watch, halt, say, enough)
     finally:
+        await mover.close()
         over.set()
         await asyncio.wait([recording])
     return ended, recording.result()

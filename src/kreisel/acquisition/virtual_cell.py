@@ -6,7 +6,7 @@ import asyncio
 import multiprocessing
 import socket
 import time
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -14,12 +14,12 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from kreisel.devices.obedient import ObedientCell
-from kreisel.devices.twins import Pace, TcpTwin, imu_samples, play_datagrams, robot_samples
+from kreisel.devices.twins import Datagrams, Pace, TcpTwin, ekrl_twin, imu_samples, play_datagrams, robot_samples
 from kreisel.errors import DeviceError, ProtocolError
 from kreisel.protocols import urscript
 from kreisel.recording import Recording
 
-INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004}
+INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024}
 """Usual seconds between two poses of each kind of controller."""
 
 _HOST = "127.0.0.1"
@@ -29,10 +29,11 @@ _HEAD_START = 0.2  # for the controller to hear of the beginning
 
 @dataclass(frozen=True)
 class Urls:
-    """Where the devices are, as `kreisel record` takes them."""
+    """Where the devices are, as `kreisel record` takes them; and where moves are sent, if the arm obeys."""
 
     robot: str
     imu: str
+    mover: str | None = None
 
 
 @contextmanager
@@ -84,9 +85,20 @@ def running(
             pipe.close()
 
 
+OBEDIENT = {"rtde": "urscript", "rsi": "ekrl", "ekrl": "ekrl"}
+"""How arms that obey are told to move, by how they tell where they are."""
+
+_MOVES_AT = {"rtde": "?script=", "ekrl": "?moves="}
+
+
 @contextmanager
-def obeying(recording: Recording, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
-    """Yield the addresses of a cell whose arm, a Universal Robots one, moves when it is told to by URScript.
+def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
+    """Yield the addresses of a cell whose arm moves when it is told to.
+
+    Parameters
+    ----------
+    robot
+        One of `OBEDIENT`: a Universal Robots arm, or a KUKA one with RSI or with kreisel's program alone.
 
     Raises
     ------
@@ -96,37 +108,32 @@ def obeying(recording: Recording, imu: str) -> Iterator[tuple[Urls, list[BasePro
     ObedientCell(recording)  # so that what is wrong is told here
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process: BaseProcess = context.Process(target=_obey, args=(recording, imu, theirs), daemon=True)
+    process: BaseProcess = context.Process(target=_obey, args=(recording, robot, imu, theirs), daemon=True)
     process.start()
     theirs.close()
     try:
-        robot, script, port = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
-        yield Urls(f"rtde://{_HOST}:{robot}?script={script}", f"{imu}://{_HOST}:{port}"), [process]
+        of_robot, of_mover, of_imu = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
+        mover = f"{OBEDIENT[robot]}://{_HOST}:{of_mover}"
+        also = f"{_MOVES_AT[robot]}{of_mover}" if robot in _MOVES_AT else ""
+        yield Urls(f"{robot}://{_HOST}:{of_robot}{also}", f"{imu}://{_HOST}:{of_imu}", mover), [process]
     finally:
         process.terminate()
         process.join()
         ours.close()
 
 
-def _obey(recording: Recording, imu: str, ready: Connection) -> None:
+def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
     """Be both devices of an obedient cell, until the parent is gone."""
-    _be(_obedient(recording, imu, ready), ready)
+    _be(_obedient(recording, robot, imu, ready), ready)
 
 
-async def _obedient(recording: Recording, imu: str, ready: Connection) -> None:
-    cell = ObedientCell(recording)
-
-    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(OSError, asyncio.CancelledError):
-            while line := await reader.readline():
-                with suppress(ProtocolError):
-                    cell.obey(urscript.decode(line))
-        writer.close()
-
-    of_robot, of_imu = TcpTwin("rtde"), TcpTwin(imu)
-    ready.send(await of_robot.serve(_HOST, 0))
-    script = await asyncio.start_server(listen, _HOST, 0)
-    ready.send(int(script.sockets[0].getsockname()[1]))
+async def _obedient(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
+    cell, of_imu = ObedientCell(recording), TcpTwin(imu)
+    listen = (_take_lines if robot == "rtde" else _take_telegrams)(cell)
+    of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpTwin(robot)
+    ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
+    mover = await asyncio.start_server(listen, _HOST, 0)
+    ready.send(int(mover.sockets[0].getsockname()[1]))
     ready.send(await of_imu.serve(_HOST, 0))
     now = time.monotonic()
     while True:
@@ -135,6 +142,38 @@ async def _obedient(recording: Recording, imu: str, ready: Connection) -> None:
         readings, poses = cell.advance(now - before)
         of_imu.send(readings)
         of_robot.send(poses)
+
+
+Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
+
+
+def _take_lines(cell: ObedientCell) -> Listener:
+    """Return what takes URScript, as a controller of Universal Robots does: without an answer."""
+
+    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError, asyncio.CancelledError):
+            while line := await reader.readline():
+                with suppress(ProtocolError):
+                    command = urscript.decode(line)
+                    if isinstance(command, urscript.Stop):
+                        cell.stop()
+                    else:
+                        cell.move(command.target)
+        writer.close()
+
+    return listen
+
+
+def _take_telegrams(cell: ObedientCell) -> Listener:
+    """Return what takes telegrams, as kreisel's program on a KUKA controller does."""
+
+    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError, asyncio.CancelledError):
+            await ekrl_twin(cell, reader, writer)
+        cell.stop()  # as the program does once nobody is connected
+        writer.close()
+
+    return listen
 
 
 def _answer(connection: Connection, address: str) -> int:

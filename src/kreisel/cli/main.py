@@ -14,7 +14,19 @@ import typer
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from kreisel.cli import calibrate, convert, demo, info, record, run_program, simulate, study, virtual_cell, watch  # noqa: E402 - after the environment is set
+from kreisel.cli import (  # noqa: E402 - after the environment is set
+    calibrate,
+    convert,
+    demo,
+    info,
+    krl,
+    record,
+    run_program,
+    simulate,
+    study,
+    virtual_cell,
+    watch,
+)
 from kreisel.errors import KreiselError  # noqa: E402
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # as in malloc.h
@@ -37,6 +49,7 @@ app.command("simulate")(simulate.simulate)
 app.add_typer(study.app, name="study")
 app.command("record")(record.record)
 app.command("run")(run_program.run_program)
+app.command("krl")(krl.krl)
 app.command("recover")(record.recover)
 app.command("watch")(watch.watch)
 app.command("virtual-cell")(virtual_cell.virtual_cell)

@@ -10,7 +10,7 @@ import typer
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
-    from kreisel.acquisition.drive import Mover, UrScriptMover
+    from kreisel.acquisition.movers import Mover
     from kreisel.acquisition.record import Status
     from kreisel.devices.address import Address
     from kreisel.recording.settings import RecordingSettings
@@ -21,9 +21,14 @@ if TYPE_CHECKING:
 def run_program(
     program: Path = typer.Argument(..., help="A program of moves (`kreisel simulate --example-program` prints one)."),
     robot: str = typer.Option(
-        ..., "--robot", help="Address of the robot: rtde://HOST (?script=PORT, 30002 by default)."
+        ..., "--robot", help="Where the arm tells its pose and joint angles, as for `kreisel record`."
     ),
     imu: str = typer.Option(..., "--imu", help="Address of the IMU, as for `kreisel record`."),
+    mover: str | None = typer.Option(
+        None,
+        "--mover",
+        help="Where moves are sent: urscript://HOST, ekrl://HOST or serial:///dev/…; the same host for rtde and ekrl.",
+    ),
     model: str = typer.Option(..., "--model", help="The robot: kr125, ur10e, or a .urdf file."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     arm: bool = typer.Option(False, "--arm", help="Really move the robot. Without, what would be sent is printed."),
@@ -42,30 +47,33 @@ def run_program(
 
     The motion is stopped when a device is lost, the IMU is saturated, a joint comes near its limit, or you interrupt.
     """
-    from kreisel.acquisition.drive import UrScriptMover
-    from kreisel.devices.address import IMUS, ROBOTS, parse_address
+    from kreisel.acquisition.movers import mover_at
+    from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
     from kreisel.errors import DeviceError, SettingsError
     from kreisel.recording.settings import RecordingSettings, read_settings
     from kreisel.robot.kinematics import load_arm
     from kreisel.robot.program import read_program
 
     of_imu, of_robot = parse_address(imu, IMUS), parse_address(robot, ROBOTS)
-    if of_robot.scheme != "rtde":
-        raise SettingsError(f"{robot}: only Universal Robots arms can be moved so far (rtde://HOST)")
+    mover = mover or default_mover(of_robot)
+    if mover is None:
+        known = "; ".join(scheme.example for scheme in MOVERS.values())
+        raise SettingsError(f"{robot} only tells where the arm is; say with --mover where moves are sent: {known}")
+    of_mover = parse_address(mover, MOVERS)
     if of_imu.scheme == "mcap":
         raise SettingsError(f"{imu}: a recording feels nothing of this motion; give the address of the IMU itself")
     targets = dict(_target(text) for text in until)
-    known = load_arm(model)
-    moves = read_program(program, known)
-    mover = UrScriptMover(of_robot.host, int(of_robot.number("script", 30002, 1, 65535)), speed)
+    described = load_arm(model)
+    moves = read_program(program, described)
+    sender = mover_at(of_mover, speed, float(described.velocity.max()))
     if not arm:
-        _show_dry(moves, mover)
+        _show_dry(moves, sender)
         return
     if output is None:
         raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
     with page_of(output, port, wanted=dashboard):
-        ended, status = _drive(moves, known, mover, of_imu, of_robot, output, recorded, targets, seconds)
+        ended, status = _drive(moves, described, sender, of_imu, of_robot, output, recorded, targets, seconds)
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples, {status.robot.count} poses; {ended}; "
         f"next: kreisel calibrate {output} -o OUT"
@@ -101,7 +109,7 @@ def _show_dry(moves: Program, mover: Mover) -> None:
 
 
 def _drive(
-    moves: Program, known: Arm, mover: UrScriptMover, imu: Address, robot: Address, output: Path,
+    moves: Program, known: Arm, mover: Mover, imu: Address, robot: Address, output: Path,
     recorded: RecordingSettings, targets: dict[str, float], seconds: float,
 ) -> tuple[str, Status]:  # fmt: skip
     """Record and drive until the program ends, enough is known, or it is time to stop."""

@@ -18,6 +18,7 @@ class RobotKind(StrEnum):
     rsi = "rsi"
     rtde = "rtde"
     egm = "egm"
+    ekrl = "ekrl"
 
 
 class ImuKind(StrEnum):
@@ -32,7 +33,10 @@ def virtual_cell(
     robot: RobotKind = typer.Option(RobotKind.rsi, help="How the controller speaks."),
     imu: ImuKind = typer.Option(ImuKind.ixcom, help="How the IMU speaks."),
     interval: float | None = typer.Option(
-        None, min=0.001, max=1.0, help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm) by default."
+        None,
+        min=0.001,
+        max=1.0,
+        help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm), 0.024 (ekrl) by default.",
     ),
     seconds: float | None = typer.Option(None, help="Another length than the cell's."),
     seed: int | None = typer.Option(None, help="Another seed than the cell's."),
@@ -40,7 +44,7 @@ def virtual_cell(
     robot_port: int = typer.Option(0, min=0, max=65535, help="Where the controller sends or listens; any by default."),
     imu_port: int = typer.Option(0, min=0, max=65535, help="Where the IMU listens; any by default."),
     obey: bool = typer.Option(
-        False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with --robot rtde."
+        False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with rtde, rsi or ekrl."
     ),
     output: Path | None = typer.Option(
         None, "-o", "--output", help="Folder for what is known of the cell: truth.json, recording.toml, robot.urdf."
@@ -48,21 +52,22 @@ def virtual_cell(
 ) -> None:
     """Play a virtual cell over the wire, once: the motion begins when a recorder asks the IMU for readings.
 
-    When both devices are ready one line of JSON says where they are: {"robot": URL, "imu": URL}.
+    When both devices are ready one line of JSON says where they are: {"robot": URL, "imu": URL}; with --obey also
+    where moves are sent: "mover".
     """
     import json
     import signal
     import sys
 
-    from kreisel.acquisition.virtual_cell import obeying, running
+    from kreisel.acquisition.virtual_cell import OBEDIENT, obeying, running
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.recording.write import write_settings
     from kreisel.simulation import simulate, write_truth
 
-    if obey and robot is not RobotKind.rtde:
-        raise SettingsError("--obey: the arm that can be told to move is a Universal Robots one; add --robot rtde")
+    if obey and robot.value not in OBEDIENT:
+        raise SettingsError(f"--obey: no simulated {robot.value} arm can be told to move; choose {', '.join(OBEDIENT)}")
     described = _described(cell, robot, interval, {"seed": seed, "seconds": seconds})
     if output is not None:
         check_output(output)
@@ -74,12 +79,13 @@ def virtual_cell(
         write_settings(recording, output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     cell_of = (
-        obeying(recording, imu.value)
+        obeying(recording, robot.value, imu.value)
         if obey
         else running(recording, robot.value, imu.value, speed=speed, robot_port=robot_port, imu_port=imu_port)
     )
     with cell_of as (urls, processes):
-        typer.echo(json.dumps({"robot": urls.robot, "imu": urls.imu}))
+        where = {"robot": urls.robot, "imu": urls.imu, "mover": urls.mover}
+        typer.echo(json.dumps({name: url for name, url in where.items() if url is not None}))
         sys.stdout.flush()
         try:
             for process in processes:
@@ -100,9 +106,11 @@ def _described(cell: Path | None, robot: RobotKind, interval: float | None, chan
     if interval is not None or "interval" not in known.reference.model_fields_set:
         reference["interval"] = interval or INTERVALS[robot]
     content.update({name: value for name, value in changes.items() if value is not None})
-    if robot is RobotKind.rsi:  # whose clock counts whole milliseconds
+    if robot in (RobotKind.rsi, RobotKind.ekrl):  # whose clocks count whole milliseconds
         cycle = 1e3 * reference["interval"]
         if abs(cycle - round(cycle)) > 1e-9:
-            raise SettingsError(f"{cycle:g} ms between two poses: RSI's cycles are whole milliseconds; see --interval")
+            raise SettingsError(
+                f"{cycle:g} ms between two poses: a KUKA's cycles are whole milliseconds; see --interval"
+            )
         reference["clock_offset"] = round(reference["clock_offset"], 3)
     return parse_cell(content, cell or Path("CELL.toml"))

@@ -36,6 +36,7 @@ ROBOTS = {
     ),
     "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
+    "ekrl": Scheme(54601, "ekrl://192.168.1.10 (what kreisel's KRL program tells, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
 }
@@ -45,6 +46,13 @@ IMUS = {
     "serial": Scheme(0, "serial:///dev/ttyUSB0?baud=115200 (&columns=…)", ("columns", "baud")),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/imu/data_raw&speed=1)", ("topic", "speed"), device="imu"),
 }
+
+MOVERS = {
+    "urscript": Scheme(30002, "urscript://192.168.1.20"),
+    "ekrl": Scheme(54600, "ekrl://192.168.1.10 (kreisel's KRL program, see `kreisel krl`)"),
+    "serial": Scheme(0, "serial:///dev/ttyS0?baud=115200 (the same program's telegrams)", ("baud",), device="robot"),
+}
+"""Where moves are sent."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,14 @@ class Address:
         if not low <= value <= high:
             raise SettingsError(f"{self}: {name} is '{text}', expected {low:g} to {high:g}")
         return value
+
+
+def default_mover(robot: Address) -> str | None:
+    """Return where an arm that tells its pose there takes moves, if that is known: see `MOVERS`."""
+    for scheme, option, mover in (("rtde", "script", "urscript"), ("ekrl", "moves", "ekrl")):
+        if robot.scheme == scheme:
+            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}"
+    return None
 
 
 def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:

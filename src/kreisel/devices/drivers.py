@@ -150,7 +150,7 @@ async def _stream(address: Address, clock: Clock, session: Callable[[], Session]
     while True:
         try:
             async with asyncio.timeout(_PATIENCE):
-                reader, writer = await _connect(address)
+                reader, writer = await connect(address)
         except (OSError, TimeoutError) as error:
             if lost_ns is None:
                 lost_ns = clock()
@@ -211,8 +211,16 @@ async def _ask(session: Session, writer: asyncio.StreamWriter, clock: Clock) -> 
         await asyncio.sleep(session.period)
 
 
-async def _connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    """Return the streams of a new connection, or of a serial line."""
+async def connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Return the streams of a new connection, or of a serial line.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    SettingsError
+        If a serial line's option makes no sense, or pyserial is not there.
+    """
     if address.scheme != "serial":
         return await asyncio.open_connection(address.host, address.port)
     try:

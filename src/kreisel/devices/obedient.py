@@ -6,7 +6,7 @@ While the arm waits, a stretch of the rest is played again and again; stamps go 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.devices.twins import imu_samples, robot_samples
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import ImuSample, RobotSample, urscript
+from kreisel.protocols import ImuSample, RobotSample
 from kreisel.recording import Recording
 
 Sample = TypeVar("Sample", ImuSample, RobotSample)
@@ -66,25 +66,30 @@ class ObedientCell:
         self._moving = False
         self._frozen = False
         self._next = [0, 0]
-        self.refused: list[str] = []
 
-    def obey(self, command: urscript.Command) -> None:
-        """Take a command: a move to the next target of the recording, or a stop."""
-        if isinstance(command, urscript.Stop):
-            self._frozen = self._moving
-            return
+    def move(self, target: Sequence[float]) -> str | None:
+        """Move to the next target of the recording, rad; return why not, where it is another one."""
         here = self._rests[self._at].joints
         if self._moving or self._frozen:
-            self.refused.append("a move while another is under way")
-        elif np.max(np.abs(np.array(command.target) - here)) < NEAR:
-            return
-        elif self._at + 1 >= len(self._rests):
-            self.refused.append("a move after the last")
-        elif np.max(np.abs(np.array(command.target) - self._rests[self._at + 1].joints)) > NEAR:
-            self.refused.append(f"a move to another target than the program's {self._at + 1}")
-        else:
-            self._skip_to(self._rests[self._at].end - _EDGE)
-            self._moving = True
+            return "a move while another is under way"
+        if np.max(np.abs(np.array(target) - here)) < NEAR:
+            return None
+        if self._at + 1 >= len(self._rests):
+            return "a move after the last"
+        if np.max(np.abs(np.array(target) - self._rests[self._at + 1].joints)) > NEAR:
+            return f"a move to another target than the program's {self._at + 1}"
+        self._skip_to(self._rests[self._at].end - _EDGE)
+        self._moving = True
+        return None
+
+    def stop(self) -> None:
+        """Stop where it is; there is no going on from there."""
+        self._frozen = self._moving
+
+    @property
+    def moving(self) -> bool:
+        """Whether a move is under way."""
+        return self._moving and not self._frozen
 
     def advance(self, seconds: float) -> tuple[list[ImuSample], list[RobotSample]]:
         """Return what the devices measure in the next so many seconds."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kreisel.devices.address import Address
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, ixcom, line, rtde, varproxy
+from kreisel.protocols import ImuSample, RobotSample, ekrl, ixcom, line, rtde, varproxy
 
 Found = ImuSample | RobotSample | ProtocolError
 
@@ -133,11 +133,37 @@ class VarproxySession(Session):
         return out, b""
 
 
+class EkrlSession(Session):
+    """What kreisel's program on a KUKA controller tells of itself."""
+
+    def __init__(self, address: Address) -> None:  # noqa: ARG002 - as all sessions are made
+        self._splitter = ekrl.Splitter("Robot")
+        self._skipped = 0
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return poses, and an error for each telegram that is none."""
+        out: list[Found] = []
+        for telegram in self._splitter.receive(data):
+            try:
+                out.append(ekrl.decode_state(telegram).sample)
+            except ProtocolError as error:
+                out.append(error)
+        if self._splitter.skipped > self._skipped:
+            out.append(
+                ProtocolError(
+                    "EthernetKRL", f"{self._splitter.skipped - self._skipped} bytes that belong to no telegram"
+                )
+            )
+            self._skipped = self._splitter.skipped
+        return out, b""
+
+
 SESSIONS: dict[str, type[Session]] = {
     "rtde": RtdeSession,
     "ixcom": IxcomSession,
     "csv": LineSession,
     "serial": LineSession,
     "varproxy": VarproxySession,
+    "ekrl": EkrlSession,
 }
 """By the scheme of the address; each is made from it."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from typing import Protocol
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde
+from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde
 from kreisel.recording import ImuSamples, Recording
 
 _ROWS = 1000
@@ -62,18 +63,92 @@ class Pace:
             await asyncio.sleep(wait)
 
 
+class Datagrams:
+    """A controller that sends its poses to a port, as RSI and EGM do; answers are let lie."""
+
+    def __init__(self, scheme: str, host: str, port: int) -> None:
+        self._scheme, self._where, self._number = scheme, (host, port), 0
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self) -> int:
+        """Begin, and return the port."""
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._where)
+        return self._where[1]
+
+    def send(self, samples: Iterable[RobotSample]) -> None:
+        """Send poses."""
+        for sample in samples:
+            data = rsi.encode(sample) if self._scheme == "rsi" else egm.encode(sample, self._number)
+            self._number += 1
+            if self._transport is not None:
+                self._transport.sendto(data)
+
+    def close(self) -> None:
+        """Send no more."""
+        if self._transport is not None:
+            self._transport.close()
+
+
 async def play_datagrams(scheme: str, samples: Iterator[RobotSample], host: str, port: int, pace: Pace) -> None:
-    """Send poses to a port, as an RSI or EGM controller does; answers are let lie."""
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=(host, port))
-    first_ns: int | None = None
+    """Send poses to a port, as an RSI or EGM controller does."""
+    sender, first_ns = Datagrams(scheme, host, port), None
+    await sender.open()
     try:
-        for number, sample in enumerate(samples):
+        for sample in samples:
             first_ns = sample.stamp_ns if first_ns is None else first_ns
             await pace.until((sample.stamp_ns - first_ns) * 1e-9)
-            transport.sendto(rsi.encode(sample) if scheme == "rsi" else egm.encode(sample, number))
+            sender.send([sample])
     finally:
-        transport.close()
+        sender.close()
+
+
+class Obedient(Protocol):
+    """An arm that can be told to move."""
+
+    def move(self, target: Sequence[float]) -> str | None:
+        """Move, or return why not."""
+
+    def stop(self) -> None:
+        """Stop where it is."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether a move is under way."""
+
+
+async def ekrl_twin(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Do what telegrams say until the connection ends, and answer, as kreisel's program on a KUKA controller does."""
+    splitter, nowhere = ekrl.Splitter("Kreisel"), RobotSample(0, None, None, (0.0,) * 6)
+
+    def tell(number: int, doing: ekrl.Doing) -> None:
+        writer.write(ekrl.encode_state(ekrl.State(number, doing, nowhere)))
+
+    arrives: asyncio.Task[None] | None = None
+
+    async def arrive(number: int) -> None:
+        while arm.moving:
+            await asyncio.sleep(0.01)
+        tell(number, ekrl.Doing.ARRIVED)
+
+    try:
+        while data := await reader.read(4096):
+            for telegram in splitter.receive(data):
+                try:
+                    command = ekrl.decode(telegram)
+                except ProtocolError:
+                    continue
+                if isinstance(command, ekrl.Stop):
+                    arm.stop()
+                    tell(command.number, ekrl.Doing.STOPPED)
+                elif arm.move(command.target) is None:
+                    tell(command.number, ekrl.Doing.MOVING)
+                    arrives = asyncio.ensure_future(arrive(command.number))
+                else:
+                    tell(command.number, ekrl.Doing.REFUSED)
+    finally:
+        if arrives is not None:
+            arrives.cancel()
 
 
 class _Clients:
@@ -109,7 +184,7 @@ class TcpTwin:
     Parameters
     ----------
     scheme
-        `rtde`, `ixcom` or `csv`.
+        `rtde`, `ekrl` (its states alone), `ixcom` or `csv`.
     on_client
         Called when the first client wants data.
     """
@@ -117,7 +192,7 @@ class TcpTwin:
     def __init__(self, scheme: str, on_client: Callable[[], None] = lambda: None) -> None:
         self._clients = _Clients()
         self._on_client = on_client
-        self._talk = {"rtde": self._rtde, "ixcom": self._ixcom, "csv": self._lines}[scheme]
+        self._talk = {"rtde": self._rtde, "ekrl": self._ekrl, "ixcom": self._ixcom, "csv": self._lines}[scheme]
         self._server: asyncio.Server | None = None
 
     async def serve(self, host: str, port: int) -> int:
@@ -165,6 +240,16 @@ class TcpTwin:
                 self._begin(writer, server.encode)  # type: ignore[arg-type]
             else:
                 self._clients.remove(writer)
+
+    async def _ekrl(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        def encode(sample: object) -> bytes:
+            if not isinstance(sample, RobotSample):
+                return b""
+            return ekrl.encode_state(ekrl.State(0, ekrl.Doing.ARRIVED, sample))
+
+        self._begin(writer, encode)
+        while await reader.read(4096):
+            pass
 
     async def _ixcom(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         decoder, count, sent = ixcom.Decoder(), 0, 0
