@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, varproxy
+from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, varproxy
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False)
 stamps = st.integers(0, 2**31 * 10**9 - 10**9)
@@ -48,6 +48,15 @@ def test_rsi_gives_back_what_was_sent_to_four_digits(pose):
     assert abs(found.stamp_ns - pose.stamp_ns) <= 500_000
     assert all(abs(a - b) < 5.1e-8 for a, b in zip(found.position, pose.position, strict=True))
     assert same_turn(found.quaternion, pose.quaternion, 1e-11)
+
+
+@given(poses)
+def test_the_proxys_variables_give_back_what_was_asked(pose):
+    frame, axes = (varproxy.pose(varproxy.variable(name, pose), pose.stamp_ns) for name in ("$POS_ACT", "$AXIS_ACT"))
+    assert all(abs(a - b) < 1e-8 for a, b in zip(frame.position, pose.position, strict=True))
+    assert same_turn(frame.quaternion, pose.quaternion, 1e-11)
+    assert all(abs(a - b) < 1e-7 for a, b in zip(axes.joints, pose.joints, strict=True))
+    assert varproxy.variable("$OV_PRO", pose) is None
 
 
 @given(poses)
@@ -143,6 +152,8 @@ def attack_all(data):
         lambda: line.Decoder(line.Columns.parse(line.COLUMNS)).receive(data + b"\n" + data + b"\n"),
         lambda: line.Decoder().receive(data + b"\n" + data + b"\n"),
         lambda: [(ixcom.sample(f), ixcom.wanted_log(f), ixcom.check_response(f)) for f in decoder.receive(data)],
+        lambda: ekrl.decode(data), lambda: ekrl.decode_state(data),
+        lambda: [ekrl.decode_state(telegram) for telegram in ekrl.Splitter("Robot").receive(data)],
     ]  # fmt: skip
     client = rtde.Client(500.0)
     client.state = rtde.State.RUNNING

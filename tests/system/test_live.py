@@ -295,6 +295,36 @@ def test_a_device_that_is_not_there_yet_is_waited_for(tmp_path):
     assert status.imu.count > 150
 
 
+def test_a_proxy_is_asked_for_poses(tmp_path):
+    """The simulated one, whose poses move on by a millimetre every 4 ms."""
+
+    async def all_of_it():
+        proxy, imu, began = TcpTwin("varproxy"), TcpTwin("csv"), time.monotonic()
+        ports = [await twin.serve(HOST, 0) for twin in (proxy, imu)]
+        pace = Pace(lambda: began)
+        playing = [
+            asyncio.ensure_future(proxy.play((pose(k) for k in range(1000)), pace)),
+            asyncio.ensure_future(imu.play((reading(k) for k in range(4000)), pace)),
+        ]
+        addresses = (
+            parse_address(f"csv://{HOST}:{ports[1]}", IMUS),
+            parse_address(f"varproxy://{HOST}:{ports[0]}?rate=100", ROBOTS),
+        )
+        status = await record(*addresses, tmp_path / "run", seconds=0.5)
+        for task, twin in zip(playing, (proxy, imu), strict=True):
+            task.cancel()
+            twin.close()
+        await asyncio.sleep(0.05)  # for the transports to close
+        return status
+
+    status = asyncio.run(all_of_it())
+    assert status.robot.count >= 25
+    reference = load_bag(tmp_path / "run").reference
+    moved = np.linalg.norm(reference.positions - reference.positions[0], axis=1)
+    assert np.all(np.diff(moved) >= 0.0)
+    assert moved[-1] > 0.05
+
+
 def test_garbage_among_frames_is_skipped_and_told(tmp_path):
     async def talk(reader, writer):
         await reader.read(4096)
@@ -462,11 +492,12 @@ def test_a_recorder_that_is_stopped(tmp_path, how):
     assert np.all(np.diff(recording.imu.stamps_ns) == INTERVAL_NS)
 
 
-def test_the_virtual_cell_is_recorded_and_found_again(tmp_path):
+@pytest.mark.parametrize("robot", ["rtde", "ekrl"])
+def test_the_virtual_cell_is_recorded_and_found_again(tmp_path, robot):
     """Two commands, as a user types them; ten times real time."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     cell = subprocess.Popen(
-        [sys.executable, "-m", "kreisel.cli.main", "virtual-cell", "--robot", "rtde", "--imu", "csv", "--interval",
+        [sys.executable, "-m", "kreisel.cli.main", "virtual-cell", "--robot", robot, "--imu", "csv", "--interval",
          "0.02", "--seconds", "75", "--speed", "10", "-o", "known"],
         cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=environment,
     )  # fmt: skip

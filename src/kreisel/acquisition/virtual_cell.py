@@ -19,7 +19,7 @@ from kreisel.errors import DeviceError, ProtocolError
 from kreisel.protocols import urscript
 from kreisel.recording import Recording
 
-INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024}
+INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004}
 """Usual seconds between two poses of each kind of controller."""
 
 _HOST = "127.0.0.1"

@@ -19,6 +19,7 @@ class RobotKind(StrEnum):
     rtde = "rtde"
     egm = "egm"
     ekrl = "ekrl"
+    varproxy = "varproxy"
 
 
 class ImuKind(StrEnum):
@@ -36,7 +37,7 @@ def virtual_cell(
         None,
         min=0.001,
         max=1.0,
-        help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm), 0.024 (ekrl) by default.",
+        help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm, varproxy), 0.024 (ekrl).",
     ),
     seconds: float | None = typer.Option(None, help="Another length than the cell's."),
     seed: int | None = typer.Option(None, help="Another seed than the cell's."),

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde
+from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, varproxy
 from kreisel.recording import ImuSamples, Recording
 
 _ROWS = 1000
@@ -184,7 +184,7 @@ class TcpTwin:
     Parameters
     ----------
     scheme
-        `rtde`, `ekrl` (its states alone), `ixcom` or `csv`.
+        `rtde`, `ekrl` (its states alone), `varproxy`, `ixcom` or `csv`.
     on_client
         Called when the first client wants data.
     """
@@ -192,7 +192,14 @@ class TcpTwin:
     def __init__(self, scheme: str, on_client: Callable[[], None] = lambda: None) -> None:
         self._clients = _Clients()
         self._on_client = on_client
-        self._talk = {"rtde": self._rtde, "ekrl": self._ekrl, "ixcom": self._ixcom, "csv": self._lines}[scheme]
+        self._latest: object = None
+        self._talk = {
+            "rtde": self._rtde,
+            "ekrl": self._ekrl,
+            "varproxy": self._varproxy,
+            "ixcom": self._ixcom,
+            "csv": self._lines,
+        }[scheme]
         self._server: asyncio.Server | None = None
 
     async def serve(self, host: str, port: int) -> int:
@@ -206,7 +213,7 @@ class TcpTwin:
         for sample in samples:
             first_ns = sample.stamp_ns if first_ns is None else first_ns
             await pace.until((sample.stamp_ns - first_ns) * 1e-9)
-            self._clients.send(sample)
+            self.send([sample])
         self.close()
 
     def close(self) -> None:
@@ -215,9 +222,10 @@ class TcpTwin:
         if self._server is not None:
             self._server.close()
 
-    def send(self, samples: Iterable[ImuSample] | Iterable[RobotSample]) -> None:
+    def send(self, samples: Iterable[ImuSample | RobotSample]) -> None:
         """Send samples to all who listen."""
         for sample in samples:
+            self._latest = sample
             self._clients.send(sample)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -250,6 +258,14 @@ class TcpTwin:
         self._begin(writer, encode)
         while await reader.read(4096):
             pass
+
+    async def _varproxy(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        splitter = varproxy.splitter()
+        while data := await reader.read(4096):
+            for number, content in splitter.receive(data):
+                name, latest = varproxy.decode_request(number, content).name, self._latest
+                value = varproxy.variable(name, latest) if isinstance(latest, RobotSample) else None
+                writer.write(varproxy.encode_answer(varproxy.Answer(number, value or "", value is not None)))
 
     async def _ixcom(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         decoder, count, sent = ixcom.Decoder(), 0, 0

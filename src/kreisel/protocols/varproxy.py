@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 
 from kreisel.errors import ProtocolError
-from kreisel.geometry.kuka import from_abc
+from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import RobotSample, finite
 
@@ -113,6 +113,18 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
     except KeyError as error:
         raise ProtocolError(_NAME, f"'{text[:60]}' is neither a frame (X .. C) nor axes (A1 .. A6)") from error
     return RobotSample(stamp_ns, (x * 1e-3, y * 1e-3, z * 1e-3), from_abc(a * _DEGREE, b * _DEGREE, c * _DEGREE))
+
+
+def variable(name: str, sample: RobotSample) -> str | None:
+    """Return the text of a variable at a pose, None where there is no such: the twin's side."""
+    if name == "$AXIS_ACT" and sample.joints:
+        axes = ", ".join(f"A{k} {angle / _DEGREE:.5f}" for k, angle in enumerate(sample.joints, start=1))
+        return f"{{E6AXIS: {axes}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"
+    if name == "$POS_ACT" and sample.position is not None and sample.quaternion is not None:
+        values = (*(1e3 * x for x in sample.position), *(angle / _DEGREE for angle in to_abc(sample.quaternion)))
+        frame = ", ".join(f"{axis} {value:.5f}" for axis, value in zip("XYZABC", values, strict=True))
+        return f"{{E6POS: {frame}, S 2, T 10}}"
+    return None
 
 
 def _string(text: str) -> bytes:
