@@ -27,7 +27,7 @@ def mover_at(address: Address, speed: float, fastest: float) -> Mover:
         The slowest joint's largest speed, rad/s: telegrams name shares of it.
     """
     if address.scheme == "urscript":
-        return UrScriptMover(address.host, address.port, speed)
+        return UrScriptMover(address, speed)
     return EkrlMover(address, min(1.0, speed / fastest))
 
 
@@ -56,6 +56,19 @@ class Mover(Protocol):
         """Return what would be sent."""
 
 
+Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+async def _reach(address: Address, advice: str) -> Streams:
+    """Return the streams of a new connection."""
+    try:
+        async with asyncio.timeout(_PATIENCE):
+            return await connect(address)
+    except (OSError, TimeoutError) as error:
+        why = getattr(error, "strerror", None) or "no answer"
+        raise DeviceError(f"{address}: the controller takes no commands ({why}); {advice}") from error
+
+
 class UrScriptMover:
     """Moves for a Universal Robots controller, line by line over its secondary interface.
 
@@ -65,8 +78,8 @@ class UrScriptMover:
         The leading joint's speed at full share, rad/s.
     """
 
-    def __init__(self, host: str, port: int, speed: float) -> None:
-        self._host, self._port, self._speed = host, port, speed
+    def __init__(self, address: Address, speed: float) -> None:
+        self._address, self._speed = address, speed
         self._writer: asyncio.StreamWriter | None = None
 
     async def connect(self) -> None:
@@ -77,14 +90,7 @@ class UrScriptMover:
         DeviceError
             If the controller cannot be reached.
         """
-        try:
-            async with asyncio.timeout(_PATIENCE):
-                _, self._writer = await asyncio.open_connection(self._host, self._port)
-        except (OSError, TimeoutError) as error:
-            why = getattr(error, "strerror", None) or "no answer"
-            raise DeviceError(
-                f"{self._host}:{self._port}: the controller takes no URScript ({why}); is remote control switched on?"
-            ) from error
+        _, self._writer = await _reach(self._address, "is remote control switched on?")
 
     async def move(self, target: Array, speed: float) -> None:
         """Send one move."""
@@ -109,12 +115,12 @@ class UrScriptMover:
 
     async def _send(self, data: bytes) -> None:
         if self._writer is None:
-            raise DeviceError(f"{self._host}:{self._port}: not connected")
+            raise DeviceError(f"{self._address}: not connected")
         try:
             self._writer.write(data)
             await self._writer.drain()
         except OSError as error:
-            raise DeviceError(f"{self._host}:{self._port}: the controller is gone ({error.strerror})") from error
+            raise DeviceError(f"{self._address}: the controller is gone ({error.strerror})") from error
 
 
 class EkrlMover:
@@ -130,7 +136,7 @@ class EkrlMover:
         self._address, self._share = address, share
         self._numbers = itertools.count(1)
         self._heard: asyncio.Queue[ekrl.State | None] = asyncio.Queue()
-        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._streams: Streams | None = None
         self._listening: asyncio.Task[None] | None = None
 
     async def connect(self) -> None:
@@ -141,14 +147,7 @@ class EkrlMover:
         DeviceError
             If the controller cannot be reached.
         """
-        try:
-            async with asyncio.timeout(_PATIENCE):
-                self._streams = await connect(self._address)
-        except (OSError, TimeoutError) as error:
-            why = getattr(error, "strerror", None) or "no answer"
-            raise DeviceError(
-                f"{self._address}: the controller takes no telegrams ({why}); does kreisel's program run there?"
-            ) from error
+        self._streams = await _reach(self._address, "does kreisel's program run there?")
         self._listening = asyncio.ensure_future(self._listen(self._streams[0]))
 
     async def move(self, target: Array, speed: float) -> None:
