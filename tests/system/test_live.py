@@ -232,6 +232,20 @@ def test_egm_is_recorded_too(tmp_path):
     assert load_bag(path).reference.positions[-1, 2] == 1.0
 
 
+@pytest.mark.parametrize("answer", ["yes", "no"])
+def test_answers_that_reach_the_controller_late_are_told(tmp_path, answer):
+    """It counts them; who does not answer has none to lose."""
+    late = (0 if k < 60 else 2 if k < 120 else 3 for k in itertools.count())
+    datagrams = (rsi.encode(pose(k), missed) for k, missed in zip(itertools.count(), late))
+    status, _ = with_robot(tmp_path, datagrams, options=f"?answer={answer}")
+    told = [note for note in status.notes if "answers reached the controller late" in note]
+    assert len(told) == (2 if answer == "yes" else 0)
+    if told:
+        assert "2 answers reached the controller late, 2 in all" in told[0]
+        assert "1 answers reached the controller late, 3 in all" in told[1]
+    assert status.robot.missing == 0
+
+
 def test_rsi_is_answered_where_that_is_wanted(tmp_path):
     async def all_of_it():
         port, answers = free_port(), []

@@ -116,7 +116,7 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
         ) from error
     with suppress(OSError):
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-    faults, silent, dropped = _Faults(), False, 0
+    faults, silent, dropped, late = _Faults(), False, 0, 0
     try:
         while True:
             try:
@@ -130,6 +130,11 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
             if receiver.dropped > dropped:
                 yield Notice(Level.WARNING, f"{address}: {receiver.dropped - dropped} messages dropped here", now)
                 dropped = receiver.dropped
+            missed = rsi.late_answers(data) if answers else 0
+            if missed > late:
+                text = f"{address}: {missed - late} answers reached the controller late, {missed} in all"
+                yield Notice(Level.WARNING, f"{text}; it stops the robot after a few: is this machine busy?", now)
+            late = missed
             try:
                 sample = decode(data)
             except ProtocolError as error:

@@ -7,6 +7,7 @@ is given back in the answer. In ONLYSEND mode nothing is answered, and nothing c
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ElementTree
 
 from kreisel.errors import ProtocolError
@@ -19,6 +20,7 @@ LARGEST = 8192
 _NAME = "RSI"
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
 _DEGREE = math.pi / 180.0
+_DELAY = re.compile(rb'<Delay\s+D="(\d{1,9})"')
 
 
 def decode(datagram: bytes) -> RobotSample:
@@ -44,8 +46,17 @@ def decode(datagram: bytes) -> RobotSample:
     )
 
 
-def encode(sample: RobotSample) -> bytes:
-    """Return the controller's telegram that tells a pose: the twin's side."""
+def late_answers(datagram: bytes) -> int:
+    """Return how many answers the controller has missed so far, 0 where it does not say.
+
+    After so many as its configuration allows it stops the robot.
+    """
+    found = _DELAY.search(datagram, 0, LARGEST)
+    return 0 if found is None else int(found.group(1))
+
+
+def encode(sample: RobotSample, late: int = 0) -> bytes:
+    """Return the controller's telegram that tells a pose, and how many answers came late: the twin's side."""
     parts = ['<Rob TYPE="KUKA">']
     if sample.position is not None and sample.quaternion is not None:
         values = (*(1e3 * x for x in sample.position), *(angle / _DEGREE for angle in to_abc(sample.quaternion)))
@@ -54,7 +65,7 @@ def encode(sample: RobotSample) -> bytes:
     if sample.joints:
         axes = " ".join(f'A{k}="{angle / _DEGREE:.4f}"' for k, angle in enumerate(sample.joints, start=1))
         parts.append(f"<AIPos {axes}/><ASPos {axes}/>")
-    parts.append(f'<Delay D="0"/><IPOC>{round(sample.stamp_ns * 1e-6)}</IPOC></Rob>')
+    parts.append(f'<Delay D="{late}"/><IPOC>{round(sample.stamp_ns * 1e-6)}</IPOC></Rob>')
     return "".join(parts).encode()
 
 
