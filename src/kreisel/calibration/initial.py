@@ -7,24 +7,23 @@ linear in K_a, K_a k_a0, a common lever arm and gravity.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels import quadrature
+from kreisel._kernels import quadrature, unit_forces
 from kreisel.geometry.rotation import (
     Array,
+    Indices,
     Mask,
     apply,
     conjugate,
     exp,
     from_matrix,
     log,
-    matrix,
     multiply,
     nearest_rotation,
-    skew,
 )
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.synchronization import Clock, RateFit
@@ -157,7 +156,7 @@ class Accelerations:
     Attributes
     ----------
     felt : (windows, 3, 15)
-        See `felt_columns`.
+        What a unit of each parameter makes felt: see `_kernels.unit_forces`.
     shown : (windows, 3)
         By the positions; zero where there are none.
     still : (rests, 3, 15)
@@ -189,13 +188,18 @@ class Accelerations:
         rests
             First and last IMU second of every rest.
         """
-        columns = felt_columns(signal, fit, q)
         windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _BLIND_HALF_WINDOW)
-        felt = np.stack([windows.integrate(column) for column in columns], axis=2)
-        shown = np.zeros(felt.shape[:2]) if p is None else windows.second_difference(p)
+        omega = np.ascontiguousarray(signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0)
+        alpha = np.ascontiguousarray(signal.slopes @ fit.K_omega.T)
+        sampled = (q, np.ascontiguousarray(signal.accelerations), omega, alpha)
+        means = windows.means(
+            3 * unit_forces.PARAMETERS, lambda *at: unit_forces.double_integrals(signal.stamps, *sampled, *at)
+        )
+        shown = np.zeros((len(means), 3)) if p is None else windows.second_difference(p)
         inside = [rest for rest in rests if rest[0] >= signal.stamps[0] and rest[1] <= signal.stamps[-1]]
-        still = [_mean_over(signal.stamps, columns, *rest) for rest in inside]
-        return cls(felt, shown, np.array(still).reshape(-1, 3, len(columns)))
+        still = [_mean_felt(signal.stamps, sampled, *rest) for rest in inside] if p is None else []
+        shape = (-1, 3, unit_forces.PARAMETERS)
+        return cls(means.reshape(shape), shown, np.array(still).reshape(shape))
 
     @classmethod
     def joined(cls, parts: Sequence[Accelerations]) -> Accelerations:
@@ -245,24 +249,15 @@ def fit_forces(seen: Accelerations, fit: RateFit, gravity: float, *, blind: bool
     )
 
 
-def _mean_over(stamps: Array, columns: list[Array], start: float, stop: float) -> Array:
-    """Return the mean of every column within a stretch, (axis, columns)."""
-    part = slice(*np.searchsorted(stamps, (start, stop)))
-    return np.stack([column[part].mean(axis=0) for column in columns], axis=1)
-
-
-def felt_columns(signal: InertialSignal, fit: RateFit, q: Array) -> list[Array]:
-    """Return what the accelerometers make felt in r, for a unit of each of 15 parameters, (n, 3) each.
-
-    Nine couplings, row by row, three offsets, and a lever arm all three have in common. q (n, 4): attitude q_rb.
-    """
-    C, a = matrix(q), signal.accelerations
-    omega = signal.rates @ fit.K_omega.T + fit.K_omega @ fit.k_w0
-    turning = skew(signal.slopes @ fit.K_omega.T) + omega[:, :, None] * omega[:, None, :]
-    turning -= np.sum(omega**2, axis=1)[:, None, None] * np.eye(3)
-    by_arm = C @ turning
-    columns = [C[:, :, j] * a[:, k, None] for j in range(3) for k in range(3)]
-    return columns + [C[:, :, j] for j in range(3)] + [-by_arm[:, :, j] for j in range(3)]
+def _mean_felt(stamps: Array, sampled: tuple[Array, ...], start: float, stop: float) -> Array:
+    """Return the mean of what is felt over a stretch, (45,)."""
+    q, readings, omega, alpha = sampled
+    part = range(*np.searchsorted(stamps, (start, stop)))
+    out, total = np.empty(3 * unit_forces.PARAMETERS), np.zeros(3 * unit_forces.PARAMETERS)
+    for k in part:
+        unit_forces.at_sample(q[k], readings[k], omega[k], alpha[k], out)
+        total += out
+    return total / max(len(part), 1)
 
 
 def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple[Array, Array, float]:
@@ -320,11 +315,25 @@ class Windows:
     def integrate(self, values: Array) -> Array:
         """Triangularly weighted mean of sampled vectors (n, 3), (windows, 3)."""
         values = np.ascontiguousarray(values)
-        a, b, c = (np.empty((moment.size, 3)) for moment in self.t)
-        for moment, out in zip(self.t, (a, b, c), strict=True):
-            before = np.clip(np.searchsorted(self.stamps, moment, side="right") - 1, 0, self.stamps.size - 2)
-            share = (moment - self.stamps[before]) / (self.stamps[before + 1] - self.stamps[before])
-            quadrature.double_integral(self.stamps, values, before, share, out)
+        return self.means(3, lambda *at: quadrature.double_integral(self.stamps, values, *at))
+
+    def means(self, columns: int, integrate: Callable[[Indices, Array, Array], None]) -> Array:
+        """Return triangularly weighted means, (windows, columns), of what is integrated twice.
+
+        Parameters
+        ----------
+        integrate
+            Write the double integral (m, columns) to moments: see `_kernels.quadrature.double_integral`.
+        """
+        moments = np.concatenate(self.t)
+        order = np.argsort(moments, kind="stable")
+        moments = moments[order]
+        before = np.clip(np.searchsorted(self.stamps, moments, side="right") - 1, 0, self.stamps.size - 2)
+        share = (moments - self.stamps[before]) / (self.stamps[before + 1] - self.stamps[before])
+        ordered, integral = np.empty((moments.size, columns)), np.empty((moments.size, columns))
+        integrate(before, share, ordered)
+        integral[order] = ordered
+        a, b, c = np.split(integral, 3)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
 
 

@@ -21,6 +21,7 @@ from kreisel._kernels import (
     quadrature,
     sensor_noise,
     sigma_points,
+    unit_forces,
 )
 from kreisel.estimation.filter import Belief, triangularise, widen
 from kreisel.estimation.state import Part, StateLayout
@@ -38,6 +39,9 @@ def _signal() -> None:
     signal = prepare(np.arange(12.0), np.zeros((12, 3)), np.zeros((12, 3)))
     integrate_attitude(signal, np.zeros((4, 3)))
     quadrature.double_integral(np.arange(3.0), np.zeros((3, 3)), _INDEX, _NUMBER, np.empty((1, 3)))
+    x, q = np.zeros((3, 3)), np.zeros((3, 4))
+    unit_forces.at_sample(q[0], x[0], x[0], x[0], np.empty(3 * unit_forces.PARAMETERS))
+    unit_forces.double_integrals(np.arange(3.0), q, x, x, x, _INDEX, _NUMBER, np.empty((1, 3 * unit_forces.PARAMETERS)))
 
 
 def _belief() -> None:
