@@ -63,7 +63,7 @@ def check_poses(reference: ReferencePoses, imu: tuple[str, float]) -> tuple[Refe
 def _normalised(reference: ReferencePoses, findings: list[Finding]) -> ReferencePoses:
     source, q = reference.source, reference.quaternions
     assert q is not None  # noqa: S101 - for the type checker; the caller looked
-    norm = np.linalg.norm(q, axis=1)
+    norm = np.sqrt(np.einsum("ij,ij->i", q, q))
     bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
     if bad.size:
         k = int(bad[0])
@@ -105,7 +105,8 @@ class _Steps:
         n = reference.stamps_ns.size - stride
         shift, turn = np.zeros(n), np.zeros(n)
         if (p := reference.positions) is not None:
-            shift = np.linalg.norm(p[stride:] - p[:-stride], axis=1)
+            way = p[stride:] - p[:-stride]
+            shift = np.sqrt(np.einsum("ij,ij->i", way, way))
         if (q := reference.quaternions) is not None:
             turn = angles_over(q, stride)
         return cls(shift, turn)

@@ -101,7 +101,10 @@ class _Integrated:
     def of(cls, signal: InertialSignal) -> _Integrated:
         integral = np.zeros((signal.stamps.size, 3))
         np.cumsum(signal.integrals, axis=0, out=integral[1:])
-        return cls(signal, np.ascontiguousarray(signal.rates), integral)
+        # many of these are held at once: only what integrating the rates needs is kept
+        none = np.empty((0, 0))
+        slim = signal.samples._replace(single=none, double=none, slopes=none, forces=none)
+        return cls(replace(signal, samples=slim), np.ascontiguousarray(signal.rates), integral)
 
     def between(self, t1: Array, t2: Array) -> Array:
         """Return integrated readings from times t1 to times t2, (m, 3)."""
