@@ -48,7 +48,8 @@ def part(problem: Problem, minutes: float) -> Problem:
     if minutes * 60.0 < end:
         stamps = problem.readings.stamps
         return replace(problem, updates=tuple(u for u in problem.updates if stamps[u.last] < minutes * 60.0))
-    return replace(problem, updates=problem.updates * round(minutes * 60.0 / end))
+    times = round(minutes * 60.0 / end)
+    return replace(problem, updates=problem.updates * times, attitude=np.tile(problem.attitude, (times, 1)))
 
 
 def trial(number: int) -> float:
