@@ -1,4 +1,4 @@
-
+"""What things cost, as ratios within one run."""
 
 import os
 
