@@ -46,3 +46,17 @@ def test_worked_through_in_short_stretches_it_is_the_same(monkeypatch):
     off = (parts.mean - whole.mean)[:24] / whole.standard_deviation[:24]
     assert np.max(np.abs(off)) < 0.1
     np.testing.assert_allclose(parts.standard_deviation, whole.standard_deviation, rtol=0.02)
+
+
+def test_a_reference_in_the_middle_of_a_long_recording_is_found(monkeypatch):
+    """First values come from where the reference is, not from stretches spread over all."""
+    truth, recording = simulate(np.random.default_rng(9), 400.0, Path("run"), imu_rate=200.0)
+    monkeypatch.setattr(readings, "STRETCH", 2000)
+    monkeypatch.setattr(readings, "EXCERPT", 4)
+    t = recording.reference.seconds
+    recording = replace(recording, reference=recording.reference.part((t > 210.0) & (t < 280.0)))
+    outcome = run_calibration(recording, CalibrationSettings())
+    error = outcome.calibration.sensors.k_a[0] - truth.sensors.k_a[0]
+    deviation = np.array(outcome.calibration.document["standard_deviation"]["accelerometer"]["offset"])
+    assert np.all(np.abs(error) < 5.0 * deviation)
+    assert outcome.calibration.document["verdict"]["accepted"]

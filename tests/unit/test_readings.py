@@ -49,7 +49,17 @@ def test_stretches_cover_everything_and_some_are_spread_evenly() -> None:
     assert begins == [0, 1018, 2042, 3066]
     ends = [part.begin + part.stamps.size for part in r.stretches()]
     assert ends == [1031, 2055, 3079, 4000]
-    assert [part.begin for part in r.stretches(2)] == [0, 3066]
+
+
+@pytest.mark.usefixtures("short")
+def test_an_excerpt_lies_where_it_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    r = some()
+    monkeypatch.setattr(module, "EXCERPT", 2)
+    assert [part.begin for part in r.excerpt(-1.0, 100.0)] == [0, 3066]
+    at = r.stamps[1500]
+    assert [part.begin for part in r.excerpt(at, at + 0.1)] == [1018]
+    assert [part.begin for part in r.excerpt(at, r.stamps[2500])] == [1018, 2042]
+    assert list(r.excerpt(50.0, 60.0)) == []
 
 
 @pytest.mark.usefixtures("short")

@@ -28,7 +28,7 @@ from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES, Grade, equivalent_walk, high_frequency_density
-from kreisel.inertial.readings import EXCERPT, Readings
+from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import Finding, ImuSamples, Recording, ReferencePoses
@@ -246,12 +246,17 @@ def _forces(
     blind = reference.positions is None
     if blind and reference.quaternions is None:
         raise RecordingError("holds neither positions nor orientations", file=reference.source)
+    within = fit.clock.imu_time(reference.seconds[[0, -1]])
     force = None
     for _ in range(4 if reference.quaternions is None else 1):  # attitude and accelerometers need each other
         seen = [
             Accelerations.over(signal, fit, tau, q, p, rests)
-            for signal, tau, p, q in _with_attitude(readings.stretches(EXCERPT), fit, reference, force)
+            for signal, tau, p, q in _with_attitude(readings.excerpt(*within), fit, reference, force)
         ]
+        if not seen:
+            raise SynchronizationError(
+                f"{reference.source}: too few poses where IMU and reference overlap; record both all the time"
+            )
         force = fit_forces(Accelerations.joined(seen), fit, gravity, blind=blind)
     assert force is not None  # noqa: S101 - for the type checker; it went round once
     return force

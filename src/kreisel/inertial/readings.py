@@ -61,17 +61,18 @@ class Readings:
                 return i
         return None
 
-    def stretches(self, most: int | None = None) -> Iterator[InertialSignal]:
-        """Yield stretches ready for integration, one behind the other.
+    def stretches(self) -> Iterator[InertialSignal]:
+        """Yield stretches ready for integration, one behind the other."""
+        for start in self._starts():
+            yield self._usual(int(start))
 
-        Parameters
-        ----------
-        most
-            Yield no more than so many, spread evenly from the first to the last.
-        """
+    def excerpt(self, begin: float, end: float) -> Iterator[InertialSignal]:
+        """Yield `EXCERPT` stretches at most, spread evenly over those between two times, s."""
         starts = self._starts()
-        if most is not None and starts.size > most:
-            starts = starts[np.round(np.linspace(0, starts.size - 1, most)).astype(int)]
+        until = np.append(self.stamps[starts[1:]], self.stamps[-1])
+        starts = starts[(until > begin) & (self.stamps[starts] < end)]
+        if starts.size > EXCERPT:
+            starts = starts[np.round(np.linspace(0, starts.size - 1, EXCERPT)).astype(int)]
         for start in starts:
             yield self._usual(int(start))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multiply
-from kreisel.inertial.readings import EXCERPT, Readings
+from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -107,7 +107,9 @@ def acceleration_share(readings: Readings, reference: ReferencePoses, q: Array, 
 
     Any linear map of the readings and any gravity are allowed; only the attitude must turn as it should.
     """
-    parts = [_seen_with(part, reference, q, clock) for part in readings.stretches(EXCERPT)]
+    parts = [
+        _seen_with(part, reference, q, clock) for part in readings.excerpt(*clock.imu_time(reference.seconds[[0, -1]]))
+    ]
     columns, shown = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     if len(shown) < _LEAST_WINDOWS:
         return 0.0

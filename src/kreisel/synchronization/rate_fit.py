@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
-from kreisel.inertial.readings import EXCERPT, Readings
+from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -128,7 +128,8 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
 
 def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
-    _, left, target = _linear_fit((_Integrated.of(part) for part in readings.stretches(EXCERPT)), _short(tau, q), clock)
+    parts = (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
+    _, left, target = _linear_fit(parts, _short(tau, q), clock)
     return 1.0 - float(np.sum(left**2)) / max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
 
 
@@ -194,7 +195,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
     stretches = _long(tau, q)
-    parts = [_Integrated.of(part) for part in readings.stretches(EXCERPT)]
+    parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
     solution, *_ = _linear_fit(parts, stretches, clock)
     fit = _settle(parts, stretches, solution[:3].T.copy(), solution[3], clock, skewed=True)
     # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
