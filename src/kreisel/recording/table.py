@@ -316,16 +316,17 @@ def _bad_row(
 def _not_read(cell: str, *, whole: bool) -> str:
     """Return what was expected in a cell, and the remedy, where it cannot be read; otherwise nothing."""
     if not whole:
-        return "" if _is_number(cell) else "a number; repair or delete the row"
+        return "" if is_number(cell) else "a number; repair or delete the row"
     if re.fullmatch(r"[-+]?\d+", cell):
         fits = len(cell) < 25 and abs(int(cell)) < _LARGEST_STAMP
         return "" if fits else "a time that fits 64 bits; repair or delete the row"
-    if _is_number(cell):
+    if is_number(cell):
         return "a whole number of nanoseconds; write whole ones, or the unit they are in: '#timestamp [s]'"
     return "a whole number of nanoseconds; repair or delete the row"
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell's text is a number."""
     try:
         float(cell)
     except ValueError:

@@ -12,6 +12,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.recording.channels import Channel, is_unit
 from kreisel.recording.recording import Finding
+from kreisel.recording.table import is_number
 
 _NAME = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*")
 
@@ -73,20 +74,12 @@ def _with_points(path: Path, lines: list[str], delimiter: str) -> list[str]:
 
 def _numeric(line: str, delimiter: str, sign: str) -> bool:
     """Return whether a row of numbers has this sign in one of them."""
-    return sign in line and any(sign in cell and _is_number(cell.replace(",", ".")) for cell in line.split(delimiter))
+    return sign in line and any(sign in cell and is_number(cell.replace(",", ".")) for cell in line.split(delimiter))
 
 
 def _is_row(line: str, delimiter: str) -> bool:
     cells = line.split(delimiter)
-    return len(cells) > 1 and all(_is_number(cell) for cell in cells)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
+    return len(cells) > 1 and all(is_number(cell) for cell in cells)
 
 
 def _header(path: Path, lines: list[str], first: int, delimiter: str) -> tuple[list[str], list[str | None], int]:
@@ -134,7 +127,7 @@ def _numbers(path: Path, lines: list[str], first: int, width: int, delimiter: st
                 file=path,
                 line=number,
             )
-        bad = next((cell for cell in cells if not _is_number(cell)), None)
+        bad = next((cell for cell in cells if not is_number(cell)), None)
         if bad is not None:
             raise RecordingError(
                 f"'{bad.strip()[:40]}' is not a number; repair or delete the row", file=path, line=number
