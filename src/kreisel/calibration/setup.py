@@ -269,7 +269,7 @@ def _with_attitude(
     tau = reference.seconds
     for signal in stretches:
         part = slice(*np.searchsorted(fit.clock.imu_time(tau), signal.stamps[[0, -1]]))
-        if part.stop - part.start < _LEAST_POSES:
+        if part.stop - part.start < _LEAST_POSES or not signal.segments:
             continue
         p = None if reference.positions is None else reference.positions[part]
         if reference.quaternions is not None:
