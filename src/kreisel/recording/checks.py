@@ -13,6 +13,7 @@ import numpy as np
 from kreisel.recording.imu_checks import check_finite, check_imu
 from kreisel.recording.pose_checks import check_poses
 from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses
+from kreisel.recording.sampling import regularly_sampled
 from kreisel.recording.stamp_checks import (
     LONG_GAP,
     SHORTEST,
@@ -34,11 +35,12 @@ def check_streams(recording: Recording) -> Recording:
     RecordingError
         For the first fault that would make results wrong.
     """
-    imu, reference = recording.imu, recording.reference
+    imu, sampling = regularly_sampled(recording.imu)
+    reference = recording.reference
     check_stamps(imu.stamps_ns, imu.source, "IMU")
     check_rate(imu.stamps_ns, imu.source, "samples", 20.0, 20e3)
     check_duration(imu.stamps_ns, imu.source)
-    findings = gap_findings(imu.stamps_ns, imu.source, LONG_GAP)
+    findings = sampling + gap_findings(imu.stamps_ns, imu.source, LONG_GAP)
     imu, told = check_imu(imu, moved=reference is not None)
     findings += told
     if recording.joints is not None:

@@ -1,0 +1,223 @@
+"""Regular sampling behind irregular stamps: an IMU's own timer, seen through a computer that stamps late.
+
+A sensor with a timer of its own samples evenly; the stamps that reach the file scatter, come late, or in bursts.
+A straight line through the stamps of each unbroken part is then nearer to the moments of sampling than any single
+stamp. Where the readings show that the samples were taken when the stamps say, nothing is changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import Finding, ImuSamples, Stamps
+
+EXACT = 2e-3
+"""Scatter of the stamps, in sampling intervals, below which they are taken as they are."""
+
+MIN_PART = 100
+"""Samples without which no line is fitted."""
+
+_BREAK = 0.05
+"""Seconds (and five intervals) without samples that end an unbroken part."""
+
+_BLOCK = 2.0
+"""Seconds over which stamps are averaged to see whether they follow a straight line."""
+
+_STRAIGHT = 2e-4
+"""s; what these averages may leave a straight line by, their scatter apart."""
+
+_MOST_SEARCHED = 2_000_000
+_TRUE_STAMPS = 0.5
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Numbers (n,) of the samples of a part, first and interval of the line through their stamps, s."""
+
+    number: Stamps
+    first: float
+    interval: float
+
+    @property
+    def stamps(self) -> Array:
+        """Moments of sampling, (n,), s."""
+        return np.asarray(self.first + self.interval * self.number, dtype=np.float64)
+
+
+def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[Finding]]:
+    """Return the samples with the stamps of regular sampling, where there is such a thing, and what was found."""
+    stamps = imu.stamps_ns
+    if stamps.size < MIN_PART:
+        return imu, []
+    seconds = (stamps - stamps[0]) * 1e-9
+    if not np.isfinite(seconds).all() or _even(seconds) or _repeated_rows(imu):
+        return imu, []
+    mean = float(seconds[-1] / (seconds.size - 1))
+    if not 5e-5 < mean < 0.05:
+        return imu, []
+    edges = [0, *(np.flatnonzero(np.diff(seconds) > max(_BREAK, 5.0 * mean)) + 1).tolist(), seconds.size]
+    lines: list[tuple[slice, _Line]] = []
+    for begin, end in pairwise(edges):
+        line = _fitted(seconds[begin:end]) if end - begin >= MIN_PART else None
+        if line is None:
+            return imu, []
+        lines.append((slice(begin, end), line))
+    late = np.concatenate([seconds[part] - line.stamps for part, line in lines])
+    interval = float(np.median([line.interval for _, line in lines]))
+    if _spread(late) < EXACT * interval or _samples_follow_stamps(imu, lines):
+        return imu, []
+    moved = np.concatenate([line.stamps for _, line in lines])
+    ns = stamps[0] + np.round(moved * 1e9).astype(np.int64)
+    if np.any(np.diff(ns) <= 0):
+        return imu, []
+    lost = sum(int(line.number[-1]) + 1 - line.number.size for _, line in lines)
+    lateness = max(0.0, 2.0 * float(np.mean(late) - np.median(late)))
+    return replace(imu, stamps_ns=ns, lateness=lateness), [_finding(imu, interval, late, lost)]
+
+
+def _finding(imu: ImuSamples, interval: float, late: Array, lost: int) -> Finding:
+    """Return what to say of stamps that were replaced."""
+    largest = float(late[np.argmax(np.abs(late))])
+    said = (
+        f"{imu.source.parent.name}: sampled every {1e3 * interval:.5g} ms; stamps scatter about that by "
+        f"{1e3 * float(np.std(late)):.2g} ms (up to {1e3 * abs(largest):.2g} ms {'late' if largest > 0 else 'early'})"
+    )
+    if lost:
+        said += f", {lost} sample{'s are' if lost > 1 else ' is'} missing"
+    return Finding("stamps", f"{said}; a straight line through them is used instead")
+
+
+def _even(seconds: Array) -> bool:
+    """Return whether stamps are as even as can be, but for missing samples."""
+    steps = np.diff(seconds)
+    usual = float(np.median(steps))
+    if usual <= 0.0:
+        return False
+    whole = np.maximum(np.round(steps / usual), 1.0)
+    return bool(np.mean(whole) < 2.0 and np.abs(steps - whole * usual).max() < EXACT * usual)
+
+
+def _repeated_rows(imu: ImuSamples) -> bool:
+    """Return whether a stamp stands twice with the same readings: a row that was written twice."""
+    same = np.flatnonzero(np.diff(imu.stamps_ns) == 0)
+    return bool(same.size and (imu.rates[same + 1] == imu.rates[same]).all(axis=1).any())
+
+
+def _fitted(t: Array) -> _Line | None:
+    """Return the line through the stamps of an unbroken part, or None where they follow none."""
+    half = t.size // 2
+    interval = float(np.median(t[half:] - t[: t.size - half])) / half
+    if interval <= 0.0:
+        return None
+    one_by_one = np.arange(t.size)
+    by_steps = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / interval), 1.0)).astype(np.int64)])
+    for number in (one_by_one, by_steps, None):
+        counted = _by_envelope(t, interval) if number is None else number
+        if counted is not None:
+            line = _robust_line(t, counted, interval)
+            if _straight(t - line.stamps, line.interval):
+                return line
+    return None
+
+
+def _by_envelope(t: Array, interval: float) -> Stamps | None:
+    """Return numbers of samples whose stamps may be late by several intervals, where some are missing.
+
+    What is late comes back to the line; after a missing sample all stamps stay an interval later. So the earliest of
+    the stamps to come tells how many are missing.
+    """
+    if t.size > _MOST_SEARCHED:
+        return None
+    window = max(20, round(0.2 / interval))
+    number = np.arange(t.size)
+    offset = t - interval * number
+    for _ in range(t.size // 50):
+        ahead = _earliest_ahead(offset, window)
+        before = np.concatenate([[ahead[0]], _earliest_ahead(offset[::-1], window)[::-1][:-1]])
+        jumps = np.flatnonzero(ahead - before > 0.6 * interval)
+        if jumps.size == 0:
+            return number
+        k = int(jumps[0])
+        missing = max(1, round(float(ahead[k] - before[k]) / interval))
+        number[k:] += missing
+        offset[k:] -= missing * interval
+    return None
+
+
+def _earliest_ahead(offset: Array, window: int) -> Array:
+    """Return the least of every value and those that follow within a window, (n,)."""
+    padded = np.concatenate([offset, np.full(window - 1, offset[-window:].min())])
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, window).min(axis=1))
+
+
+def _robust_line(t: Array, number: Stamps, interval: float) -> _Line:
+    """Return the line through stamps by reweighted least squares (Cauchy), its scale that of the median."""
+    x = number.astype(float)
+    middle = float(x.mean())
+    slope, first = interval, float(np.median(t - interval * x))
+    for _ in range(30):
+        left = t - first - slope * x
+        scale = max(1.5 * float(np.median(np.abs(left - np.median(left)))), 1e-9)
+        weight = 1.0 / (1.0 + (left / (2.0 * scale)) ** 2)
+        total = float(weight.sum())
+        centre = float(weight @ x) / total
+        about = x - centre
+        change = float((weight * about) @ left) / float((weight * about) @ about)
+        shift = float(weight @ left) / total - change * centre
+        first, slope = first + shift, slope + change
+        if abs(shift + change * middle) < 1e-9 and abs(change) * x[-1] < 1e-9:
+            break
+    return _Line(number, first, slope)
+
+
+def _straight(left: Array, interval: float) -> bool:
+    """Return whether what stamps leave of a line has no course of its own over seconds."""
+    size = max(20, round(_BLOCK / interval))
+    count = left.size // size
+    if count < 2:
+        return _spread(left) < 0.5 * interval
+    blocks = left[: count * size].reshape(count, size)
+    middle = np.median(blocks, axis=1)
+    # the median of so many scattered values is itself uncertain; a few blocks may hold a stall
+    uncertain = 1.25 * _spread(left) / size**0.5
+    away = np.abs(middle - np.median(middle))
+    most, all_of_them = _STRAIGHT + 3.0 * uncertain, 4.0 * _STRAIGHT + 8.0 * uncertain
+    return bool(np.percentile(away, 90) < most and away.max() < all_of_them)
+
+
+def _spread(left: Array) -> float:
+    """Return the robust standard deviation of residuals."""
+    return 1.48 * float(np.median(np.abs(left - np.median(left))))
+
+
+def _samples_follow_stamps(imu: ImuSamples, lines: list[tuple[slice, _Line]]) -> bool:
+    """Return whether the readings show that samples were taken when the stamps say, unevenly.
+
+    A reading is compared with what its neighbours give for its place in an even series. Had it been taken beside
+    that place, by as much as its stamp says, it would be off by the slope of the signal times that.
+    """
+    products = squares = 0.0
+    for part, line in lines:
+        even = np.flatnonzero((line.number[4:] - line.number[:-4]) == 4) + 2
+        late = (imu.stamps_ns[part] - imu.stamps_ns[0]) * 1e-9 - line.stamps
+        small = np.abs(late) < line.interval
+        even = even[small[even] & small[even - 1] & small[even + 1] & small[even - 2] & small[even + 2]]
+        if even.size < MIN_PART:
+            continue
+        for channel in imu.rates[part].T:
+            off, moved = (_beside_neighbours(x, even) for x in (channel, late))
+            slope = (channel[even + 1] - channel[even - 1]) / (2.0 * line.interval)
+            expected = slope * moved
+            clear = np.abs(expected) > np.percentile(np.abs(expected), 50)
+            products += float(off[clear] @ expected[clear])
+            squares += float(expected[clear] @ expected[clear])
+    return squares > 0.0 and products / squares > _TRUE_STAMPS
+
+
+def _beside_neighbours(x: Array, at: Stamps) -> Array:
+    """Return how far values lie from the cubic through two neighbours on either side."""
+    return np.asarray(x[at] - (4.0 * (x[at - 1] + x[at + 1]) - x[at - 2] - x[at + 2]) / 6.0)
