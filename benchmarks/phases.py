@@ -26,11 +26,12 @@ def main(folder: Path | None) -> None:
         phases[name] = now - since
         return now
 
+    from kreisel.calibration.build import build_problem
     from kreisel.calibration.kernels import compile_kernels
     from kreisel.calibration.observability import observability
     from kreisel.calibration.run import estimate
     from kreisel.calibration.settings import CalibrationSettings
-    from kreisel.calibration.setup import build_problem, prepare_recording
+    from kreisel.calibration.setup import prepare_recording
     from kreisel.calibration.verdict import consistency, judge
     from kreisel.recording import load
     from kreisel.recording.write import write

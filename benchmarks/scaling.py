@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 from plotly.subplots import make_subplots
 
+from kreisel.calibration.build import build_problem
 from kreisel.calibration.filter_run import run_filter
 from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.problem import Problem
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import build_problem, prepare_recording
+from kreisel.calibration.setup import prepare_recording
 from kreisel.simulation import Cell, simulate
 from kreisel.study.dask import dask_map
 from kreisel.study.monte_carlo import run_trial

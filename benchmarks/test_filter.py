@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kreisel.calibration.build import build_problem
 from kreisel.calibration.filter_run import run_filter
 from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import build_problem, prepare_recording
+from kreisel.calibration.setup import prepare_recording
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import SensorColumns, preintegrate
 from kreisel.simulation import Cell, simulate

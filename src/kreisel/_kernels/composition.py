@@ -40,10 +40,10 @@ def gather(points, columns, source, known, out):
 
 
 @kernel
-def environment(level, down, q_rn, north, magnitude, gravity, earth_rate):
+def environment(level, down, q_rn, north, vertical, magnitude, gravity, earth_rate):
     """Write gravity and Earth rate in r, (3, m).
 
-    level, down: components of Earth rate; q_rn (4, m), north (2, m), magnitude (m,).
+    level, down: Earth rate that a unit of north (2, m) and of vertical (m,) stand for; q_rn (4, m), magnitude (m,).
     """
     for s in range(gravity.shape[1]):
         gravity[0, s] = 0.0
@@ -51,7 +51,7 @@ def environment(level, down, q_rn, north, magnitude, gravity, earth_rate):
         gravity[2, s] = magnitude[s]
         earth_rate[0, s] = level * north[0, s]
         earth_rate[1, s] = level * north[1, s]
-        earth_rate[2, s] = down
+        earth_rate[2, s] = down * vertical[s]
     rotate(q_rn, gravity)
     rotate(q_rn, earth_rate)
 

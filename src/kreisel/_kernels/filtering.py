@@ -51,7 +51,7 @@ class Model(NamedTuple):
     weights : (5,)
         See `sigma_points.SPREAD`.
     gyro, accel, around, robot : Rows
-        Sensor parameters; alignment, north, gravity, time offset and skew; errors of the robot.
+        Sensor parameters; alignment, north, gravity, time offset and skew, Earth rate downward; errors of the robot.
     turning, sharing : (a,), (b,)
         Sigma points with gyro parameters of their own, the centre first, and with accelerometer parameters.
     which : (2 n + 1,)
@@ -61,7 +61,7 @@ class Model(NamedTuple):
     order, products, inside
         Of the sensor model; see `coefficients.force_coefficients`.
     level, down
-        Earth rate in north and down, rad/s.
+        Earth rate that a unit of north, and of its downward part, stands for, rad/s.
     noise : (6,)
         Standard deviations; see `AT_POSITION`.
     lasting : (3,)
@@ -217,7 +217,7 @@ def propagate(model, signal, first, last, points):
     place(q, 0, 0, q_first)
     around = rows_of(model.around, points, np.arange(sigma))
     gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
-    composition.environment(model.level, model.down, around[:4], around[4:6], around[6], gravity, earth_rate)
+    composition.environment(model.level, model.down, around[:4], around[4:6], around[9], around[6], gravity, earth_rate)
     duration = signal.stamps[last] - signal.stamps[first]
     composition.compose(duration, model.which, dq, dv, dp, gravity, earth_rate, q, v, p)
 

@@ -8,16 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.calibration.build import build_problem
 from kreisel.calibration.document import document
+from kreisel.calibration.halves import SplitHalves, split_halves
 from kreisel.calibration.kernels import compile_kernels
+from kreisel.calibration.latitude import check_latitude
 from kreisel.calibration.observability import Observability, observability
 from kreisel.calibration.plausibility import check_first_values
 from kreisel.calibration.problem import Problem
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.run import Estimate, estimate
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import Preparation, build_problem, prepare_recording
-from kreisel.calibration.verdict import Consistency, Verdict, consistency, judge
+from kreisel.calibration.setup import Preparation, prepare_recording
+from kreisel.calibration.verdict import Consistency, Evidence, Verdict, consistency, judge
 from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding, Recording
 from kreisel.robot.urdf import calibrated_urdf
@@ -36,6 +39,7 @@ class Outcome:
     estimate: Estimate
     observability: Observability
     consistency: Consistency
+    halves: SplitHalves | None
     verdict: Verdict
     findings: tuple[Finding, ...]
     calibration: Calibration
@@ -77,7 +81,9 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
     seconds = time.perf_counter() - began
     seen = observability(found.problem, found.run)
     facts = consistency(found)
-    verdict = judge(found, seen, facts)
+    halves = split_halves(found, progress)
+    latitude = check_latitude(found.problem, found.run)
+    verdict = judge(found, Evidence(seen, facts, halves, latitude))
     findings = (*recording.findings, *preparation.findings, *found.findings)
     content = document(recording, preparation, found, seen, facts, verdict, findings, seconds)
     n = len(seen.names)
@@ -89,7 +95,7 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
         estimates=_estimates(recording, found, n),
         robot_urdf=_calibrated_robot(found),
     )
-    return Outcome(recording, preparation, found.problem, found, seen, facts, verdict, findings, calibration)
+    return Outcome(recording, preparation, found.problem, found, seen, facts, halves, verdict, findings, calibration)
 
 
 def _calibrated_robot(found: Estimate) -> str | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel._kernels import filtering
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.calibration.problem import LASTING, Problem, Update
+from kreisel.calibration.problem import Problem, Update
 from kreisel.estimation.sigma_points import weights
 from kreisel.inertial.strapdown import NOISE_STEP
 
@@ -23,8 +23,8 @@ def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
     which = np.zeros(2 * n + 1, dtype=np.int64)
     which[np.concatenate([turning, sharing])] = np.arange(turning.size + sharing.size)
     w = weights(settings.weights, n)
-    rate = problem.site.earth_rate_n
-    fresh = (1.0 - LASTING) ** 0.5 if problem.correlation_time > 0.0 else 1.0
+    level, down = problem.site.earth_rate_units
+    lasting = problem.lasting
     walks = {g: d for g, d in problem.offset_walk.items() if d > 0.0 and g in layout}
     walking = [i for group in walks for i in range(layout[group].start, layout[group].stop)]
 
@@ -43,7 +43,7 @@ def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
         weights=np.array([w.spread, w.mean, w.second, w.shift, w.centre]),
         gyro=rows([g for g in GROUPS if g.startswith("gyro")]),
         accel=rows([g for g in GROUPS if g.startswith("accel") or g == "lever_arms"]),
-        around=rows(["alignment", "north", "gravity", "time_offset", "time_skew"]),
+        around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
         robot=rows(ROBOT_GROUPS),
         turning=turning,
         sharing=sharing,
@@ -52,13 +52,13 @@ def filter_model(problem: Problem, known: CellParameters) -> filtering.Model:
         order=settings.polynomial_order,
         products=settings.size_effect.products,
         inside=settings.size_effect.inside,
-        level=0.0 if rate is None else float(rate[0]),
-        down=0.0 if rate is None else float(rate[2]),
+        level=level,
+        down=down,
         noise=np.array([
-            fresh * noise.position, fresh * noise.orientation, noise.jitter_position, noise.jitter_orientation,
-            noise.velocity, noise.stamp,
+            lasting.fresh * noise.position, lasting.fresh * noise.orientation,
+            noise.jitter_position, noise.jitter_orientation, noise.velocity, noise.stamp,
         ]),
-        lasting=np.array([problem.correlation_time, LASTING**0.5 * noise.position, LASTING**0.5 * noise.orientation]),
+        lasting=np.array([lasting.time, lasting.position, lasting.orientation]),
         walking=np.array(walking, dtype=np.int64),
         walk=np.repeat(list(walks.values()), 3).astype(float),
         noise_step=NOISE_STEP,

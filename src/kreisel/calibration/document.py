@@ -18,6 +18,7 @@ from kreisel.calibration.parameters import (
     CellParameters,
     parameter_names,
 )
+from kreisel.calibration.problem import Problem
 from kreisel.calibration.result import FORMULA, FRAMES, SCHEMA
 from kreisel.calibration.robot_errors import NOT_SEPARABLE, PoseAccuracy, expected_accuracy, shift
 from kreisel.calibration.run import Estimate
@@ -115,8 +116,10 @@ def _values(recording: Recording, found: Estimate) -> dict[str, Any]:
     tables["accelerometer"]["lever_arms"] = _list(s.lever_arms)
     tables["timing"] = {"offset": float(Clock(p.start, p.skew).offset(*first)), "skew": float(p.skew)}
     tables["alignment"] = {"gravity": _list(gravity_r(p))}
-    if "north" in found.problem.layout:
+    if "earth_down" not in found.problem.layout and "north" in found.problem.layout:
         tables["alignment"]["north"] = _list(north_r(p))
+    if "earth_down" in found.problem.layout:
+        tables["alignment"]["earth_rate"] = _list(earth_rate_r(found.problem, p))
     return tables
 
 
@@ -173,6 +176,12 @@ def north_r(parameters: CellParameters) -> Array:
     return matrix(parameters.q_rn)[:, :2] @ parameters.north
 
 
+def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
+    """Return the Earth's rotation in r, (3,), rad/s, where it is estimated."""
+    level, down = problem.site.earth_rate_units
+    return matrix(parameters.q_rn) @ np.array([*(level * parameters.north), down * parameters.earth_down])
+
+
 def _deviations(found: Estimate) -> dict[str, Any]:
     """Return the standard deviations as the same tree; held groups with what was believed of them."""
     problem, deviation = found.problem, found.run.belief.standard_deviation
@@ -200,11 +209,16 @@ def _deviations(found: Estimate) -> dict[str, Any]:
     tree["accelerometer"]["lever_arms"] = _list(of("lever_arms", 9).reshape(3, 3))
     tree["timing"] = {"offset": _number(of("time_offset", 1)[0]), "skew": _number(of("time_skew", 1)[0]) or None}
     tree["alignment"] = {"gravity": _list(_gravity_deviation(found))}
-    if "north" in problem.layout:
+    if "earth_down" not in problem.layout and "north" in problem.layout:
         n = problem.layout["north"]
         P = found.run.belief.covariance[n, n]
         C = matrix(found.run.parameters.q_rn)[:, :2]
         tree["alignment"]["north"] = _list(np.sqrt(np.einsum("ij,jk,ik->i", C, P, C)))
+    if "earth_down" in problem.layout:
+        index = np.r_[problem.layout["north"], problem.layout["earth_down"]]
+        P = found.run.belief.covariance[np.ix_(index, index)]
+        C = matrix(found.run.parameters.q_rn) * problem.site.earth_rate_units[0]
+        tree["alignment"]["earth_rate"] = _list(np.sqrt(np.einsum("ij,jk,ik->i", C, P, C)))
     return tree
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kreisel._kernels import filtering
 from kreisel.calibration.cell_model import filter_model, filter_record, filter_steps
 from kreisel.calibration.parameters import GROUPS, CellParameters
-from kreisel.calibration.problem import LASTING, Problem, Update
+from kreisel.calibration.problem import Problem, Update
 from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import gate as gate_at
 from kreisel.estimation.filter import Belief, renew
@@ -67,6 +67,9 @@ class History:
         The measurement noise believed in, along the diagonal.
     correction, correction_variance : (u, 6)
         Change of velocity and attitude by the update, and the variance the filter expected of it.
+    turn_information
+        What an update says of a turn about any axis, the sum over the three: trace of the inverse covariance of
+        innovations in orientation, rad^-2; 0 where it was rejected or there is no such measurement.
     """
 
     seconds: Array
@@ -83,6 +86,7 @@ class History:
     noise_variance: Array
     correction: Array
     correction_variance: Array
+    turn_information: Array
 
 
 @dataclass(frozen=True)
@@ -109,22 +113,25 @@ def stored_state(problem: Problem, parameters: CellParameters) -> Array:
     return x
 
 
-def first_belief(problem: Problem, start: CellParameters) -> Belief:
-    """Return the belief before the first update: parameters at `start` with the problem's covariances."""
+def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, Array] | None = None) -> Belief:
+    """Return the belief before the first update: parameters at `start` with the covariance of each group.
+
+    By default that of the problem's own start.
+    """
+    covariance = problem.start_covariance if covariance is None else covariance
     layout = problem.layout
     mean = stored_state(problem, start)
     factor = np.zeros((layout.degrees, layout.degrees))
     for part in layout:
-        if part.name in problem.prior_covariance:
+        if part.name in covariance:
             d = layout[part.name]
-            factor[d, d] = np.linalg.cholesky(problem.prior_covariance[part.name])
+            factor[d, d] = np.linalg.cholesky(covariance[part.name])
     others = {"attitude": _FIRST_ATTITUDE, "velocity": _FIRST_VELOCITY, "position": _FIRST_POSITION}
     if "rest_position" in layout:
-        others["rest_position"] = problem.noise.standstill_position
-        others["rest_orientation"] = problem.noise.standstill_orientation
-    if problem.correlation_time > 0.0:
-        lasting = {"path_position": problem.noise.position, "path_orientation": problem.noise.orientation}
-        others |= {name: LASTING**0.5 * size for name, size in lasting.items() if name in layout}
+        others["rest_position"], others["rest_orientation"] = problem.rest_error
+    if problem.lasting.time > 0.0:
+        lasting = {"path_position": problem.lasting.position, "path_orientation": problem.lasting.orientation}
+        others |= {name: size for name, size in lasting.items() if name in layout}
     for name, deviation in others.items():
         factor[layout[name], layout[name]] = deviation * np.eye(3)
     return Belief(mean, factor)
@@ -247,10 +254,8 @@ def look_back(problem: Problem, run: FilterRun) -> Problem:
     p, samples = run.parameters, np.array([item.last for item in problem.updates])
     columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
     free = attitudes_at(readings, columns.rate[..., 0], samples)
-    earth = np.zeros(3)
-    if problem.site.earth_rate_n is not None:
-        level, _, down = problem.site.earth_rate_n
-        earth = apply(p.q_rn, np.array([*(level * p.north), down]))
+    level, down = problem.site.earth_rate_units
+    earth = apply(p.q_rn, np.array([*(level * p.north), down * p.earth_down]))
     turned = exp(-(readings.stamps[samples] - readings.stamps[samples[-1]])[:, None] * earth)
     at_end = multiply(run.belief.mean[problem.layout.stored("attitude")], conjugate(free[-1]))
     return replace(problem, attitude=multiply(turned, multiply(at_end, free)), attitude_sd=_LOOKED_BACK)
@@ -273,11 +278,7 @@ def pose_near(reference: ReferencePoses, tau: Array, at: float) -> tuple[Array, 
 
 
 def _renew_rest(problem: Problem, belief: Belief) -> Belief:
-    noise = problem.noise
-    for name, deviation in (
-        ("rest_position", noise.standstill_position),
-        ("rest_orientation", noise.standstill_orientation),
-    ):
+    for name, deviation in zip(("rest_position", "rest_orientation"), problem.rest_error, strict=True):
         belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
     return belief
 
@@ -290,7 +291,7 @@ def _history(problem: Problem, updates: Sequence[Update], record: filtering.Reco
     n = len(updates)
     degrees, nis, log_likelihood = np.empty(n), np.empty(n), np.empty(n)
     wide = np.full((4, n, filtering.MEASURED), np.nan)
-    correction, variance = np.empty((n, 6)), np.empty((n, 6))
+    correction, variance, information = np.empty((n, 6)), np.empty((n, 6)), np.zeros(n)
     for resting in (False, True):
         which = np.flatnonzero(at_rest == resting)
         if which.size == 0:
@@ -309,12 +310,16 @@ def _history(problem: Problem, updates: Sequence[Update], record: filtering.Reco
         log_likelihood[which] = -0.5 * nis[which] - np.log(np.diagonal(S, axis1=1, axis2=2)).sum(axis=1)
         correction[which] = (gain @ white[..., None])[..., 0]
         variance[which] = np.sum(gain**2, axis=2)
+        turns = np.flatnonzero((present >= 3) & (present < 6))
+        if turns.size:
+            inverse = np.linalg.inv(S)[:, :, turns]
+            information[which] = record.used[which] * np.sum(inverse**2, axis=(1, 2))
     stored = [problem.layout.stored(group) for group in problem.groups]
     kept = record.mean[:, : max((part.stop for part in stored), default=0)].copy()
     seconds = problem.readings.stamps[[item.last for item in updates]]
     return History(
         seconds, kept, record.deviation, at_rest, record.used, nis, degrees, log_likelihood,
-        wide[0], wide[1], wide[2], wide[3], correction, variance,
+        wide[0], wide[1], wide[2], wide[3], correction, variance, information,
     )  # fmt: skip
 
 

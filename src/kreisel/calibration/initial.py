@@ -24,6 +24,7 @@ from kreisel.geometry.rotation import (
     log,
     multiply,
     nearest_rotation,
+    running_mean,
 )
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.synchronization import Clock, RateFit
@@ -80,7 +81,7 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
     error = multiply(q, conjugate(at_pose))
     turned = log(multiply(error, conjugate(error[0])))
     width = max(3, round(1.0 / float(np.median(np.diff(tau)))))
-    smooth = _running_mean(_unwrapped(turned), width)
+    smooth = running_mean(_unwrapped(turned), width)
     at_sample = np.column_stack([np.interp(signal.stamps, t, smooth[:, i]) for i in range(3)])
     return multiply(multiply(exp(at_sample), error[0]), free)
 
@@ -93,14 +94,6 @@ def _unwrapped(theta: Array) -> Array:
             angle = float(np.linalg.norm(out[k]))
             out[k] *= (angle - 2.0 * np.pi) / angle
     return out
-
-
-def _running_mean(values: Array, width: int) -> Array:
-    padded = np.vstack([np.zeros(3), np.cumsum(values, axis=0)])
-    n = len(values)
-    low = np.clip(np.arange(n) - width // 2, 0, n)
-    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
-    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])
 
 
 def attitude_from_positions(
@@ -308,7 +301,7 @@ class Windows:
     def second_difference(self, p: Array) -> Array:
         """Second difference of positions, smoothed over the poses near each end, (windows, 3)."""
         width = max(1, round(0.1 / float(np.median(np.diff(self.reference)))))
-        smooth = _running_mean(p, width) if width > 2 else p
+        smooth = running_mean(p, width) if width > 2 else p
         a, b, c = (np.column_stack([np.interp(s, self.reference, smooth[:, i]) for i in range(3)]) for s in self.tau)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
 

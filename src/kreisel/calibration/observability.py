@@ -96,7 +96,9 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             prior.append(float(before))
             posterior.append(float(after))
             lost = after > UNSHOWN * before
-            if group in ("alignment", "north", "gravity", *ROBOT_GROUPS) or (lost and group in problem.given_priors):
+            if group in ("alignment", "north", "earth_down", "gravity", *ROBOT_GROUPS) or (
+                lost and group in problem.given_priors
+            ):
                 lost = False  # believed from the start, and needed by nobody
             if lost:
                 unshown.append(name)

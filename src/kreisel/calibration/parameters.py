@@ -9,6 +9,7 @@ import numpy as np
 from kreisel.estimation.state import Part
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.synchronization.clock import Clock
 
 GROUPS = {
     "gyro_cross_coupling": "K_omega: scale, misalignment and mounting of the gyros",
@@ -19,8 +20,9 @@ GROUPS = {
     "accel_polynomial": "k_ai, i = 2 and above",
     "lever_arms": "r_j: positions of the accelerometers in b, m",
     "alignment": "tilt of the reference frame against the local level",
-    "north": "where north lies in the level plane, if the latitude is known",
-    "gravity": "magnitude of gravity, where neither it nor the latitude is given",
+    "north": "level part of the Earth's rotation: where north lies",
+    "earth_down": "downward part of the Earth's rotation, where the latitude is not given",
+    "gravity": "magnitude of gravity, as far as latitude or a stated value leave it open",
     "time_offset": "offset of the reference's clock",
     "time_skew": "ratio of the clocks, less one",
     "robot_placement": "errors of the robot's joint placements: lengths and angles",
@@ -98,11 +100,15 @@ class CellParameters:
         called north is a choice: the true one lies along `north`.
     north : (2,)
         Components of true north along n's first two axes. Estimated as a vector, not an angle: the readings
-        are linear in it, and nothing need be known of it beforehand. Zero where there is no Earth rate.
+        are linear in it, and nothing need be known of it beforehand. Of unit length where the latitude is given;
+        in units of the Earth's rate where it is not.
     gravity
         Magnitude, m/s^2.
     start, skew
         See `synchronization.Clock`.
+    earth_down
+        Downward part of the Earth's rotation: 1 by the latitude given; in units of the Earth's rate where
+        none is.
     """
 
     sensors: SensorParameters
@@ -112,6 +118,12 @@ class CellParameters:
     start: float
     skew: float
     robot: RobotParameters = field(default_factory=RobotParameters.none)
+    earth_down: float = 1.0
+
+    @property
+    def clock(self) -> Clock:
+        """The reference's clock against the IMU's."""
+        return Clock(self.start, self.skew)
 
     def stored(self, group: str) -> Array:
         """Return a group's numbers as they are stored in the state."""
@@ -126,6 +138,7 @@ class CellParameters:
             "lever_arms": s.lever_arms.ravel(),
             "alignment": self.q_rn,
             "north": self.north,
+            "earth_down": np.array([self.earth_down]),
             "gravity": np.array([self.gravity]),
             "time_offset": np.array([self.start]),
             "time_skew": np.array([self.skew]),
@@ -157,6 +170,7 @@ class CellParameters:
                 values["robot_gears"].reshape(-1, 2),
                 values["robot_compliance"],
             ),
+            float(values["earth_down"][0]),
         )
 
 
@@ -170,6 +184,7 @@ def group_part(group: str, order: int, joints: int = 0) -> Part:
         "lever_arms": 9,
         "alignment": 2,
         "north": 2,
+        "earth_down": 1,
         "gravity": 1,
         "time_offset": 1,
         "time_skew": 1,
@@ -202,6 +217,7 @@ def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:
     return {
         "alignment": ("alignment.tilt[0]", "alignment.tilt[1]"),
         "north": ("alignment.north[0]", "alignment.north[1]"),
+        "earth_down": ("alignment.earth_down",),
         "gravity": ("alignment.gravity_magnitude",),
         "time_offset": ("timing.offset",),
         "time_skew": ("timing.skew",),

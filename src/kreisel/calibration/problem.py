@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +16,15 @@ from kreisel.calibration.parameters import (
     parameter_names,
 )
 from kreisel.calibration.reference_noise import ReferenceNoise
-from kreisel.calibration.rests import Rest
+from kreisel.calibration.rests import Rest, Standstill, find_rests
 from kreisel.calibration.robot_errors import RobotModel
 from kreisel.calibration.settings import BY_CHOICE, CalibrationSettings
 from kreisel.estimation.state import Part, StateLayout
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.readings import Readings
 from kreisel.recording import ReferencePoses
+from kreisel.synchronization import Clock
 
 NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rotation=True))
 """What changes between updates; last in the state."""
@@ -33,17 +36,38 @@ REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
 PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 """The part of the reference's error on the path that lasts from one update to the next."""
 
+MIN_UPDATES = 20
+"""Updates without which nothing is estimated."""
+
 LASTING = 0.9
 """Its share of the variance, where there is such a part."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Where the cell stands: gravity (m/s^2), and Earth rate in north, east, down (rad/s) or None if not known."""
+    """Where the cell stands: gravity (m/s^2) and its standard deviation, and the Earth's rotation.
+
+    Attributes
+    ----------
+    earth_rate_n : (3,) or None
+        In north, east, down, rad/s; None where no latitude is given: it is then estimated.
+    """
 
     gravity: float
     gravity_sd: float
     earth_rate_n: Array | None
+
+    @property
+    def earth_rate_units(self) -> tuple[float, float]:
+        """Earth rate, rad/s, that a unit of the parameters `north` and `earth_down` stands for."""
+        if self.earth_rate_n is None:
+            return EARTH_RATE, EARTH_RATE
+        return float(self.earth_rate_n[0]), float(self.earth_rate_n[2])
+
+    @property
+    def known_share(self) -> float:
+        """Value of `earth_down` before any look at the data: 1 by the latitude, 0 without one."""
+        return 0.0 if self.earth_rate_n is None else 1.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +96,36 @@ class Update:
 
 
 @dataclass(frozen=True)
+class PoseError:
+    """Error of reported poses that is a function of the arm's posture: as large at each pose, and lasting.
+
+    Attributes
+    ----------
+    position, orientation
+        Standard deviations, m and rad; zero where there is no arm, or its errors are estimated.
+    time
+        How long the arm, as it moves here, keeps much the same posture, s.
+    """
+
+    position: float = 0.0
+    orientation: float = 0.0
+    time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Error of the reference on the path that lasts: how long (s), how large (m, rad), and the share that is new.
+
+    The deviations of the path's noise are multiplied by `fresh` for what is drawn anew at every update.
+    """
+
+    time: float
+    position: float
+    orientation: float
+    fresh: float
+
+
+@dataclass(frozen=True)
 class Problem:
     """Everything a filter run needs; nothing in it changes during a run.
 
@@ -80,8 +134,10 @@ class Problem:
     attitude : (updates, 4)
         q_rb at every update, roughly: for navigation to begin with if the reference shows no attitude. Good to
         `attitude_sd`, rad.
-    start, prior
-        Values the first pass starts from, and those `prior_covariance` is about, group by group.
+    start, start_covariance
+        What the first pass begins with, group by group: least squares, with wide deviations.
+    prior, prior_covariance
+        What is known before any look at the data, group by group.
     prior_width
         Deviations before any look at the data, against which observability is judged.
     given_priors
@@ -94,12 +150,23 @@ class Problem:
         How far base and tool lie from where the reference has them, m and rad, if nothing else stands for it.
     correlation_time
         How long the reference's errors on the path last, s; 0 where each update's are new.
+    clock
+        The clocks by which poses were assigned to samples, and rests found.
+    standstill
+        When the IMU stands still, for rests by other clocks.
+    pose_error
+        What an arm's geometric errors do to its reported poses, where they are not estimated.
+    rate_scatter
+        Standard deviation of the noise in a single reading of a gyro, rad/s.
+    lateness
+        How far the IMU's stamps may all be late, s.
     """
 
     readings: Readings
     reference: ReferencePoses
     attitude: Array
     tau: Array
+    clock: Clock
     settings: CalibrationSettings
     site: Site
     noise: ReferenceNoise
@@ -108,6 +175,7 @@ class Problem:
     offset_walk: dict[str, float]
     layout: StateLayout
     start: CellParameters
+    start_covariance: dict[str, Array]
     prior: CellParameters
     prior_covariance: dict[str, Array]
     prior_width: dict[str, Array]
@@ -121,6 +189,29 @@ class Problem:
     frame_sd: tuple[float, float] = (0.0, 0.0)
     attitude_sd: float = 0.2
     correlation_time: float = 0.0
+    standstill: Standstill | None = None
+    pose_error: PoseError = PoseError()
+    rate_scatter: float = 0.0
+    lateness: float = 0.0
+
+    @property
+    def lasting(self) -> Lasting:
+        """The reference's lasting errors: those found by likelihood, and those of an arm's geometry."""
+        noise, own = self.noise, self.pose_error
+        if self.correlation_time == 0.0:
+            return Lasting(own.time, own.position, own.orientation, 1.0)
+        found = (LASTING**0.5 * noise.position, LASTING**0.5 * noise.orientation)
+        size = (math.hypot(found[0], own.position), math.hypot(found[1], own.orientation))
+        return Lasting(self.correlation_time, *size, (1.0 - LASTING) ** 0.5)
+
+    @property
+    def rest_error(self) -> tuple[float, float]:
+        """Error of the pose at a rest, drawn once for each, m and rad."""
+        noise, own = self.noise, self.pose_error
+        return (
+            math.hypot(noise.standstill_position, own.position),
+            math.hypot(noise.standstill_orientation, own.orientation),
+        )
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -169,6 +260,7 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
         layout=StateLayout([part for part in problem.layout if part.name not in groups]),
         start=with_nominal(problem.start),
         prior=with_nominal(problem.prior),
+        start_covariance={g: P for g, P in problem.start_covariance.items() if g not in groups},
         prior_covariance={g: P for g, P in problem.prior_covariance.items() if g not in groups},
         held=(*problem.held, *groups),
     )
@@ -183,7 +275,13 @@ def with_lasting_errors(problem: Problem, correlation_time: float) -> Problem:
 
 
 def build_layout(
-    settings: CalibrationSettings, *, north: bool, gravity: bool, skew: bool, rest_error: bool, joints: int = 0
+    settings: CalibrationSettings,
+    *,
+    latitude: bool,
+    skew: bool,
+    rest_error: bool,
+    path_error: tuple[bool, bool] = (False, False),
+    joints: int = 0,
 ) -> StateLayout:
     """Return the layout: sensor parameters, cell parameters, the robot's errors, rest error, navigation."""
     absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated))
@@ -191,16 +289,31 @@ def build_layout(
         absent |= set(ROBOT_GROUPS)
     if settings.polynomial_order == 1:
         absent |= {"gyro_polynomial", "accel_polynomial"}
-    if not north:
-        absent.add("north")
-    if not gravity:
-        absent.add("gravity")
+    if latitude or "north" in absent:
+        absent.add("earth_down")
     if not skew:
         absent.add("time_skew")
     parts = [group_part(g, settings.polynomial_order, joints) for g in GROUPS if g not in absent]
     if rest_error:
         parts += REST_ERROR
+    parts += [part for part, there in zip(PATH_ERROR, path_error, strict=True) if there]
     return StateLayout([*parts, *NAVIGATION])
+
+
+def rescheduled(problem: Problem, clock: Clock) -> Problem:
+    """Return the problem with updates and rests by other clocks, where these differ by a sample or so."""
+    readings = problem.readings
+    step = float(np.median(np.diff(readings.stamps[:1000])))
+    if problem.reference.quaternions is None or problem.clock.distance(clock, problem.tau) < 0.5 * step:
+        return problem
+    rests = problem.rests
+    if problem.standstill is not None:
+        rests = find_rests(problem.standstill, problem.reference, clock, problem.noise)
+    updates = schedule(readings, clock.imu_time(problem.tau), problem.tau, rests, problem.update_interval)
+    if len(updates) < MIN_UPDATES:
+        return problem
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))
+    return replace(problem, clock=clock, rests=rests, updates=updates, attitude=attitude)
 
 
 def schedule(

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Mask
+from kreisel.calibration.reference_noise import ReferenceNoise
+from kreisel.geometry.rotation import Array, Mask, running_mean
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import ImuSamples, ReferencePoses
-from kreisel.recording.recording import PIECE, angles_over, pieces
+from kreisel.recording.recording import PIECE, pieces
 from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization import Clock
 
@@ -18,6 +19,12 @@ SHORTEST = 0.2
 
 MARGIN = 0.15
 """Seconds left out at either end, where the arm still swings and its reported pose still settles."""
+
+_CREEP = 2.0
+"""Speed at a rest, in errors at standstill per second: that of the velocity a rest is counted with."""
+
+_SMOOTHED = 0.1
+"""Seconds over which poses are averaged to see them creep."""
 
 _WINDOW = 0.2
 _STEPS = 10
@@ -34,23 +41,17 @@ class Rest:
 
 
 def find_rests(
-    standstill: Standstill, reference: ReferencePoses, clock: Clock, position_sd: float, orientation_sd: float
+    standstill: Standstill, reference: ReferencePoses, clock: Clock, noise: ReferenceNoise
 ) -> tuple[Rest, ...]:
     """Return the stretches in which neither reference nor IMU moves.
-
-    Parameters
-    ----------
-    position_sd, orientation_sd
-        The reference's noise, m and rad, which looks like motion too.
 
     Notes
     -----
     The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
-    that never rests has no quiet windows at that level and the reference has the last word.
+    that never rests has no quiet windows at that level and the reference decides.
     """
     t, still = standstill.seconds, standstill.still
-    limits = (0.004 + 4.0 * position_sd, 0.004 + 8.0 * orientation_sd)
-    starts, stops = runs(still & ~_reference_moving(reference, clock, t, limits))
+    starts, stops = runs(still & ~_reference_moving(reference, clock, t, noise))
     return tuple(
         Rest(float(t[a]) + MARGIN, float(t[b - 1]) - MARGIN)
         for a, b in zip(starts, stops, strict=True)
@@ -136,20 +137,48 @@ def _spread(values: Array, step: int) -> Array:
     return np.asarray(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
 
 
-def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, limits: tuple[float, float]) -> Mask:
-    """Return for IMU times whether the reference moves, by its displacement over a third of a second."""
+def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, noise: ReferenceNoise) -> Mask:
+    """Return for IMU times whether the reference moves, by its displacement over a third of a second.
+
+    Both ends are means over `_SMOOTHED` seconds, for a slow move begins and ends with speeds that single poses do
+    not show; taken for a rest, it would be counted as one with velocity zero.
+    """
     tau = reference.seconds
     stride = max(1, round(0.3 / reference.interval))
+    width = max(1, round(_SMOOTHED / reference.interval))
     span = tau[stride:] - tau[:-stride]
     moving = np.zeros(span.size, dtype=bool)
     if reference.positions is not None:
-        moving |= (
-            np.linalg.norm(reference.positions[stride:] - reference.positions[:-stride], axis=1) / span > limits[0]
-        )
+        limit = (noise.standstill_position, 0.004 + 4.0 * noise.position)
+        moving |= _faster(reference.positions, stride, width, span, limit)
     if reference.quaternions is not None:
-        moving |= angles_over(reference.quaternions, stride) / span > limits[1]
+        limit = (noise.standstill_orientation, 0.004 + 8.0 * noise.orientation)
+        # half the angle is the distance of unit quaternions
+        moving |= _faster(2.0 * _continuous(reference.quaternions), stride, width, span, limit)
     middle = clock.imu_time(0.5 * (tau[stride:] + tau[:-stride]))
     nearest = np.clip(np.searchsorted(middle, t), 0, middle.size - 1)
     result = moving[nearest]
     result |= (t < clock.imu_time(tau[0])) | (t > clock.imu_time(tau[-1]))
     return np.asarray(result)
+
+
+def _faster(x: Array, stride: int, width: int, span: Array, limit: tuple[float, float]) -> Mask:
+    """Return whether values (m, k) move faster than their noise allows, (m - stride,).
+
+    Parameters
+    ----------
+    limit
+        Error at standstill, and the speed that is motion however noisy the values are.
+    """
+    smooth = running_mean(x, width)
+    left = np.linalg.norm(x - smooth, axis=1)
+    quiet = float(np.percentile(running_mean(left[:, None] ** 2, stride), 10)) ** 0.5
+    allowed = _CREEP * limit[0] + 4.0 * quiet * (2.0 / width) ** 0.5 / float(np.median(span))
+    speed = np.linalg.norm(smooth[stride:] - smooth[:-stride], axis=1) / span
+    return np.asarray(speed > min(allowed, limit[1]))
+
+
+def _continuous(q: Array) -> Array:
+    """Return quaternions (m, 4) with signs that do not change from one to the next."""
+    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    return np.asarray(q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None])

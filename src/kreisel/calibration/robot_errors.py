@@ -81,13 +81,7 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     """
     joints, table = recording.joints, recording.settings.robot
     if joints is None:
-        if recording.settings.reference.kind != "robot" or table.length_sd is not None or table.angle_sd is not None:
-            return None, []
-        said = (
-            "without joint angles and robot.urdf its own errors (accuracy, not repeatability) are neither estimated "
-            "nor in the standard deviations; state them as robot.length_sd and robot.angle_sd in recording.toml"
-        )
-        return None, [Finding("robot", said)]
+        return None, []
     if recording.urdf is None:
         said = "joint angles are there, but no robot.urdf: with it, the robot's own errors would be estimated too"
         return None, [Finding("robot", f"{said}; they are taken for noise")]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.doubt import with_doubts
 from kreisel.calibration.filter_run import (
     GATE,
     FilterRun,
@@ -18,6 +17,7 @@ from kreisel.calibration.filter_run import (
     run_filter,
     stored_state,
 )
+from kreisel.calibration.frame_errors import with_frame_errors
 from kreisel.calibration.noise_factors import (
     NoiseFactors,
     imu_density,
@@ -27,8 +27,8 @@ from kreisel.calibration.noise_factors import (
     within_bounds,
 )
 from kreisel.calibration.observability import unshown_groups
-from kreisel.calibration.parameters import GROUPS, CellParameters
-from kreisel.calibration.problem import Problem, hold, with_lasting_errors
+from kreisel.calibration.prior import narrowed_belief, with_stated_prior
+from kreisel.calibration.problem import Problem, hold, rescheduled, with_lasting_errors
 from kreisel.estimation.consistency import correlation_time, gate, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
 from kreisel.recording import Finding
@@ -42,8 +42,14 @@ MOST_NOISE_PASSES = 8
 COLOURED = 0.3
 """Correlation of neighbouring innovations from which they no longer pass for white."""
 
-NARROWING = 10.0
-MOST_PASSES = 4
+MAX_PASSES = 10
+
+NEAR = 3.0
+"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another one."""
+
+SETTLED = 0.2
+"""Change of every parameter by a pass, in standard deviations, below which no further one is needed."""
+
 CURVATURE = 0.2
 
 LONGEST = 40.0
@@ -60,7 +66,8 @@ class Estimate:
     """Final problem (with the noise finally believed), the run over it, and what to say about both.
 
     The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
-    by which given noise figures had to be raised; 1 where none were given, or none had to.
+    by which given noise figures had to be raised; 1 where none were given, or none had to. `moved` is the largest
+    change of a parameter by the last pass, in standard deviations; 0 where the first sufficed.
     """
 
     problem: Problem
@@ -68,6 +75,7 @@ class Estimate:
     passes: int
     correlation_factor: float
     contradiction: float
+    moved: float
     findings: tuple[Finding, ...]
 
 
@@ -80,13 +88,13 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
         Whether the noise figures are the user's word; they are then changed only if contradicted.
     """
     given = problem
-    problem, run, done, changed = _passes(problem, 0, reference_given, imu_given, progress)
+    problem, run, done, changed, moved = _passes(problem, 0, reference_given, imu_given, progress)
     problem, run, done = _lasting_errors(problem, run, done, progress)
     factor = correlation_factor(run.history)
     unshown = unshown_groups(problem, factor * run.belief.standard_deviation)
     findings: list[Finding] = []
     if unshown:
-        problem, run, done, again = _passes(hold(problem, unshown), done, reference_given, imu_given, progress)
+        problem, run, done, again, moved = _passes(hold(problem, unshown), done, reference_given, imu_given, progress)
         changed |= again
         factor = correlation_factor(run.history)
         findings.append(
@@ -98,11 +106,10 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
         findings.append(noise_finding(problem, given=reference_given and imu_given))
     findings += _whiteness(problem, factor)
     contradiction = _contradiction(given, problem, reference=reference_given, imu=imu_given)
-    run = towards_prior(problem, run)
     belief = Belief(run.belief.mean, factor * run.belief.factor)
-    belief, doubts = with_doubts(problem, run, belief)
-    findings += doubts
-    return Estimate(problem, replace(run, belief=belief), done, factor, contradiction, tuple(findings))
+    belief, said = with_frame_errors(problem, run, belief)
+    findings += said
+    return Estimate(problem, replace(run, belief=belief), done, factor, contradiction, moved / factor, tuple(findings))
 
 
 def _whiteness(problem: Problem, factor: float) -> list[Finding]:
@@ -127,10 +134,17 @@ def _contradiction(given: Problem, final: Problem, *, reference: bool, imu: bool
 
 def _passes(
     problem: Problem, done: int, reference_given: bool, imu_given: bool, progress: Progress | None
-) -> tuple[Problem, FilterRun, int, bool]:
-    """Run passes until they are as many as asked for and the noise figures fit; return their number too."""
-    first = done
-    run = run_filter(problem, problem.start, gate=FIRST_GATE, progress=named(progress, f"pass {done + 1}"))
+) -> tuple[Problem, FilterRun, int, bool, float]:
+    """Run passes until they are as many as asked for and the noise figures fit.
+
+    Returns also their number, whether the noise figures were changed, and how far the last pass moved the estimates.
+    """
+    first, moved, far = done, np.inf, True
+    begun = first_belief(problem, problem.start)
+    run = run_filter(
+        problem, problem.start, gate=FIRST_GATE, belief=begun, progress=named(progress, f"pass {done + 1}")
+    )
+    run = with_stated_prior(problem, run, begun)
     done, changed = done + 1, False
     while True:
         factors = noise_factors(run.history, lasting=problem.correlation_time > 0.0).contradicted(
@@ -140,14 +154,35 @@ def _passes(
         if done == first + 1 and problem.reference.quaternions is None:
             factors = NoiseFactors()  # the attitude was a guess: such innovations say nothing of the noise
         settled = factors.agree() or done - first >= MOST_NOISE_PASSES
-        if settled and not _another_pass(problem, run, done - first):
-            return problem, run, done, changed
-        problem = look_back(problem, run)
+        if settled and not _another_pass(problem, run, moved, done - first):
+            return problem, run, done, changed, moved if done > first + 1 else 0.0
+        if done == first + 1:
+            far = _bent(problem, run) or _another_sample(problem, run)
+        problem = rescheduled(look_back(problem, run), run.parameters.clock)
         if not factors.agree():
             problem, changed = with_factors(problem, factors), True
         done += 1
-        belief = narrowed_belief(problem, run)
-        run = run_filter(problem, run.parameters, belief=belief, progress=named(progress, f"pass {done}"))
+        wide = FIRST_GATE if far else 1.0
+        before, run = run, _further_pass(problem, run, named(progress, f"pass {done}"), gate=wide)
+        moved = _distance(problem, before, run)
+        if far:
+            far, moved = moved > NEAR, np.inf  # the usual gate is still to come
+
+
+def _further_pass(
+    problem: Problem, run: FilterRun, progress: Callable[[float], None] | None = None, gate: float = 1.0
+) -> FilterRun:
+    """Return a pass that begins near the result of the one before."""
+    begun = narrowed_belief(problem, run)
+    again = run_filter(problem, run.parameters, belief=begun, gate=gate, progress=progress)
+    return with_stated_prior(problem, again, begun)
+
+
+def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
+    """Return the largest change of a parameter between two results, in standard deviations."""
+    n = len(problem.parameter_names)
+    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[:n, 0]
+    return float(np.max(np.abs(change) / after.belief.standard_deviation[:n], initial=0.0))
 
 
 def _lasting_errors(
@@ -160,14 +195,13 @@ def _lasting_errors(
     if problem.settings.passes is not None or correlation_factor(run.history) == 1.0:
         return problem, run, done
     best, best_run = problem, run
-    reference = run_filter(problem, run.parameters, belief=narrowed_belief(problem, run))
+    reference = _further_pass(problem, run)
     likelihood = float(reference.history.log_likelihood.sum()) + MOST_LUCK
     time = 0.5 * problem.update_interval
     while time < LONGEST * problem.update_interval:
         trial = with_lasting_errors(problem, time)
         done += 1
-        belief = narrowed_belief(trial, run)
-        trial_run = run_filter(trial, run.parameters, belief=belief, progress=named(progress, f"pass {done}"))
+        trial_run = _further_pass(trial, run, named(progress, f"pass {done}"))
         found = float(trial_run.history.log_likelihood.sum())
         if found > likelihood:
             best, best_run, likelihood = trial, trial_run, found
@@ -177,52 +211,57 @@ def _lasting_errors(
     return best, best_run, done
 
 
-def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
-    """Return the belief a further pass begins with: the prior, and the pass before believed `NARROWING` times less.
-
-    Sigma points then stay where the model is nearly linear, also along what the motion hardly tells apart; the
-    same data are counted twice by one part in `NARROWING` squared.
-    """
-    belief = first_belief(problem, run.parameters)
-    n = len(problem.parameter_names)
-    if n == 0:
-        return belief
-    prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
-    found = NARROWING**2 * run.belief.covariance[:n, :n]
-    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
-    scale = np.sqrt(np.diag(prior))
-    A, B = (M / np.outer(scale, scale) for M in (prior, found))
-    P = A @ np.linalg.solve(A + B, B)
-    factor = belief.factor.copy()
-    factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
-    return Belief(belief.mean, factor)
-
-
-def _another_pass(problem: Problem, run: FilterRun, done: int) -> bool:
+def _another_pass(problem: Problem, run: FilterRun, moved: float, done: int) -> bool:
     """Return whether another pass is asked for, or pays.
 
-    It pays where the estimates moved so far from where the pass began that what the sigma points leave of
-    the model's curvature, about the square of the way, is not small against the standard deviation; and
-    where the first pass, whose gate stands wide, let in what the usual gate would not: grossly, or often.
+    After the first pass it pays where the gate, which stood wide, let in what the usual gate would not: grossly,
+    or often; where the clocks are apart by another sample than the poses were assigned to; and where the way from
+    the start bends the model. Later, as long as the estimates move.
     """
     if problem.settings.passes is not None:
         return done < problem.settings.passes
-    if done >= MOST_PASSES:
+    if done >= MAX_PASSES:
         return False
+    if done > 1:
+        return moved > SETTLED
     bounds = {m: gate(GATE, int(m)) for m in np.unique(run.history.degrees)}
     beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-    if done == 1 and (let_in or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None):
+    if let_in or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
         return True
-    layout = problem.layout
-    angles = {"gyro_cross_coupling": 9, "accel_cross_coupling": 9, "alignment": 2}
-    parts = [slice(layout[g].start, layout[g].start + n) for g, n in angles.items() if g in layout]
-    if not parts:
-        return False
-    moved = layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0]
-    way = max(float(np.max(np.abs(moved[part]))) for part in parts)
-    deviation = min(float(np.median(run.belief.standard_deviation[part])) for part in parts)
-    return way**2 > CURVATURE * deviation
+    return _another_sample(problem, run) or _bent(problem, run)
+
+
+def _another_sample(problem: Problem, run: FilterRun) -> bool:
+    """Return whether the clocks found assign poses to other samples."""
+    stamps = problem.readings.stamps
+    return problem.clock.distance(run.parameters.clock, problem.tau) > 0.5 * float(np.median(np.diff(stamps[:1000])))
+
+
+def _bent(problem: Problem, run: FilterRun) -> bool:
+    """Return whether the model is curved between the start of a run and its result.
+
+    Angles bend it by the square of the way; an offset and the matrix it is multiplied by, by the product of theirs.
+    The way is counted with the deviations the run began with. What it bends is held against the result's deviation.
+    """
+    layout, start = problem.layout, problem.start_covariance
+    way = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
+    deviation = run.belief.standard_deviation
+
+    def largest(group: str) -> float:
+        return float(np.max(way[layout[group]] + np.sqrt(np.diag(start[group])))) if group in layout else 0.0
+
+    def least(group: str) -> float:
+        return float(np.median(deviation[layout[group]])) if group in layout else np.inf
+
+    angles = ("gyro_cross_coupling", "accel_cross_coupling", "alignment")
+    moved = max((float(np.max(way[layout[g]])) for g in angles if g in layout), default=0.0)
+    if moved**2 > CURVATURE * min(least(g) for g in angles):
+        return True
+    return any(
+        largest(f"{sensor}_cross_coupling") * largest(f"{sensor}_offset") > CURVATURE * least(f"{sensor}_offset")
+        for sensor in ("gyro", "accel")
+    )
 
 
 def correlation_factor(history: History) -> float:
@@ -242,24 +281,3 @@ def correlation_factor(history: History) -> float:
         if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
             times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
     return float(np.sqrt(max(1.0, size * max(times, default=1.0))))
-
-
-def towards_prior(problem: Problem, run: FilterRun) -> FilterRun:
-    """Return the run with the prior put back where it belongs.
-
-    A pass that starts from estimates carries its prior centred there. To first order the mean is mended by
-    the posterior covariance times the prior's information times the distance of the two centres.
-    """
-    layout = problem.layout
-    change = np.zeros(layout.degrees)
-    start = stored_state(problem, run.start)
-    for group in problem.groups:
-        d, s = layout[group], layout.stored(group)
-        if group == "alignment":
-            continue  # its prior is weak, and its centre a rotation
-        change[d] = np.linalg.solve(problem.prior_covariance[group], problem.prior.stored(group) - start[s])
-    moved = run.belief.covariance @ change
-    mean = layout.plus(run.belief.mean, moved[:, None])[:, 0].copy()
-    values = {g: run.parameters.stored(g) for g in GROUPS}
-    values.update({g: mean[layout.stored(g)] for g in problem.groups})
-    return replace(run, belief=Belief(mean, run.belief.factor), parameters=CellParameters.from_stored(values))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
@@ -13,46 +12,29 @@ import numpy as np
 from kreisel.calibration.initial import (
     Accelerations,
     ForceFit,
-    alignment_from_gravity,
     attitude_from_positions,
     fit_forces,
     reference_attitude,
 )
-from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters, RobotParameters
-from kreisel.calibration.problem import Problem, Site, build_layout, schedule
+from kreisel.calibration.problem import Site
 from kreisel.calibration.reference_noise import ReferenceNoise, believed_noise, with_measured_jitter
-from kreisel.calibration.rests import OutsideRest, Rest, find_rests, imu_still, rest_outside
+from kreisel.calibration.rests import OutsideRest, Rest, Standstill, find_rests, imu_still, rest_outside
 from kreisel.calibration.robot_errors import RobotModel, robot_model
 from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.site import site_of
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, Indices, nearest_rotation, skew
-from kreisel.inertial.earth import earth_rate_n, normal_gravity
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.noise import GRADES, Grade, equivalent_walk, high_frequency_density
 from kreisel.inertial.readings import Readings
-from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording import Finding, ImuSamples, Recording, ReferencePoses
 from kreisel.recording.checks import LONG_GAP, gaps
 from kreisel.recording.recording import excerpt
 from kreisel.synchronization import Clock, Correlation, RateFit, check_conventions, correlate, fit_rates
-from kreisel.synchronization.correlation import LARGEST_SKEW, quietest_second
-from kreisel.units import DEG, STANDARD_GRAVITY
+from kreisel.synchronization.correlation import quietest_second
 
-INTERVALS = {"robot": 0.48, "mocap": 0.24}
-"""Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
-second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
-
-_DOUBT = 20.0
-_NORTH_SD = 0.7
-_CROSS_COUPLING_SD = 0.05
-_NON_ORTHOGONALITY = 0.015
-_BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 _LEAST_NOISE, _MOTION_NOISE = 0.7, 20.0
-_HALF_A_CHAIN = math.sqrt(2.0)
 _LEAST_POSES = 10
-
-GRAVITY_SD = 0.015
-"""m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +42,8 @@ class ImuNoise:
     """Noise of the IMU, SI: densities (3,), random walks and prior deviations of its offsets.
 
     `gyro_bounds` and `accel_bounds` hold the densities the data may move it between: from what the maker
-    says to well above what the readings' own scatter shows, for errors that grow with the motion.
+    says to well above what the readings' own scatter shows, for errors that grow with the motion. `gyro_scatter` is
+    the noise of a single reading, rad/s.
     """
 
     gyro: Array
@@ -72,6 +55,7 @@ class ImuNoise:
     given: bool
     gyro_offset_sd: float | None
     accel_offset_sd: float | None
+    gyro_scatter: float
 
 
 @dataclass(frozen=True)
@@ -87,21 +71,11 @@ class Preparation:
     correlation: Correlation
     rate_fit: RateFit
     force_fit: ForceFit
+    standstill: Standstill
     rests: tuple[Rest, ...]
     outside_rest: OutsideRest | None
     robot: RobotModel | None
     findings: tuple[Finding, ...]
-
-
-def site_of(recording: Recording) -> Site:
-    """Return gravity and Earth rate where the recording was made, as far as its settings tell."""
-    table = recording.settings.site
-    rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
-    if table.gravity is not None:
-        return Site(table.gravity, 0.0, rate)
-    if table.latitude_deg is not None:
-        return Site(normal_gravity(math.radians(table.latitude_deg), table.height_m or 0.0), 0.0, rate)
-    return Site(STANDARD_GRAVITY, GRAVITY_SD, None)
 
 
 def imu_noise_of(recording: Recording) -> ImuNoise:
@@ -127,6 +101,7 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         given=given,
         gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
         accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
+        gyro_scatter=min(gyro or np.inf, float(np.sqrt(np.mean(shown_gyro**2)))) * imu.interval**-0.5,
     )
 
 
@@ -200,10 +175,11 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     if reference.positions is None:
         findings.append(Finding("reference", "orientations only: accelerometers are seen at rests, and between them"))
     findings += _overlap_finding(recording.imu, reference, fit.clock)
-    site = site_of(recording)
+    site, said = site_of(recording)
+    findings += said
     noise = believed_noise(recording.settings, reference)
     standstill = imu_still(recording.imu)
-    rests = find_rests(standstill, reference, fit.clock, noise.position, noise.orientation)
+    rests = find_rests(standstill, reference, fit.clock, noise)
     stretches = [(rest.start, rest.stop) for rest in rests]
     force = _forces(readings, fit, reference, site.gravity, stretches)
     noise = with_measured_jitter(noise, reference, pose_indices(rests, fit.clock.imu_time(tau)))
@@ -223,8 +199,8 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     robot, said = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
     findings += said
     return Preparation(
-        recording, reference, site, imu_noise, noise, readings, correlation, fit, force, rests, outside, robot,
-        tuple(findings),
+        recording, reference, site, imu_noise, noise, readings, correlation, fit, force, standstill, rests, outside,
+        robot, tuple(findings),
     )  # fmt: skip
 
 
@@ -280,7 +256,7 @@ def _with_attitude(
         yield signal, tau[part], p, q
 
 
-def _first_attitudes(preparation: Preparation, samples: Indices) -> Array:
+def first_attitudes(preparation: Preparation, samples: Indices) -> Array:
     """Return the attitudes navigation begins with at samples, (k, 4), where the reference shows none."""
     out = np.tile([1.0, 0.0, 0.0, 0.0], (samples.size, 1))
     fit, reference, force = preparation.rate_fit, preparation.reference, preparation.force_fit
@@ -302,235 +278,6 @@ def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: C
         skewed=abs(clock.skew) > 4.0 * clock.skew_sd or clock.skew_sd * float(reference.seconds[-1]) > 5e-3,
         explained=float("nan"),
         residual_sd=float("nan"),
-        K_omega_sd=np.full((3, 3), _CROSS_COUPLING_SD / _DOUBT),
+        K_omega_sd=np.full((3, 3), 0.0025),
         k_w0_sd=np.full(3, 1e-3),
-    )
-
-
-def first_values(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
-    """Return the parameters the filter starts from, and the covariance of each group it believes in.
-
-    The least squares fits are believed `_DOUBT` times less than they claim: enough to count the same data
-    twice by a quarter of a per cent only, and near enough for the sigma points to stay where the model is
-    nearly linear.
-    """
-    fit, force, noise, site = preparation.rate_fit, preparation.force_fit, preparation.imu_noise, preparation.site
-    gyro_offset, gyro_offset_sd = _with_prior(fit.k_w0, fit.k_w0_sd, noise.gyro_offset_sd, 0.02)
-    if preparation.outside_rest is not None:
-        rest_sd = preparation.outside_rest.deviation(noise.gyro)
-        better = rest_sd < gyro_offset_sd
-        gyro_offset = np.where(better, -preparation.outside_rest.rate, gyro_offset)
-        gyro_offset_sd = np.where(better, rest_sd, gyro_offset_sd)
-    accel_offset, accel_offset_sd = _with_prior(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
-    # Accelerometers the motion hardly shows are believed to sit as the gyros do, within a few per cent.
-    mount = _nominal(preparation, order).sensors.K_a
-    K_a_sd = _DOUBT * force.K_a_sd
-    K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
-    k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
-    k_w[0], k_a[0] = gyro_offset, accel_offset
-    if order > 1:
-        # the fits know no polynomials: what those add to the readings is an error of theirs
-        gyro_offset_sd = np.maximum(gyro_offset_sd, np.minimum(noise.gyro_offset_sd or np.inf, _BENT_GYRO))
-        accel_offset_sd = np.maximum(accel_offset_sd, np.minimum(noise.accel_offset_sd or np.inf, _BENT_ACCEL))
-    least = 1e-3 if order == 1 else _BENT_CROSS_COUPLING
-    turned = _turned_by_robot(preparation.robot)
-    least = max(least, turned)
-    K_omega, K_omega_covariance = _nearly_orthogonal(
-        fit.K_omega, np.clip(_DOUBT * fit.K_omega_sd, least, _CROSS_COUPLING_SD)
-    )
-    if preparation.reference.quaternions is None:
-        K_omega_covariance = _without_turn(K_omega_covariance)
-    K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, least, _CROSS_COUPLING_SD))
-    # without positions, what all three accelerometers are away from b shows nowhere
-    arm = force.lever_arm if preparation.reference.positions is not None else np.zeros(3)
-    sensors = SensorParameters(K_omega, k_w, K_a, k_a, np.tile(arm, (3, 1)))
-    start = CellParameters(
-        sensors, alignment_from_gravity(force.gravity), np.zeros(2), site.gravity, fit.clock.start, fit.clock.skew,
-        RobotParameters.none(0 if preparation.robot is None else preparation.robot.joints),
-    )  # fmt: skip
-    tilt = float(np.clip(_DOUBT * force.tilt_sd, max(1e-4, turned), 0.05))
-    deviation = {
-        "gyro_offset": gyro_offset_sd,
-        "gyro_polynomial": np.full(3 * (order - 1), 0.02),
-        "accel_offset": accel_offset_sd,
-        "accel_polynomial": np.full(3 * (order - 1), 0.005),
-        "lever_arms": np.full(9, 0.1),
-        "alignment": np.full(2, tilt),
-        "north": np.full(2, _NORTH_SD),
-        "gravity": np.array([max(site.gravity_sd, 1e-9)]),
-        "time_offset": np.array([max(_DOUBT * fit.clock.start_sd, 1e-3)]),
-        "time_skew": np.array([max(_DOUBT * fit.clock.skew_sd, 1e-6)]),
-    }
-    covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
-    covariance |= {"gyro_cross_coupling": K_omega_covariance, "accel_cross_coupling": K_a_covariance}
-    if preparation.robot is not None:
-        covariance |= preparation.robot.covariance
-    return start, covariance
-
-
-def _turned_by_robot(robot: RobotModel | None) -> float:
-    """Return how far a robot's errors may turn its tool, rad: the least squares fits take them for noise."""
-    if robot is None:
-        return 0.0
-    angles = np.diag(robot.covariance["robot_placement"]).reshape(-1, 6)[:, 3:]
-    return 2.0 * float(np.sqrt(angles.sum() / 3.0))
-
-
-def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
-    """Return a cross-coupling matrix and its covariance (9, 9) once it is known that triads are nearly square.
-
-    The mean of the two couplings between a pair of axes, seen along the mount, is their non-orthogonality:
-    three observations of zero with the deviation `_NON_ORTHOGONALITY`. They matter only where the motion
-    says less.
-
-    Parameters
-    ----------
-    K, deviation : (3, 3)
-        The matrix, and the standard deviations of its entries.
-    """
-    R = nearest_rotation(K)
-    P = np.diag(deviation.ravel() ** 2)
-    H = np.zeros((3, 9))
-    for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        shear = 0.5 * (np.outer(R[:, i], np.eye(3)[j]) + np.outer(R[:, j], np.eye(3)[i]))
-        H[row] = shear.ravel()
-    S = H @ P @ H.T + _NON_ORTHOGONALITY**2 * np.eye(3)
-    gain = np.linalg.solve(S, H @ P).T
-    mean = K.ravel() - gain @ (H @ K.ravel())
-    P = P - gain @ S @ gain.T
-    return mean.reshape(3, 3), 0.5 * (P + P.T)
-
-
-def _without_turn(P: Array) -> Array:
-    """Return the covariance (9, 9) of a cross-coupling matrix near one once it is known not to turn b."""
-    H = np.array([skew(e).ravel() for e in np.eye(3)]) / 2.0
-    S = H @ P @ H.T + 1e-6**2 * np.eye(3)
-    gain = np.linalg.solve(S, H @ P).T
-    P = P - gain @ S @ gain.T
-    return np.asarray(0.5 * (P + P.T) + 1e-18 * np.eye(9))
-
-
-_WIDTH = {
-    "gyro_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
-    "gyro_offset": np.full(3, 0.02),
-    "gyro_polynomial": np.array([0.02]),
-    "accel_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
-    "accel_offset": np.full(3, 0.6),
-    "accel_polynomial": np.array([0.005]),
-    "lever_arms": np.full(9, 0.1),
-    "alignment": np.full(2, 0.05),
-    "north": np.full(2, _NORTH_SD),
-    "time_offset": np.array([0.01]),
-    "time_skew": np.array([LARGEST_SKEW]),
-}
-"""Standard deviations of what an unknown IMU on an unknown mount may be, SI."""
-
-
-def _nominal(preparation: Preparation, order: int) -> CellParameters:
-    """Return the parameters of a faultless IMU on the mount found.
-
-    A mount within three degrees of one along the axes is taken for that: brackets are built so.
-    """
-    R = nearest_rotation(preparation.rate_fit.K_omega)
-    along = np.round(R)
-    if (
-        abs(np.linalg.det(along)) == 1.0
-        and np.arccos(np.clip((np.trace(R.T @ along) - 1.0) / 2.0, -1.0, 1.0)) < 3.0 * DEG
-    ):
-        R = along
-    ideal = SensorParameters.ideal(order)
-    return CellParameters(
-        replace(ideal, K_omega=R, K_a=R),
-        alignment_from_gravity(preparation.force_fit.gravity),
-        np.zeros(2),
-        preparation.site.gravity,
-        preparation.rate_fit.clock.start,
-        preparation.rate_fit.clock.skew,
-        RobotParameters.none(0 if preparation.robot is None else preparation.robot.joints),
-    )
-
-
-def _with_prior(value: Array, value_sd: Array, given_sd: float | None, widest: float) -> tuple[Array, Array]:
-    """Return an offset and its deviation: what was given, centred at zero, or the fit where that says more."""
-    doubtful = np.minimum(_DOUBT * value_sd, widest)
-    if given_sd is None:
-        return value, doubtful
-    better = doubtful < given_sd
-    return np.where(better, value, 0.0), np.where(better, doubtful, given_sd)
-
-
-def _frame_doubt(preparation: Preparation) -> tuple[float, float]:
-    """Return how far a robot's errors move base and tool, where they are stated but cannot be estimated."""
-    table = preparation.recording.settings.robot
-    if preparation.robot is not None:
-        return (0.0, 0.0)
-    # half of the chain's errors act like another base, half like another tool
-    return (_HALF_A_CHAIN * (table.length_sd or 0.0), _HALF_A_CHAIN * (table.angle_sd or 0.0))
-
-
-def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
-    """Return the problem for the filter.
-
-    Raises
-    ------
-    SynchronizationError
-        If too little of the reference lies within the IMU's recording.
-    """
-    fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
-    start, covariance = first_values(preparation, settings.polynomial_order)
-    skewed = fit.skewed if settings.skew is None else settings.skew
-    if not skewed:
-        start = replace(start, skew=0.0)
-    kind = preparation.recording.settings.reference.kind or "robot"
-    interval = settings.update_interval or INTERVALS[kind]
-    tau = reference.seconds
-    clock = Clock(start.start, start.skew)
-    updates = schedule(preparation.readings, clock.imu_time(tau), tau, preparation.rests, interval)
-    if len(updates) < 20:
-        raise SynchronizationError(
-            f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
-            "expected 20 or more: record longer, or use a shorter --update-interval"
-        )
-    noise = preparation.imu_noise
-    given = {}
-    if noise.gyro_offset_sd is not None:
-        given["gyro_offset"] = np.full(3, noise.gyro_offset_sd)
-    if noise.accel_offset_sd is not None:
-        given["accel_offset"] = np.full(3, noise.accel_offset_sd)
-    layout = build_layout(
-        settings,
-        north=site.earth_rate_n is not None,
-        gravity=site.gravity_sd > 0.0,
-        skew=skewed,
-        rest_error=any(u.rest is not None for u in updates),
-        joints=0 if preparation.robot is None else preparation.robot.joints,
-    )
-    return Problem(
-        readings=preparation.readings,
-        reference=reference,
-        attitude=_first_attitudes(preparation, np.array([update.last for update in updates])),
-        tau=tau,
-        settings=settings,
-        site=site,
-        noise=preparation.noise,
-        least_noise=(0.1 * preparation.noise.position, 0.1 * preparation.noise.orientation),
-        imu_bounds=(preparation.imu_noise.gyro_bounds, preparation.imu_noise.accel_bounds),
-        offset_walk={"gyro_offset": preparation.imu_noise.gyro_walk, "accel_offset": preparation.imu_noise.accel_walk},
-        layout=layout,
-        start=start,
-        prior=start,
-        prior_covariance={group: covariance[group] for group in GROUPS if group in layout},
-        prior_width={
-            **_WIDTH,
-            **given,
-            "gravity": np.array([max(site.gravity_sd, 1e-9)]),
-            **{g: np.sqrt(np.diag(covariance[g])) for g in ROBOT_GROUPS if g in covariance},
-        },
-        given_priors=tuple(given),
-        nominal=_nominal(preparation, settings.polynomial_order),
-        rests=preparation.rests,
-        updates=updates,
-        update_interval=interval,
-        robot=preparation.robot,
-        frame_sd=_frame_doubt(preparation),
     )

@@ -1,8 +1,8 @@
-"""Does the result hold on data it has not seen? Three answers that need no truth.
+"""Does the result hold on data it has not seen? Answers that need no truth, besides that of `calibration.halves`.
 
 Cross-validation navigates through the part of the recording the calibration has not seen, once with
-nominal and once with calibrated parameters. Split halves calibrate twice and compare. Injection adds
-known errors to the raw readings and looks whether they are found.
+nominal and once with calibrated parameters. Injection adds known errors to the raw readings and looks
+whether they are found.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import numpy as np
 
 from kreisel.calibration.calibrate import Outcome, run_calibration
 from kreisel.calibration.filter_run import FilterRun, named, run_filter, stored_state
+from kreisel.calibration.halves import part_of, run_part
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
-from kreisel.calibration.run import Estimate, towards_prior
+from kreisel.calibration.run import Estimate
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
@@ -50,20 +51,6 @@ class CrossValidation:
 
 
 @dataclass(frozen=True)
-class SplitHalves:
-    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,)."""
-
-    names: tuple[str, ...]
-    difference: Array
-    deviation: Array
-
-    @property
-    def score(self) -> Array:
-        """Difference over its standard deviation."""
-        return np.asarray(self.difference / np.maximum(self.deviation, 1e-300))
-
-
-@dataclass(frozen=True)
 class Injection:
     """Known errors added to the raw data, and the change of the estimates, (n,) each."""
 
@@ -78,31 +65,17 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     problem = found.problem
     count = len(problem.updates)
     cut = int(TRAINING * count)
-    trained = _run(problem, slice(0, cut), found.run.parameters, progress, "train")
+    trained = run_part(problem, slice(0, cut), found.run, progress, "train")
     nominal = replace(
         problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn,
         robot=trained.parameters.robot,
     )  # fmt: skip
-    unseen = _navigation_only(_part(problem, slice(cut, count)))
+    unseen = _navigation_only(part_of(problem, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.readings.stamps[problem.updates[cut].last]),
         nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=named(progress, "nominal"))),
         calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=named(progress, "calibrated"))),
     )
-
-
-def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves:
-    """Return how far the estimates of the two halves of a recording differ."""
-    problem = found.problem
-    middle = len(problem.updates) // 2
-    a, b = (
-        _run(problem, part, found.run.parameters, progress, name)
-        for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
-    )
-    n = len(problem.parameter_names)
-    difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
-    variance = a.belief.standard_deviation[:n] ** 2 + b.belief.standard_deviation[:n] ** 2
-    return SplitHalves(problem.parameter_names, difference, found.correlation_factor * np.sqrt(variance))
 
 
 def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
@@ -161,26 +134,10 @@ def _errors() -> _Errors:
     )
 
 
-def _part(problem: Problem, part: slice) -> Problem:
-    updates = list(problem.updates[part])
-    updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
-    return replace(problem, updates=tuple(updates), attitude=problem.attitude[part])
-
-
 def _navigation_only(problem: Problem) -> Problem:
     """Return the problem with every parameter taken as known."""
     layout = StateLayout([part for part in problem.layout if part.name not in GROUPS])
-    return replace(problem, layout=layout, prior_covariance={})
-
-
-def _run(problem: Problem, part: slice, start: CellParameters, progress: Progress | None, name: str) -> FilterRun:
-    """Run one pass over a part of the updates.
-
-    It starts from estimates that have seen the whole recording, and is then put back to the prior's centre: what
-    the whole has to say enters only as the point of linearisation.
-    """
-    chosen = _part(problem, part)
-    return towards_prior(chosen, run_filter(chosen, start, progress=named(progress, name)))
+    return replace(problem, layout=layout, start_covariance={}, prior_covariance={})
 
 
 def _drift(run: FilterRun) -> Drift:
@@ -194,4 +151,4 @@ def _drift(run: FilterRun) -> Drift:
     )
 
 
-__all__ = ["CrossValidation", "Drift", "Injection", "SplitHalves", "cross_validate", "inject", "split_halves"]
+__all__ = ["CrossValidation", "Drift", "Injection", "cross_validate", "inject"]

@@ -6,14 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.calibration.filter_run import GATE
+from kreisel.calibration.halves import SplitHalves
+from kreisel.calibration.latitude import LatitudeCheck
 from kreisel.calibration.observability import Observability
 from kreisel.calibration.run import Estimate
-from kreisel.estimation.consistency import lag_one, mean_normalised
+from kreisel.estimation.consistency import gate, lag_one, mean_normalised
 from kreisel.geometry.rotation import Array
 
-LARGEST_NIS = 4.0
-MOST_REJECTED = 0.1
-LARGEST_CONTRADICTION = 3.0
+MAX_NIS = 4.0
+MAX_REJECTED = 0.05
+MAX_CONTRADICTION = 3.0
+
+MAX_SCORE = 4.5
+"""Standard deviations by which estimates may differ between halves of a recording, or from what is stated."""
+
+MAX_MOVED = 1.0
+"""Standard deviations the last pass may have moved the estimates by."""
+
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
 
@@ -42,44 +52,148 @@ class Verdict:
 
 
 def consistency(estimate: Estimate) -> Consistency:
-    """Return the consistency of an estimate's last pass."""
+    """Return the consistency of an estimate's last pass.
+
+    Rejected updates count with the bound they were rejected at: what the gate keeps from the estimate is evidence
+    against the model all the same, while one gross outlier says no more than that it is one.
+    """
     h = estimate.run.history
-    path, rest = h.used & ~h.at_rest, h.used & h.at_rest
+    bound = np.array([gate(GATE, int(m)) for m in h.degrees])
+    nis = np.minimum(h.nis, bound)
+    path, rest = ~h.at_rest, h.at_rest
     return Consistency(
-        nis_path=mean_normalised(h.nis[path], h.degrees[path]),
-        nis_standstill=mean_normalised(h.nis[rest], h.degrees[rest]),
+        nis_path=mean_normalised(nis[path], h.degrees[path]),
+        nis_standstill=mean_normalised(nis[rest], h.degrees[rest]),
         updates=h.nis.size,
         rejected=int(np.sum(~h.used)),
-        lag_one=lag_one(h.whitened[:, :6], path),
+        lag_one=lag_one(h.whitened[:, :6], path & h.used),
         correlation_factor=estimate.correlation_factor,
     )
 
 
-def judge(estimate: Estimate, seen: Observability, facts: Consistency) -> Verdict:
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict is judged by, besides the estimate itself: see the modules that find each of them."""
+
+    observability: Observability
+    consistency: Consistency
+    halves: SplitHalves | None
+    latitude: LatitudeCheck | None
+
+
+def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     """Return the verdict."""
+    reasons = [
+        *_innovations(evidence.consistency),
+        *_halves(evidence.halves),
+        *_latitude(estimate, evidence.latitude),
+        *_priors(estimate),
+        *_passes(estimate),
+        *_noise(estimate),
+        *_motion(evidence.observability),
+        *_scale(estimate),
+    ]
+    return Verdict(not reasons, tuple(reasons))
+
+
+def _innovations(facts: Consistency) -> list[str]:
     reasons = []
     for name, nis in (("on the path", facts.nis_path), ("at rest", facts.nis_standstill)):
-        if nis > LARGEST_NIS:
+        if nis > MAX_NIS:
             reasons.append(
-                f"innovations {name} are {np.sqrt(nis):.1f} times larger than believed: "
+                f"innovations {name} are {np.sqrt(nis):.1f} times larger than expected: "
                 "model or noise figures do not fit"
             )
-    if facts.rejected > MOST_REJECTED * facts.updates:
+    if facts.rejected > MAX_REJECTED * facts.updates:
         reasons.append(
-            f"{facts.rejected} of {facts.updates} updates had to be set aside: reference and IMU disagree; "
+            f"{facts.rejected} of {facts.updates} updates were rejected: reference and IMU disagree; "
             "look for wrong units, lost samples, a slipping mount, or another run's poses"
         )
-    if estimate.contradiction > LARGEST_CONTRADICTION:
+    return reasons
+
+
+def _halves(halves: SplitHalves | None) -> list[str]:
+    if halves is None:
+        return []
+    name, score = halves.worst()
+    if score <= MAX_SCORE:
+        return []
+    return [
+        f"the two halves of the recording give values of {name} that differ by {score:.1f} standard deviations: "
+        "something changed during the recording (an offset that drifts or steps, a mount that slips), or the reference "
+        "errs in a way that is not modelled"
+    ]
+
+
+def _latitude(estimate: Estimate, check: LatitudeCheck | None) -> list[str]:
+    if check is None or check.score <= MAX_SCORE:
+        return []
+    rate = estimate.problem.site.earth_rate_n
+    stated = 0.0 if rate is None else float(np.degrees(np.arctan2(-rate[2], rate[0])))
+    return [
+        f"the stated latitude of {stated:.4g} deg contradicts the Earth's rotation in the gyros' readings, which gives "
+        f"{check.found_deg:.1f} +- {check.deviation_deg:.1g} deg: correct site.latitude_deg in recording.toml"
+    ]
+
+
+_STATED = {
+    "gyro_offset": ("gyro offsets", "imu.gyro_offset_sd or imu.grade"),
+    "accel_offset": ("accelerometer offsets", "imu.accel_offset_sd or imu.grade"),
+    "gravity": ("gravity", "site.gravity, site.gravity_sd, site.latitude_deg or site.height_m"),
+    "robot_placement": ("the robot's placement errors", "robot.length_sd and robot.angle_sd"),
+}
+"""Groups with a prior the user states or accepts: what they are called, and the keys of recording.toml."""
+
+
+def _priors(estimate: Estimate) -> list[str]:
+    """Return estimates that lie far from the prior stated for them."""
+    problem, reasons = estimate.problem, []
+    for group, (title, keys) in _STATED.items():
+        if group not in problem.layout or (group.endswith("_offset") and group not in problem.given_priors):
+            continue
+        sd = np.sqrt(np.diag(problem.prior_covariance[group]))
+        far = np.abs(estimate.run.parameters.stored(group) - problem.prior.stored(group)) / sd
+        if float(far.max()) > MAX_SCORE:
+            verb = "lies" if group == "gravity" else "lie"
+            reasons.append(
+                f"{title} found {verb} up to {far.max():.1f} stated standard deviations from the prior: correct {keys} "
+                "in recording.toml, or look for an effect that is not modelled"
+            )
+    return reasons
+
+
+def _passes(estimate: Estimate) -> list[str]:
+    if estimate.problem.settings.passes is not None or estimate.moved <= MAX_MOVED:
+        return []
+    return [
+        f"after {estimate.passes} passes the estimates still move by {estimate.moved:.1f} standard deviations a pass: "
+        "the motion is too weak for this model; move faster and farther, or fix groups (--fix)"
+    ]
+
+
+def _noise(estimate: Estimate) -> list[str]:
+    reasons = []
+    if estimate.contradiction > MAX_CONTRADICTION:
         reasons.append(
             f"the data contradict the given noise figures {estimate.contradiction:.1f} times: the model does not fit "
             "(try --polynomial-order 2, or record the robot's joint angles), or the figures are wrong"
         )
+    return reasons
+
+
+def _motion(seen: Observability) -> list[str]:
+    reasons = []
     lost = [name for name in seen.unshown if name.startswith(_NEEDED)]
     if lost:
         reasons.append(
             f"the motion does not show {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}: "
             "turn about all three axes, with rests in different attitudes"
         )
+    return reasons
+
+
+def _scale(estimate: Estimate) -> list[str]:
+    reasons = []
     sensors = estimate.run.parameters.sensors
     for name, K in (("gyroscope", sensors.K_omega), ("accelerometer", sensors.K_a)):
         scale = np.linalg.norm(np.linalg.inv(K), axis=1)
@@ -87,4 +201,4 @@ def judge(estimate: Estimate, seen: Observability, facts: Consistency) -> Verdic
             reasons.append(
                 f"{name} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range"
             )
-    return Verdict(not reasons, tuple(reasons))
+    return reasons

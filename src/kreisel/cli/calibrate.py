@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from kreisel.calibration.calibrate import Outcome
-    from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves
+    from kreisel.calibration.validation import CrossValidation, Injection
 
 
 def calibrate(
@@ -31,13 +31,13 @@ def calibrate(
     inject: bool = typer.Option(
         False, "--inject", help="Add known errors to the data and look whether they are found."
     ),
-    validate: bool = typer.Option(True, help="Cross-validation and split halves for the report."),
+    validate: bool = typer.Option(True, help="Cross-validation for the report."),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:
     """Calibrate an IMU from a recording of its readings and of reference poses."""
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.settings import CalibrationSettings
-    from kreisel.calibration.validation import cross_validate, split_halves
+    from kreisel.calibration.validation import cross_validate
     from kreisel.calibration.validation import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
@@ -57,17 +57,15 @@ def calibrate(
     if output is not None:
         check_output(output)
     cross: CrossValidation | None = None
-    halves: SplitHalves | None = None
     injection: Injection | None = None
     with progress_bar() as show:
         outcome = run_calibration(load(recording, reference, imu), settings, show)
         if validate and output is not None:
             cross = cross_validate(outcome.estimate, show)
-            halves = split_halves(outcome.estimate, show)
         if inject:
             injection = inject_errors(outcome, show)
         if output is not None:
-            _save(outcome, output, cross, halves, injection)
+            _save(outcome, output, cross, injection)
     _say(outcome, output, injection, as_json=json)
     if not outcome.verdict.accepted:
         raise typer.Exit(3)
@@ -77,13 +75,12 @@ def _save(
     outcome: Outcome,
     output: Path,
     cross: CrossValidation | None,
-    halves: SplitHalves | None,
     injection: Injection | None,
 ) -> None:
     from kreisel.report import write_report
 
     outcome.calibration.save(output)
-    write_report(outcome, output / "report.html", cross=cross, halves=halves, injection=injection)
+    write_report(outcome, output / "report.html", cross=cross, injection=injection)
 
 
 def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, as_json: bool) -> None:

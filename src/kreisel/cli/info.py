@@ -86,7 +86,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
         try:
             found = correlate(imu, reference)
             noise = believed_noise(recording.settings, reference)
-            rests = find_rests(imu_still(imu), reference, found.clock, noise.position, noise.orientation)
+            rests = find_rests(imu_still(imu), reference, found.clock, noise)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {
                 "correlation of rates": found.coefficient,

@@ -150,3 +150,12 @@ def inverse_right_jacobian(theta: ArrayLike) -> Array:
     b = np.where(small, 1.0 / 12.0 + angle2 / 720.0, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)))
     S = skew(theta)
     return np.asarray(np.eye(3) + 0.5 * S + b * (S @ S))
+
+
+def running_mean(values: Array, width: int) -> Array:
+    """Return means of rows (n, k) over about `width` rows around each; fewer at the ends."""
+    padded = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    n = len(values)
+    low = np.clip(np.arange(n) - width // 2, 0, n)
+    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
+    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])

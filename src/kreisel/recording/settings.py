@@ -48,6 +48,7 @@ class SiteTable(_Table):
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
     height_m: Annotated[float, Field(ge=-500.0, le=9000.0)] | None = None
     gravity: Annotated[float, Field(ge=9.7, le=9.9)] | None = None
+    gravity_sd: Annotated[float, _between(1e-7, 0.1)] | None = None
 
 
 class ReferenceTable(_Table):

@@ -8,7 +8,8 @@ import numpy as np
 
 from kreisel.calibration.calibrate import Outcome
 from kreisel.calibration.filter_run import History
-from kreisel.calibration.validation import CrossValidation, Drift, Injection, SplitHalves
+from kreisel.calibration.halves import SplitHalves
+from kreisel.calibration.validation import CrossValidation, Drift, Injection
 from kreisel.estimation.consistency import autocorrelation, chi_square, mean_normalised, normalised_bounds
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.inertial.sensor_model import polynomial
@@ -196,7 +197,6 @@ class ReportData:
 def extract(
     outcome: Outcome,
     cross: CrossValidation | None = None,
-    halves: SplitHalves | None = None,
     injection: Injection | None = None,
 ) -> ReportData:
     """Return what a report shows of an outcome and its validations."""
@@ -208,7 +208,7 @@ def extract(
         difference=_difference(outcome, stretch),
         uncertainty=_uncertainty(outcome),
         unseen=None if cross is None else _unseen(cross),
-        halves=halves,
+        halves=outcome.halves,
         injection=injection,
     )
 
@@ -471,12 +471,11 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
 
 
 def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
-    """Return estimates over time (u, n) with the prior put back at its own centre.
+    """Return estimates over time (u, n), led to the reported values.
 
-    A later pass carries its prior around the estimates of the one before. The reported values have that
-    mended with the whole covariance. Here, where only standard deviations are kept, the share of the prior
-    in each parameter decides how far it is taken back, and the line is led to the reported value as that
-    share falls to the last one.
+    The reported values carry the stated prior instead of what the run began with, by the whole covariance. Here,
+    where only standard deviations are kept, the line is led there as the share of the beginning in each parameter
+    falls to its last one.
     """
     problem, run = outcome.problem, outcome.estimate.run
     moved = values.copy()
@@ -484,9 +483,7 @@ def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
         if group == "alignment":
             continue
         part = problem.layout[group]
-        believed = deviations[:, part] / outcome.estimate.correlation_factor
-        share = np.minimum(believed**2 / np.diag(problem.prior_covariance[group]), 1.0)
-        moved[:, part] += share * (problem.prior.stored(group) - run.start.stored(group))
+        share = np.minimum((deviations[:, part] / deviations[0, part]) ** 2, 1.0)
         left = run.parameters.stored(group) - moved[-1, part]
         moved[:, part] += left * np.minimum((1.0 - share) / np.maximum(1.0 - share[-1], 1e-9), 1.0)
     return moved

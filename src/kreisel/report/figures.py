@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.calibration.validation import SplitHalves
+from kreisel.calibration.halves import SplitHalves
 from kreisel.report import plots
 from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
 from kreisel.report.plots import Plot
@@ -26,6 +26,7 @@ GROUP_LABELS = {
     "lever_arms": "r",
     "alignment": "φ",
     "north": "n",
+    "earth_down": "n<sub>d</sub>",
     "gravity": "g",
     "time_offset": "t<sub>0</sub>",
     "time_skew": "s",

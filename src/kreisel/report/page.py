@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from kreisel._version import __version__
 from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves
+from kreisel.calibration.validation import CrossValidation, Injection
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
@@ -39,17 +39,16 @@ def write_report(
     path: Path,
     *,
     cross: CrossValidation | None = None,
-    halves: SplitHalves | None = None,
     injection: Injection | None = None,
 ) -> None:
     """Write the report of a calibration as one HTML file that works offline.
 
     Parameters
     ----------
-    cross, halves, injection
+    cross, injection
         Validations; the report says which are missing.
     """
-    Path(path).write_text(render(extract(outcome, cross, halves, injection)), encoding="utf-8")
+    Path(path).write_text(render(extract(outcome, cross, injection)), encoding="utf-8")
 
 
 def render(data: ReportData) -> str:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.halves import SplitHalves
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
-from kreisel.calibration.validation import Injection, SplitHalves
+from kreisel.calibration.validation import Injection
 from kreisel.geometry.rotation import Array
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
 from kreisel.synchronization import Clock
@@ -31,6 +32,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "lever_arms": ("mm", MM),
     "alignment": ("mrad", MRAD),
     "north": ("1", 1.0),
+    "earth_down": ("1", 1.0),
     "gravity": ("m/s²", 1.0),
     "time_offset": ("ms", MS),
     "time_skew": ("ppm", PPM),
@@ -437,7 +439,7 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
         injection.names, injection.injected, injection.found, injection.deviation, strict=True
     ):
         unit, size = UNITS.get(groups[name], ("SI", 1.0))
-        if abs(put) < 1e-12 or groups[name] in ("alignment", "north"):
+        if abs(put) < 1e-12 or groups[name] in ("alignment", "north", "earth_down"):
             continue
         score = (got - put) / max(sd, 1e-300)
         rows.append(

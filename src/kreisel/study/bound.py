@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from kreisel.calibration.build import build_problem
 from kreisel.calibration.filter_run import first_belief, run_filter
 from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import build_problem, prepare_recording
+from kreisel.calibration.setup import prepare_recording
 from kreisel.geometry.rotation import Array
 from kreisel.simulation import Cell, simulate
 from kreisel.simulation.cell import recording_settings

@@ -35,6 +35,11 @@ class Clock:
         """Return the reference's seconds for IMU seconds t."""
         return (t - self.start) / (1.0 + self.skew)
 
+    def distance(self, other: Clock, tau: Array) -> float:
+        """Return the largest difference of two clocks' IMU times over reference seconds tau, s."""
+        ends = tau[[0, -1]]
+        return float(max(abs(self.imu_time(ends) - other.imu_time(ends))))
+
     def offset(self, first_imu_ns: int, first_reference_ns: int) -> float:
         """Return the offset of the result file: t_imu = t_ref + offset + skew (t_ref - first t_ref), s."""
         return self.start + (first_imu_ns - first_reference_ns) * 1e-9

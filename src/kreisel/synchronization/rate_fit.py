@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply, running_mean
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording import ReferencePoses
@@ -64,6 +64,10 @@ class RateFit:
     wander: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
+SMOOTHED = 0.05
+"""Seconds over which rates are averaged where they say how a shift of the clock moves a rotation: the noise of single
+readings would pass for information on the shift."""
+
 ROUNDS, SETTLED = 40, 0.1
 """Gauss-Newton steps at most; they end once none moves by more than this share of its standard deviation."""
 
@@ -91,10 +95,11 @@ class _Stretches:
 
 @dataclass(frozen=True)
 class _Integrated:
-    """Raw rates of a stretch of readings, and their integral from its first sample, (n, 3), row by row."""
+    """Raw rates of a stretch of readings, their running means, and their integral from its first sample, (n, 3)."""
 
     signal: InertialSignal
     rates: Array
+    smooth: Array
     integral: Array
 
     @classmethod
@@ -104,7 +109,9 @@ class _Integrated:
         # many of these are held at once: only what integrating the rates needs is kept
         none = np.empty((0, 0))
         slim = signal.samples._replace(single=none, double=none, slopes=none, forces=none)
-        return cls(replace(signal, samples=slim), np.ascontiguousarray(signal.rates), integral)
+        rates = np.ascontiguousarray(signal.rates)
+        width = max(1, round(SMOOTHED / max(float(np.median(np.diff(signal.stamps[:1000]))), 1e-6)))
+        return cls(replace(signal, samples=slim), rates, running_mean(rates, width), integral)
 
     def between(self, t1: Array, t2: Array) -> Array:
         """Return integrated readings from times t1 to times t2, (m, 3)."""
@@ -350,14 +357,16 @@ def _wander(seen: _Comparison) -> Array:
 
 
 def _attitude_at(part: _Integrated, q: Array, K: Array, b: Array, t: Array) -> tuple[Array, Array]:
-    """Return attitude and rate at times between samples, of attitudes (n, 4) at the samples."""
+    """Return attitude and smoothed rate at times between samples, of attitudes (n, 4) at the samples."""
     stamps = part.signal.stamps
     k = np.clip(np.searchsorted(stamps, t) - 1, 0, stamps.size - 2)
     s = (t - stamps[k])[:, None]
     h = (stamps[k + 1] - stamps[k])[:, None]
     omega, after = (part.rates[at] @ K.T + b for at in (k, k + 1))
     slope = (after - omega) / h
-    return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), omega + slope * s
+    share = s / h
+    smooth = (1.0 - share) * part.smooth[k] + share * part.smooth[k + 1]
+    return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), smooth @ K.T + b
 
 
 def _turn_back(q: Array, v: Array) -> Array:

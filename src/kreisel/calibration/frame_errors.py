@@ -1,4 +1,4 @@
-"""Doubt that no innovation shows: added to what the filter believes, once it has run."""
+"""Errors that no innovation shows: added to the standard deviations once the filter has run."""
 
 from __future__ import annotations
 
@@ -7,43 +7,38 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.filter_run import FilterRun
+from kreisel.calibration.parameters import CellParameters
 from kreisel.calibration.problem import Problem
 from kreisel.estimation.filter import Belief, triangularise, widen
-from kreisel.geometry.rotation import skew
-from kreisel.inertial.earth import EARTH_RATE
+from kreisel.geometry.rotation import Array, skew
 from kreisel.recording import Finding
-from kreisel.units import DEG_PER_HOUR
 
 
-def with_doubts(problem: Problem, run: FilterRun, belief: Belief) -> tuple[Belief, list[Finding]]:
-    """Return the belief with all doubts, and what to say of each."""
+def with_frame_errors(problem: Problem, run: FilterRun, belief: Belief) -> tuple[Belief, list[Finding]]:
+    """Return the belief with what is added for errors that are not estimated, and what to say of it."""
     findings: list[Finding] = []
     if max(problem.frame_sd) > 0.0:
-        belief = _where_frames_lie(problem, run, belief)
+        columns = frame_columns(problem, run.parameters)
+        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
         length, angle = (1e3 * sd for sd in problem.frame_sd)
         said = (
-            f"its errors are stated but not estimated: {length:.2g} mm and {angle:.2g} mrad were added for where base "
-            "and tool may lie"
+            "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
+            f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
+            'recording.toml state them; for motion capture, write reference.kind = "mocap")'
         )
         findings.append(Finding("robot", said))
-    if problem.site.earth_rate_n is None and "gyro_offset" in problem.layout:
-        size = EARTH_RATE / 3**0.5
-        belief = widen(problem.layout, belief, "gyro_offset", size)
-        said = (
-            f"no latitude is given, so the Earth's rotation is left out; {size / DEG_PER_HOUR:.1f} deg/h were added "
-            "to the gyro offset's standard deviation for it (site.latitude_deg in recording.toml)"
-        )
-        findings.append(Finding("site", said))
+    if problem.lateness > 0.0 and "time_offset" in problem.layout:
+        belief = widen(problem.layout, belief, "time_offset", problem.lateness)
     return belief, findings
 
 
-def _where_frames_lie(problem: Problem, run: FilterRun, belief: Belief) -> Belief:
-    """Return the belief with the doubt where the base's and the tool's frame lie.
+def frame_columns(problem: Problem, parameters: CellParameters) -> Array:
+    """Return what errors of the base's and the tool's frame do to the state, one deviation each, (degrees, 8).
 
     A tool turned by a small angle turns both cross-coupling matrices and the lever arms with it, one that
     is shifted shifts the lever arms; a base turned turns gravity.
     """
-    layout, sensors = problem.layout, run.parameters.sensors
+    layout, sensors = problem.layout, parameters.sensors
     length, angle = problem.frame_sd
     columns = np.zeros((layout.degrees, 8))
     for i, axis in enumerate(np.eye(3)):
@@ -59,4 +54,4 @@ def _where_frames_lie(problem: Problem, run: FilterRun, belief: Belief) -> Belie
             columns[layout["lever_arms"], 3 + i] = np.tile(length * axis, 3)
     if "alignment" in layout:
         columns[layout["alignment"], 6:] = angle * np.eye(2)
-    return replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
+    return columns

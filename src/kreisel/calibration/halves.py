@@ -1,0 +1,97 @@
+"""The two halves of a recording, calibrated each by itself and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.filter_run import FilterRun, first_belief, named, run_filter
+from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.prior import narrowed_belief, with_stated_prior
+from kreisel.calibration.problem import MIN_UPDATES, Problem
+from kreisel.calibration.run import Estimate
+from kreisel.geometry.rotation import Array
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class SplitHalves:
+    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,)."""
+
+    names: tuple[str, ...]
+    difference: Array
+    deviation: Array
+
+    @property
+    def score(self) -> Array:
+        """Difference over its standard deviation."""
+        return np.asarray(self.difference / np.maximum(self.deviation, 1e-300))
+
+    def worst(self, sensor: tuple[str, ...] = ("gyroscope.", "accelerometer.")) -> tuple[str, float]:
+        """Return the sensor parameter whose estimates differ most, and its score; nothing and 0 without any."""
+        own = [i for i, name in enumerate(self.names) if name.startswith(sensor)]
+        if not own:
+            return "", 0.0
+        score = np.abs(self.score)[own]
+        return self.names[own[int(np.argmax(score))]], float(score.max())
+
+
+def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves | None:
+    """Return how far the estimates of the two halves of a recording differ; None where these are too short.
+
+    Notes
+    -----
+    Both halves share the prior, and with it its error: with covariances A and B of the halves, P of the prior and
+    that of its error, the difference has the covariance A + B - A P^-1 B - B P^-1 A. What the prior holds fast, such
+    as a robot's errors this motion does not show, then makes no difference seem likely. What is added to the result
+    for errors that are not estimated is added here too.
+    """
+    problem = found.problem
+    middle = len(problem.updates) // 2
+    if middle < MIN_UPDATES:
+        return None
+    a, b = (
+        run_part(problem, part, found.run, progress, name)
+        for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
+    )
+    n = len(problem.parameter_names)
+    difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
+    prior = first_belief(problem, problem.prior, problem.prior_covariance)
+    A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
+    shared = A @ np.linalg.solve(P, B)
+    variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
+    variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + _walk(problem)
+    variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
+    return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
+
+
+def _walk(problem: Problem) -> Array:
+    """Return the variance offsets gather by walking from the end of one half to that of the other, (n,)."""
+    stamps, updates = problem.readings.stamps, problem.updates
+    seconds = 0.5 * float(stamps[updates[-1].last] - stamps[updates[0].first])
+    out = np.zeros(len(problem.parameter_names))
+    for group, density in problem.offset_walk.items():
+        if group in problem.layout:
+            out[problem.layout[group]] = density**2 * seconds
+    return out
+
+
+def part_of(problem: Problem, part: slice) -> Problem:
+    """Return the problem of a part of the updates."""
+    updates = list(problem.updates[part])
+    updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
+    return replace(problem, updates=tuple(updates), attitude=problem.attitude[part])
+
+
+def run_part(problem: Problem, part: slice, whole: FilterRun, progress: Progress | None, name: str) -> FilterRun:
+    """Run one pass over a part of the updates.
+
+    It starts near estimates that have seen the whole recording, which enter only as the point of linearisation.
+    """
+    chosen = part_of(problem, part)
+    begun = narrowed_belief(chosen, whole)
+    run = run_filter(chosen, whole.parameters, belief=begun, progress=named(progress, name))
+    return with_stated_prior(chosen, run, begun)

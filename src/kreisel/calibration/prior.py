@@ -1,0 +1,137 @@
+"""The prior of a run of the filter, exchanged: the run begins with a narrow one, its result carries the true one.
+
+Sigma points stay where the model is nearly linear if a run begins near the estimate, with deviations of about the
+size they will have at its end. Such a beginning is a prior that nobody stated. As parameters do not change, its
+information is part of that of the result, and is taken out again once the run is over; the stated prior is put in
+its place. What remains of the narrow prior is the point about which the model was linearised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.calibration.filter_run import FilterRun, first_belief
+from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.problem import Problem
+from kreisel.estimation.filter import Belief
+from kreisel.geometry.rotation import Array
+
+WIDENING = 0.3
+"""Deviations a further run begins with, in those of the result before it.
+
+The estimates then hardly move during the run. Were they to, the model would be linearised now here, now there, and what
+the motion does not show would seem to be shown by the difference.
+"""
+
+
+def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
+    """Return the belief a further run begins with: the result before, its deviations widened, within the prior."""
+    belief = first_belief(problem, run.parameters, problem.prior_covariance)
+    n = len(problem.parameter_names)
+    if n == 0:
+        return belief
+    prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
+    found = WIDENING**2 * run.belief.covariance[:n, :n]
+    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
+    scale = np.sqrt(np.diag(prior))
+    A, B = (M / np.outer(scale, scale) for M in (prior, found))
+    P = A @ np.linalg.solve(A + B, B)
+    factor = belief.factor.copy()
+    factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
+    return Belief(belief.mean, factor)
+
+
+def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> FilterRun:
+    """Return a run whose result carries the problem's prior instead of the belief it began with.
+
+    Parameters
+    ----------
+    begun
+        What the run began with.
+
+    Notes
+    -----
+    With information matrices of the result I, of the belief begun with B and of the prior A, and the distances b
+    and a of their centres from the result: the new information is I - B + A, the new mean lies (I - B + A)^-1
+    (A a - B b) away. An offset that walks has changed since; B and A are then those of the beginning with the walk's
+    variance added, which is at most what the result contains of them.
+    """
+    layout, n = problem.layout, len(problem.parameter_names)
+    if n == 0:
+        return run
+    covariance = run.belief.covariance
+    scale = np.sqrt(np.diag(covariance)[:n])
+    size, walk = np.outer(scale, scale), np.diag(_walked(problem))
+    prior = first_belief(problem, problem.prior, problem.prior_covariance)
+    P = covariance[:n, :n] / size
+    I_run, I_begun, I_prior = (
+        np.linalg.inv(M) for M in (P, _start(begun, n, walk) / size, _start(prior, n, walk) / size)
+    )
+    to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
+    information = I_run - I_begun + I_prior
+    noise = _information_of_noise(problem, run, scale)
+    damped = _at_most(0.5, noise, information)
+    step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
+    noise = _at_most(0.9, noise, information)
+    P_new = np.linalg.inv(information - noise)
+    return _moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
+
+
+def _information_of_noise(problem: Problem, run: FilterRun, scale: Array) -> Array:
+    """Return the part of the information (n, n), scaled, that noise of the rates pretends to have on the clocks.
+
+    A pose is carried to its own time by the rate read last. With a slow motion the noise of that reading is no
+    smaller than the rate, and the filter takes its square for information on the time offset. It is no such thing: it
+    only adds noise to the estimate.
+    """
+    out = np.zeros((scale.size, scale.size))
+    if "time_offset" not in problem.layout:
+        return out
+    K = run.parameters.sensors.K_omega
+    variance = problem.rate_scatter**2 * float(np.sum(K**2)) / 3.0
+    i = problem.layout["time_offset"].start
+    out[i, i] = variance * float(np.sum(run.history.turn_information)) * scale[i] ** 2
+    return out
+
+
+def _at_most(share: float, part: Array, information: Array) -> Array:
+    """Return a part of an information matrix, one number on its diagonal, as no more than a share of the whole."""
+    i = int(np.argmax(np.diag(part)))
+    most = share / float(np.linalg.inv(information)[i, i])
+    return part * min(1.0, most / max(float(part[i, i]), 1e-300))
+
+
+def _start(belief: Belief, n: int, walk: Array) -> Array:
+    """Return a belief's covariance of the parameters (n, n), as it stands once the offsets have walked."""
+    return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
+
+
+def _walked(problem: Problem) -> Array:
+    """Return the variance every parameter's walk has gathered over the run, (n,)."""
+    layout, out = problem.layout, np.zeros(len(problem.parameter_names))
+    stamps, updates = problem.readings.stamps, problem.updates
+    seconds = float(stamps[updates[-1].last] - stamps[updates[0].first])
+    for group, density in problem.offset_walk.items():
+        if group in layout:
+            out[layout[group]] = density**2 * seconds
+    return out
+
+
+def _moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
+    """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
+
+    What else is in the state follows by its regression on the parameters.
+    """
+    layout, n = problem.layout, step.size
+    old = run.belief.covariance
+    gain = np.vstack([np.eye(n), np.linalg.solve(old[:n, :n], old[:n, n:]).T])
+    new = old + gain @ (covariance - old[:n, :n]) @ gain.T
+    mean = layout.plus(run.belief.mean, (gain @ step)[:, None])[:, 0].copy()
+    scale = np.sqrt(np.diag(new))
+    correlation = new / np.outer(scale, scale)
+    factor = scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-13 * np.eye(scale.size))
+    values = {g: run.parameters.stored(g) for g in GROUPS}
+    values.update({g: mean[layout.stored(g)] for g in problem.groups})
+    return replace(run, belief=Belief(mean, factor), parameters=CellParameters.from_stored(values))
