@@ -548,7 +548,7 @@ def recorder(tmp_path, port, *more):
     return subprocess.Popen([*command, *more], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 def test_a_recorder_that_is_stopped(tmp_path, how):
     """A killed one loses a quarter of a second at most; one that is told to end loses nothing."""
 

@@ -19,7 +19,7 @@ STANDS_LONG = 2.0
 
 _WAY = 0.8
 _BLIND = 0.1
-_LAST = 1.5
+_LAST = 0.5
 _ROUNDS = 2
 _TICK = 0.02
 _BEGUN = 1e-2  # rad; an arm that moved so far from where a move was sent has begun it

@@ -75,7 +75,6 @@ async def run(
         )
     )
     watching = asyncio.ensure_future(_watch_on(recording, devices.robot, watch))
-    ending: Ending | None = None
     try:
         await _begin(orders, mover, watch, halt, say)
         ending = await drive(orders.program, mover, watch, halt, say, orders.enough)
@@ -84,17 +83,27 @@ async def run(
         watching.cancel()
         over.set()
         await asyncio.wait([recording, watching])
-    if (error := recording.exception()) is not None:
-        if isinstance(error, RecordingError) and ending.stop is not None:
-            raise RecordingError(f"{error.message}; {ending}: {ending.stop.text}", file=error.file) from error
-        raise error
+        failure = recording.exception()
+        if failure is not None and not isinstance(failure, RecordingError):
+            raise failure
+    if isinstance(failure, RecordingError):
+        raise RecordingError(f"{failure.message}{_how(ending)}", file=failure.file) from failure
     return ending, recording.result()
+
+
+def _how(ending: Ending) -> str:
+    """Return how the motion ended, for an error of the recorder."""
+    if ending.stop is None:
+        return f"; the motion ended: {ending}"
+    if ending.stop.confirmed:
+        return f"; the motion was stopped: {ending.stop.text}"
+    return f"; THE STOP IS NOT CONFIRMED: press the emergency stop; {ending.stop.text}"
 
 
 async def _watch_on(recording: asyncio.Future[Status], robot: Address, watch: Watch) -> None:
     """Stop the motion if the recorder fails, and go on watching the arm: its rest is to be seen."""
     await asyncio.wait([recording])
-    watch.alarm = watch.alarm or "the recorder has ended"
+    watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'nothing more comes'}"
     with suppress(DeviceError):
         async for event in events(robot):
             watch.take(event)
