@@ -193,6 +193,69 @@ def test_a_controller_that_does_not_answer_is_told(monkeypatch, closes):
     asyncio.run(all_of_it())
 
 
+@pytest.mark.parametrize(
+    ("answers", "closes", "trouble"),
+    [
+        ([ekrl.Doing.MOVING, ekrl.Doing.ARRIVED], False, None),
+        ([ekrl.Doing.MOVING, ekrl.Doing.STOPPED], False, "reports that move 1 was stopped"),
+        ([ekrl.Doing.MOVING], True, "the controller has closed the connection"),
+    ],
+)
+def test_what_happens_after_a_move_is_taken_up_is_read_all_the_time(answers, closes, trouble):
+    async def all_of_it():
+        async def talk(reader, writer):
+            await reader.read(4096)
+            for doing in answers:
+                writer.write(ekrl.encode_state(ekrl.State(1, doing, HALF)))
+                await asyncio.sleep(0.05)
+            if not closes:
+                await reader.read()
+            writer.close()
+
+        server = await asyncio.start_server(talk, "127.0.0.1", 0)
+        mover = EkrlMover(parse_address(f"ekrl://127.0.0.1:{server.sockets[0].getsockname()[1]}", MOVERS), 0.5)
+        await mover.connect()
+        await mover.move(_array(0.1), 1.0)
+        assert mover.trouble is None
+        await asyncio.sleep(0.2)
+        seen = mover.trouble
+        await mover.close()
+        server.close()
+        await asyncio.sleep(0.05)
+        return seen
+
+    seen = asyncio.run(all_of_it())
+    assert seen is None if trouble is None else trouble in seen
+
+
+def test_the_second_way_to_stop_is_to_close_the_connection():
+    """The program brakes when nobody is connected."""
+    arm = Arm()
+
+    async def all_of_it():
+        async def deaf(reader, writer):
+            while await reader.read(4096):
+                pass
+            arm.stop()
+            writer.close()
+
+        server = await asyncio.start_server(deaf, "127.0.0.1", 0)
+        mover = EkrlMover(parse_address(f"ekrl://127.0.0.1:{server.sockets[0].getsockname()[1]}", MOVERS), 0.5)
+        await mover.connect()
+        (_, first), (name, second) = mover.ways
+        with pytest.raises(DeviceError, match="does not answer command 1"):
+            await first()
+        assert arm.told == []
+        await second()
+        await asyncio.sleep(0.1)
+        server.close()
+        await asyncio.sleep(0.05)
+        return name
+
+    assert asyncio.run(all_of_it()) == "the connection closed"
+    assert arm.told == ["stop"]
+
+
 def test_nobody_there_is_told():
     mover = EkrlMover(parse_address("ekrl://127.0.0.1:9", MOVERS), 0.5)
     with pytest.raises(DeviceError, match="does kreisel's program run there"):

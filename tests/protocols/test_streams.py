@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, varproxy
+from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, secondary, varproxy
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False)
 stamps = st.integers(0, 2**31 * 10**9 - 10**9)
@@ -128,7 +128,9 @@ def test_nearly_right_bytes_raise_nothing_but_our_own_errors(kind, seed, pose, r
         "rsi": lambda: rsi.encode(pose),
         "ixcom": lambda: ixcom.encode_sample(reading, 3) + ixcom.respond(4, "no", 4) + ixcom.add_log(0, 1),
         "rtde": lambda: (
-            rtde.package(86, b"\x01") + rtde.package(79, b"\x01DOUBLE,VECTOR6D,VECTOR6D") + rtde.package(83, b"\x01")
+            rtde.package(86, b"\x01")
+            + rtde.package(79, b"\x01DOUBLE,VECTOR6D,VECTOR6D,INT32,INT32,INT32,UINT32")
+            + rtde.package(83, b"\x01")
         ),
         "varproxy": lambda: varproxy.encode_answer(varproxy.Answer(3, "{A1 1.0}", True)),
         "line": lambda: f"#{line.COLUMNS}\n".encode() + line.encode(reading),
@@ -152,7 +154,7 @@ def attack_all(data):
         lambda: line.Decoder(line.Columns.parse(line.COLUMNS)).receive(data + b"\n" + data + b"\n"),
         lambda: line.Decoder().receive(data + b"\n" + data + b"\n"),
         lambda: [(ixcom.sample(f), ixcom.wanted_log(f), ixcom.check_response(f)) for f in decoder.receive(data)],
-        lambda: ekrl.decode(data), lambda: ekrl.decode_state(data),
+        lambda: secondary.Client().receive(data), lambda: ekrl.decode(data), lambda: ekrl.decode_state(data),
         lambda: [ekrl.decode_state(telegram) for telegram in ekrl.Splitter("Robot").receive(data)],
     ]  # fmt: skip
     client = rtde.Client(500.0)

@@ -8,7 +8,7 @@ import pytest
 
 from kreisel.errors import ProtocolError
 from kreisel.geometry.kuka import from_abc, to_abc
-from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, varproxy
+from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, secondary, varproxy
 
 DEG = math.pi / 180.0
 
@@ -90,6 +90,10 @@ def test_a_client_comes_to_run_against_bytes_of_the_manual():
     assert client.begin() == bytes.fromhex("0005560002")
     samples, answer, _ = client.receive(bytes.fromhex("00045601"))
     assert answer[:3] == struct.pack(">HB", len(answer), ord("O"))
+    asked = b"timestamp,actual_q,actual_TCP_pose,safety_status,safety_mode,robot_mode,runtime_state"
+    assert answer[3:] == struct.pack(">d", 125.0) + asked
+    types = b"DOUBLE,VECTOR6D,VECTOR6D,NOT_FOUND,NOT_FOUND,NOT_FOUND,NOT_FOUND"
+    _, answer, _ = client.receive(struct.pack(">HBB", 4 + len(types), ord("O"), 0) + types)
     assert answer[3:] == struct.pack(">d", 125.0) + b"timestamp,actual_q,actual_TCP_pose"
     types = b"DOUBLE,VECTOR6D,VECTOR6D"
     _, answer, _ = client.receive(struct.pack(">HBB", 4 + len(types), ord("O"), 5) + types)
@@ -102,6 +106,57 @@ def test_a_client_comes_to_run_against_bytes_of_the_manual():
     assert samples[0].position == (0.7, -0.8, 0.9)
     assert samples[0].quaternion == pytest.approx((math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0), abs=1e-15)
     assert samples[0].joints == (0.1, -0.2, 0.3, -0.4, 0.5, -0.6)
+
+
+@pytest.mark.parametrize(
+    ("offered", "values", "blocked", "running"),
+    [
+        ("INT32,INT32,INT32,UINT32", (1, 1, 7, 2), "", True),
+        ("INT32,INT32,INT32,UINT32", (2, 2, 7, 1), "", False),
+        ("INT32,INT32,INT32,UINT32", (3, 3, 7, 4), "protective stop (safety_status 3)", False),
+        ("INT32,INT32,INT32,UINT32", (7, 7, 3, 1), "robot emergency stop (safety_status 7)", False),
+        ("INT32,INT32,INT32,UINT32", (77, 1, 7, 1), "a safety state (safety_status 77)", False),
+        ("NOT_FOUND,INT32,INT32,NOT_FOUND", (5, 7), "safeguard stop (safety_mode 5)", None),
+        ("NOT_FOUND,NOT_FOUND,INT32,NOT_FOUND", (3,), "power off (robot_mode 3)", None),
+        ("INT32,NOT_FOUND,NOT_FOUND,NOT_FOUND", (0,), "", None),
+    ],
+)
+def test_the_controllers_states_are_read_as_far_as_it_has_them(offered, values, blocked, running):
+    client = rtde.Client(500.0)
+    client.begin()
+    _, answer, _ = client.receive(bytes.fromhex("00045601"))
+    types = b"DOUBLE,VECTOR6D,VECTOR6D," + offered.encode()
+    _, answer, _ = client.receive(struct.pack(">HBB", 4 + len(types), ord("O"), 1) + types)
+    if "NOT_FOUND" in offered:
+        assert answer[11:].count(b",") == 2 + len(values)
+        types = types.replace(b",NOT_FOUND", b"")
+        _, answer, _ = client.receive(struct.pack(">HBB", 4 + len(types), ord("O"), 2) + types)
+    assert answer == bytes.fromhex("000353")
+    recipe = 2 if "NOT_FOUND" in offered else 1
+    client.receive(bytes.fromhex("00045301"))
+    data = struct.pack(f">B13d{len(values)}i", recipe, *[0.5] * 13, *values)
+    (sample,), _, _ = client.receive(struct.pack(">HB", 3 + len(data), ord("U")) + data)
+    assert (sample.blocked, sample.running) == (blocked, running)
+
+
+def test_the_state_on_the_script_port_is_read_in_any_pieces():
+    """Bytes of the manual: a version message, then a state whose first part is of another kind."""
+    message = struct.pack(">IB", 5 + 12, 20) + bytes(12)
+    other = struct.pack(">IB", 5 + 30, 1) + bytes(30)
+    for emergency, protective, expected in ((0, 0, ""), (1, 0, "emergency stop"), (0, 1, "protective stop")):
+        flags = struct.pack(">Q7B2B3d", 10**9, 1, 1, 1, emergency, protective, 1, 0, 7, 0, 1.0, 1.0, 1.0)
+        part = struct.pack(">IB", 5 + len(flags), 0) + flags
+        data = message + struct.pack(">IB", 5 + len(other) + len(part), 16) + other + part
+        for size in (1, 7, len(data)):
+            client = secondary.Client()
+            found = [client.receive(data[at : at + size]) for at in range(0, len(data), size)]
+            assert found == [*[""] * (len(found) - 1), expected]
+
+
+def test_bytes_on_the_script_port_that_are_no_packages_are_skipped():
+    client = secondary.Client()
+    for data in (b"\x00\x00\x00\x01\x10", b"hello", secondary.encode_state(1, emergency=True)):
+        assert client.receive(data) == ""
 
 
 def test_a_rotation_without_bounds_is_refused():

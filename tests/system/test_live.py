@@ -226,6 +226,82 @@ def test_a_clock_that_leaps_forward_is_told(tmp_path):
     said(status, "leapt by +49")
 
 
+def test_single_telegrams_of_another_clock_are_dropped(tmp_path):
+    sent = (rsi.encode(pose(k, 500 * 10**9) if k % 50 in (48, 49) else pose(k)) for k in itertools.count())
+    status, path = with_robot(tmp_path, sent)
+    said(status, "readings dropped whose stamps are on another clock")
+    assert status.robot.epoch == 1
+    assert status.robot.odd >= 8
+    assert load_bag(path).reference.stamps_ns[-1] < 10 * 10**9
+
+
+@pytest.mark.parametrize("scheme", ["rsi", "egm"])
+def test_telegrams_of_another_sender_are_dropped_and_reported(tmp_path, scheme):
+    """Perfect ones, from another port of the same host, on the same clock, from another place."""
+    encode = {"rsi": lambda sample, _: rsi.encode(sample), "egm": egm.encode}[scheme]
+
+    def elsewhere(k):
+        return encode(RobotSample(pose(k).stamp_ns + 1_000_000, (9.0, 9.0, 9.0), (1.0, 0.0, 0.0, 0.0), (0.5,) * 6), k)
+
+    async def all_of_it():
+        port = free_port()
+        others = (None if k < 25 else elsewhere(k) for k in itertools.count())
+        right = (encode(pose(k), k) for k in itertools.count())
+        async with serving(lines(steady)) as imu_port, sending(port, right), sending(port, others):
+            return await run(tmp_path, imu_port, f"{scheme}://{HOST}:{port}")
+
+    status, path = asyncio.run(all_of_it())
+    reports = [note for note in status.notes if "dropped" in note]
+    assert "1 so far: this port keeps to 127.0.0.1:" in reports[0]
+    assert len(reports) <= 3
+    assert load_bag(path).reference.positions[:, 0].max() < 5.0
+    assert np.all(np.diff(load_bag(path).reference.stamps_ns) == CYCLE_NS)
+
+
+def test_only_the_kept_sender_is_answered(tmp_path):
+    async def all_of_it():
+        port, answers = free_port(), []
+
+        class Other(asyncio.DatagramProtocol):
+            def datagram_received(self, data, addr):
+                answers.append(data)
+
+        telegrams = (rsi.encode(pose(k)) for k in itertools.count())
+        async with serving(lines(steady)) as imu_port, sending(port, telegrams):
+            recording = asyncio.ensure_future(run(tmp_path, imu_port, f"rsi://{HOST}:{port}?answer=yes", 0.5))
+            await asyncio.sleep(0.2)
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(Other, remote_addr=(HOST, port))
+            for k in range(20):
+                transport.sendto(rsi.encode(pose(k)))
+            await recording
+            transport.close()
+        return answers
+
+    assert asyncio.run(all_of_it()) == []
+
+
+def test_a_controller_restarted_on_another_port_is_taken_after_silence(tmp_path):
+    async def all_of_it():
+        port = free_port()
+        async with serving(lines(steady)) as imu_port:
+            recording = asyncio.ensure_future(run(tmp_path, imu_port, f"rsi://{HOST}:{port}", 4.0))
+            async with sending(port, (rsi.encode(pose(k)) for k in itertools.count())):
+                await asyncio.sleep(0.5)
+            async with sending(port, (rsi.encode(pose(k, 10**9)) for k in itertools.count())):
+                return await recording
+
+    status, path = asyncio.run(all_of_it())
+    said(status, "was silent for 2.0 s; now 127.0.0.1:")
+    assert status.robot.epoch == 2
+    assert load_bag(path, reference="/robot/pose_2").reference.stamps_ns[0] > 10**9
+
+
+def test_datagrams_that_are_no_telegrams_do_not_hide_a_silent_controller(tmp_path):
+    sent = (rsi.encode(pose(k)) if k < 100 else b"<Rob>" for k in itertools.count())
+    status, _ = with_robot(tmp_path, sent, seconds=2.0)
+    said(status, "nothing comes in")
+
+
 def test_egm_is_recorded_too(tmp_path):
     status, path = with_robot(tmp_path, (egm.encode(pose(k), k) for k in itertools.count()), "egm")
     assert status.robot.missing == 0
@@ -472,7 +548,7 @@ def recorder(tmp_path, port, *more):
     return subprocess.Popen([*command, *more], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 def test_a_recorder_that_is_stopped(tmp_path, how):
     """A killed one loses a quarter of a second at most; one that is told to end loses nothing."""
 

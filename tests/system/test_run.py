@@ -49,22 +49,39 @@ ARM = load_arm("ur10e")
 
 
 class Arm:
-    """An arm that is where it was sent at once, or never; it notes what it was told."""
+    """An arm that is where it was sent within half a second, or never comes to rest; it notes what it was told.
 
-    def __init__(self, watch, *, arrives=True):
+    It reports its joints all the while; once told to stop it stands, unless it does not obey.
+    """
+
+    full_speed = 1.0
+
+    def __init__(self, watch, *, arrives=True, obeys=True):
         self.told = []
-        self._watch, self._arrives = watch, arrives
-        self._ns = 10**9
+        self.trouble = None
+        self.ways = (("a stop", self.stop),)
+        self._watch, self._arrives, self._obeys = watch, arrives, obeys
+        self._at, self._turning = START.copy(), False
+
+    async def report(self):
+        while True:
+            now = time.monotonic_ns()
+            if self._turning:
+                self._at = self._at + 1e-3
+            self._watch.take(Arrival(RobotSample(now, None, None, tuple(self._at.tolist())), now))
+            self._watch.take(Arrival(ImuSample(now, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)), now))
+            await asyncio.sleep(0.01)
 
     async def move(self, target, speed):
         self.told.append(("move", target.tolist()))
         if self._arrives:
-            for _ in range(200):
-                self._ns += 2_000_000
-                self._watch.take(Arrival(RobotSample(self._ns, None, None, tuple(target.tolist())), self._ns))
+            self._at = target
+        else:
+            self._turning = True
 
     async def stop(self):
         self.told.append(("stop",))
+        self._turning = self._turning and not self._obeys
 
     async def connect(self):
         pass
@@ -76,15 +93,20 @@ class Arm:
         return "a move"
 
 
-def driven(disturb, *, arrives=True, moves=2, **more):
+def driven(disturb, *, arrives=True, obeys=True, moves=2, **more):
     """Drive while something is done to watch and stop; return how it ended, and what the arm was told."""
 
     async def all_of_it():
         watch, stop = Watch(ARM), asyncio.Event()
-        arm = Arm(watch, arrives=arrives)
+        arm = Arm(watch, arrives=arrives, obeys=obeys)
         program = Program(START, tuple(Move(AWAY, 0.2) for _ in range(moves)))
-        asyncio.get_running_loop().call_later(0.1, disturb, watch, stop)
-        return await drive(program, arm, watch, stop, lambda text: None, **more), arm.told
+        reporting = asyncio.ensure_future(arm.report())
+        await asyncio.sleep(0.05)
+        asyncio.get_running_loop().call_later(0.3, disturb, watch, stop)
+        try:
+            return await drive(program, arm, watch, stop, lambda text: None, **more), arm.told
+        finally:
+            reporting.cancel()
 
     return asyncio.run(all_of_it())
 
@@ -93,15 +115,20 @@ def nothing(watch, stop):
     pass
 
 
+def report(watch, joints=(0.0,) * 6, blocked=""):
+    now = time.monotonic_ns()
+    watch.take(Arrival(RobotSample(now, None, None, joints, blocked), now))
+
+
 def test_every_move_is_sent_once_and_in_order():
     ended, told = driven(nothing)
-    assert ended == "done"
+    assert str(ended) == "done"
     assert told == [("move", START.tolist()), ("move", AWAY.tolist()), ("move", AWAY.tolist())]
 
 
 def test_it_ends_between_moves_once_enough_is_known():
     ended, told = driven(nothing, enough=lambda: True)
-    assert ended == "enough"
+    assert str(ended) == "enough"
     assert told == []
 
 
@@ -110,13 +137,15 @@ def test_it_ends_between_moves_once_enough_is_known():
     [
         (lambda watch, stop: stop.set(), "told to"),
         (lambda watch, stop: watch.take(Notice(Level.LOST, "the IMU is lost", 0)), "the IMU is lost"),
+        (lambda watch, stop: report(watch, blocked="protective stop"), "the controller reports: protective stop"),
         (
-            lambda watch, stop: watch.take(Arrival(RobotSample(10**12, None, None, (6.27, 0, 0, 0, 0, 0)), 0)),
+            lambda watch, stop: report(watch, joints=(6.27, 0, 0, 0, 0, 0)),
             "stands at 359.2 deg, within a degree of its limits -360 to 360 deg",
         ),
         (
             lambda watch, stop: [
-                watch.take(Arrival(ImuSample(k, (0.1 * k, 5.0, 0.2 * k), (0.3 * k, 0.0, 9.8)), 0)) for k in range(30)
+                watch.take(Arrival(ImuSample(k, (0.1 * k, 5.0, 0.2 * k), (0.3 * k, 0.0, 9.8)), time.monotonic_ns()))
+                for k in range(30)
             ],
             "the IMU is saturated: w_y stays at 5 while the others go on",
         ),
@@ -125,20 +154,29 @@ def test_it_ends_between_moves_once_enough_is_known():
 def test_the_motion_is_stopped(disturb, reason):
     for arrives in (True, False):
         ended, told = driven(disturb, arrives=arrives, moves=8)
-        assert ended.startswith("stopped: ")
-        assert reason in ended
+        assert str(ended).startswith("stopped: ")
+        assert reason in ended.reason
+        assert ended.stop.confirmed
+        assert "stood still" in ended.stop.text
         assert told[-1] == ("stop",)
+
+
+def test_a_stop_is_not_confirmed_while_the_joints_move():
+    ended, told = driven(lambda watch, stop: stop.set(), arrives=False, obeys=False)
+    assert str(ended) == "stop NOT confirmed: told to"
+    assert "the joints still move" in ended.stop.text
+    assert told[-2:] == [("stop",), ("stop",)]
 
 
 def test_warnings_stop_nothing():
     ended, _ = driven(lambda watch, stop: watch.take(Notice(Level.WARNING, "a line was no line", 0)))
-    assert ended == "done"
+    assert str(ended) == "done"
 
 
 def test_an_arm_that_does_not_arrive_is_stopped(monkeypatch):
     monkeypatch.setattr(driving, "_longest", lambda move, watch: 0.2)
     ended, told = driven(nothing, arrives=False)
-    assert "did not come to rest at its target" in ended
+    assert "did not come to rest at its target" in ended.reason
     assert told[-1] == ("stop",)
 
 
@@ -149,9 +187,11 @@ def test_a_driver_that_is_cancelled_stops_the_arm():
         task = asyncio.ensure_future(
             drive(Program(START, (Move(AWAY, 1.0),)), arm, watch, asyncio.Event(), lambda text: None)
         )
+        reporting = asyncio.ensure_future(arm.report())
         await asyncio.sleep(0.1)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+        reporting.cancel()
         return arm.told
 
     assert asyncio.run(all_of_it())[-1] == ("stop",)
@@ -216,7 +256,10 @@ def test_the_obedient_cell_waits_moves_and_refuses(program):
     cell.stop()
     count = len(angles)
     wait(5.0)
-    assert len(angles) == count
+    assert len(angles) == count + 2500  # it stands, and goes on to tell so
+    assert np.ptp(angles[count:], axis=0).max() == 0.0
+    for kept, interval in zip(stamps, (recording.imu.interval, 0.002), strict=True):
+        assert np.diff(kept) == pytest.approx(interval * 1e9, abs=1)
 
 
 def command(*arguments):

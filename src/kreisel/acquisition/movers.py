@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+from contextlib import suppress
 from typing import Protocol
 
+import numpy as np
+
+from kreisel.acquisition.halting import Way
 from kreisel.devices.address import Address
 from kreisel.devices.drivers import connect
 from kreisel.errors import DeviceError, ProtocolError
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import ekrl, urscript
+from kreisel.protocols import ekrl, secondary, urscript
 
 _PATIENCE = 3.0
+_QUICK = 1.0
+"""Seconds that one way to stop may take."""
+
+_DASHBOARD = 29999
 _CHUNK = 4096
 
 
@@ -24,15 +32,23 @@ def mover_at(address: Address, speed: float, fastest: float) -> Mover:
     speed
         The leading joint's speed at full share, rad/s.
     fastest
-        The slowest joint's largest speed, rad/s: telegrams name shares of it.
+        The fastest joint's largest speed, rad/s: telegrams name shares of it.
     """
     if address.scheme == "urscript":
         return UrScriptMover(address, speed)
-    return EkrlMover(address, min(1.0, speed / fastest))
+    return EkrlMover(address, min(1.0, speed / fastest) if fastest > 0.0 else 1.0, speed)
 
 
 class Mover(Protocol):
-    """What sends moves to a controller."""
+    """What sends moves to a controller.
+
+    Attributes
+    ----------
+    full_speed
+        Speed of the leading joint at full share, rad/s.
+    """
+
+    full_speed: float
 
     async def connect(self) -> None:
         """Open the connection.
@@ -43,17 +59,28 @@ class Mover(Protocol):
             If the controller cannot be reached.
         """
 
+    @property
+    def trouble(self) -> str | None:
+        """Why no more moves can be sent, such as a connection that has ended; None where all is well."""
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """Ways to stop, the quickest first."""
+
     async def move(self, target: Array, speed: float) -> None:
         """Send one move."""
-
-    async def stop(self) -> None:
-        """Bring the arm to rest where it is."""
 
     async def close(self) -> None:
         """Close the connection."""
 
     def describe(self, target: Array, speed: float) -> str:
         """Return what would be sent."""
+
+    def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:
+        """Return the joints' largest velocities (rad/s) and accelerations (rad/s^2) on a way of the joints, (n,) rad.
+
+        Accelerations are None where the controller takes a share of its own limits. `limits` are the model's, rad/s.
+        """
 
 
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
@@ -69,6 +96,49 @@ async def _reach(address: Address, advice: str) -> Streams:
         raise DeviceError(f"{address}: the controller takes no commands ({why}); {advice}") from error
 
 
+class _Line:
+    """A connection to a script port: what the controller sends there is read all the time, so that its end is seen.
+
+    Attributes
+    ----------
+    ended
+        How the connection ended, or None.
+    blocked
+        The state in which the arm must not move that the controller reports here; empty where it reports none.
+    """
+
+    def __init__(self, streams: Streams) -> None:
+        self.ended: str | None = None
+        self.blocked = ""
+        self._reader, self._writer = streams
+        self._reading = asyncio.ensure_future(self._read())
+
+    async def send(self, data: bytes) -> None:
+        """Send bytes; raise DeviceError where the connection has ended."""
+        try:
+            if self.ended is None:
+                self._writer.write(data)
+                await self._writer.drain()
+        except OSError as error:
+            self.ended = self.ended or error.strerror or str(error)
+        if self.ended is not None:
+            raise DeviceError(f"the script connection has ended ({self.ended})")
+
+    async def close(self) -> None:
+        self._reading.cancel()
+        await asyncio.gather(self._reading, return_exceptions=True)
+        self._writer.close()
+
+    async def _read(self) -> None:
+        client = secondary.Client()
+        try:
+            while data := await self._reader.read(_CHUNK):
+                self.blocked = client.receive(data) or self.blocked
+            self.ended = self.ended or "closed by the controller"
+        except OSError as error:
+            self.ended = self.ended or error.strerror or str(error)
+
+
 class UrScriptMover:
     """Moves for a Universal Robots controller, line by line over its secondary interface.
 
@@ -79,8 +149,10 @@ class UrScriptMover:
     """
 
     def __init__(self, address: Address, speed: float) -> None:
-        self._address, self._speed = address, speed
-        self._writer: asyncio.StreamWriter | None = None
+        self.full_speed = speed
+        self._address = address
+        self._lines: list[_Line] = []
+        self._dashboard = int(address.number("dashboard", _DASHBOARD, 1, 65535))
 
     async def connect(self) -> None:
         """Open the connection.
@@ -90,37 +162,91 @@ class UrScriptMover:
         DeviceError
             If the controller cannot be reached.
         """
-        _, self._writer = await _reach(self._address, "is remote control switched on?")
+        self._lines.append(_Line(await _reach(self._address, "is remote control switched on?")))
+
+    @property
+    def trouble(self) -> str | None:
+        """Why no more moves can be sent."""
+        for line in self._lines[:1]:
+            if line.blocked:
+                return f"the controller reports: {line.blocked}"
+            if line.ended is not None:
+                return f"{self._address}: the script connection has ended ({line.ended})"
+        return None
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """Ways to stop, the quickest first."""
+        return (
+            ("stopj over the script connection", self.stop),
+            ("stopj over a new script connection", self._stop_anew),
+            (f"'stop' to the dashboard server at port {self._dashboard}", self._stop_at_dashboard),
+        )
 
     async def move(self, target: Array, speed: float) -> None:
         """Send one move."""
-        await self._send(urscript.encode(self._command(target, speed)))
+        if not self._lines:
+            raise DeviceError(f"{self._address}: not connected")
+        try:
+            await self._lines[0].send(urscript.encode(self._command(target, speed)))
+        except DeviceError as error:
+            raise DeviceError(f"{self._address}: {error}") from error
 
     async def stop(self) -> None:
-        """Bring the arm to rest where it is."""
-        await self._send(urscript.encode(urscript.Stop()))
+        """Bring the arm to rest where it is, over the connection that took the moves."""
+        if not self._lines:
+            raise DeviceError("not connected")
+        await self._lines[0].send(urscript.encode(urscript.Stop()))
+
+    async def _stop_anew(self) -> None:
+        """Send a new program, which takes the place of the one that runs."""
+        try:
+            async with asyncio.timeout(_QUICK):
+                line = _Line(await connect(self._address))
+        except (OSError, TimeoutError) as error:
+            raise DeviceError(getattr(error, "strerror", None) or "no answer") from error
+        self._lines.append(line)
+        await line.send(urscript.encode(urscript.Stop()))
+
+    async def _stop_at_dashboard(self) -> None:
+        try:
+            async with asyncio.timeout(_QUICK):
+                reader, writer = await asyncio.open_connection(self._address.host, self._dashboard)
+        except (OSError, TimeoutError) as error:
+            raise DeviceError(getattr(error, "strerror", None) or "no answer") from error
+        answer = b""
+        try:
+            writer.write(b"stop\n")
+            await writer.drain()
+            with suppress(TimeoutError, ValueError):  # one that does not answer may have stopped all the same
+                async with asyncio.timeout(_QUICK):
+                    while (answer := await reader.readline()).startswith(b"Connected"):  # the greeting
+                        pass
+        except OSError as error:
+            raise DeviceError(error.strerror or str(error)) from error
+        finally:
+            writer.close()
+        if b"fail" in answer.lower() or b"could not" in answer.lower():
+            raise DeviceError(f"it answers '{answer[:60].decode('ascii', 'replace').strip()}'")
 
     async def close(self) -> None:
-        """Close the connection."""
-        if self._writer is not None:
-            self._writer.close()
+        """Close the connections."""
+        for line in self._lines:
+            await line.close()
 
     def describe(self, target: Array, speed: float) -> str:
         """Return what would be sent."""
         return urscript.encode(self._command(target, speed)).decode().strip()
 
-    def _command(self, target: Array, speed: float) -> urscript.JointMove:
-        v = speed * self._speed
-        return urscript.JointMove(tuple(target.tolist()), 2.0 * v, v)
+    def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:  # noqa: ARG002 - as all
+        """Return the joints' largest velocities and accelerations; those sent are of the joint with the longest way."""
+        share = np.abs(way) / max(float(np.max(np.abs(way))), 1e-9)
+        command = self._command(way, speed)
+        return share * command.speed, share * command.acceleration
 
-    async def _send(self, data: bytes) -> None:
-        if self._writer is None:
-            raise DeviceError(f"{self._address}: not connected")
-        try:
-            self._writer.write(data)
-            await self._writer.drain()
-        except OSError as error:
-            raise DeviceError(f"{self._address}: the controller is gone ({error.strerror})") from error
+    def _command(self, target: Array, speed: float) -> urscript.JointMove:
+        v = speed * self.full_speed
+        return urscript.JointMove(tuple(target.tolist()), 2.0 * v, v)
 
 
 class EkrlMover:
@@ -130,11 +256,16 @@ class EkrlMover:
     ----------
     share
         Of the axes' full speed, at full share of the program's.
+    speed
+        The leading joint's speed at full share, rad/s.
     """
 
-    def __init__(self, address: Address, share: float) -> None:
+    def __init__(self, address: Address, share: float, speed: float = 1.0) -> None:
+        self.full_speed = speed
+        self.trouble: str | None = None
         self._address, self._share = address, share
         self._numbers = itertools.count(1)
+        self._moving: int | None = None
         self._heard: asyncio.Queue[ekrl.State | None] = asyncio.Queue()
         self._streams: Streams | None = None
         self._listening: asyncio.Task[None] | None = None
@@ -158,17 +289,25 @@ class EkrlMover:
         DeviceError
             If it is refused, or nothing is answered.
         """
-        number = next(self._numbers)
-        doing = await self._ask(self._move(target, speed, number), number)
+        number = self._moving = next(self._numbers)
+        doing = await self._ask(self._move(target, speed, number), number, _PATIENCE)
         if doing is ekrl.Doing.REFUSED:
             raise DeviceError(
                 f"{self._address}: the controller refuses {self.describe(target, speed)}; is it within its limits?"
             )
 
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """Ways to stop, the quickest first: kreisel's program brakes as well when nobody is connected any more."""
+        first: Way = ("a Stop telegram", self.stop)
+        if self._address.scheme == "serial":
+            return (first, ("another Stop telegram", self.stop))
+        return (first, ("the connection closed", self.close))
+
     async def stop(self) -> None:
         """Bring the arm to rest where it is."""
-        number = next(self._numbers)
-        await self._ask(ekrl.Stop(number), number)
+        number, self._moving = next(self._numbers), None
+        await self._ask(ekrl.Stop(number), number, _QUICK)
 
     async def close(self) -> None:
         """Close the connection."""
@@ -177,22 +316,28 @@ class EkrlMover:
             await asyncio.gather(self._listening, return_exceptions=True)
         if self._streams is not None:
             self._streams[1].close()
+        self.trouble = self.trouble or "the connection is closed"
 
     def describe(self, target: Array, speed: float) -> str:
         """Return what would be sent."""
         return ekrl.encode(self._move(target, speed, 0)).decode()
 
+    def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:
+        """Return the joints' largest velocities; the controller takes the same share of its own accelerations."""
+        seconds = float(np.max(np.abs(way) / (speed * self._share * limits)))
+        return np.abs(way) / max(seconds, 1e-9), None
+
     def _move(self, target: Array, speed: float, number: int) -> ekrl.Move:
         return ekrl.Move(number, tuple(target.tolist()), speed * self._share)
 
-    async def _ask(self, command: ekrl.Command, number: int) -> ekrl.Doing:
+    async def _ask(self, command: ekrl.Command, number: int, patience: float) -> ekrl.Doing:
         """Send a command, and return what is said of it first."""
-        if self._streams is None:
+        if self._streams is None or self._streams[1].is_closing():
             raise DeviceError(f"{self._address}: not connected")
         try:
             self._streams[1].write(ekrl.encode(command))
             await self._streams[1].drain()
-            async with asyncio.timeout(_PATIENCE):
+            async with asyncio.timeout(patience):
                 while (state := await self._heard.get()) is not None:
                     if state.number == number:
                         return state.doing
@@ -208,10 +353,16 @@ class EkrlMover:
             while data := await reader.read(_CHUNK):
                 for telegram in splitter.receive(data):
                     try:
-                        self._heard.put_nowait(ekrl.decode_state(telegram))
+                        self._take(ekrl.decode_state(telegram))
                     except ProtocolError:
                         continue  # a later state tells the same
-        except OSError:
-            pass
+            self.trouble = f"{self._address}: the controller has closed the connection"
+        except OSError as error:
+            self.trouble = f"{self._address}: the connection has ended ({error.strerror or error})"
         finally:
             self._heard.put_nowait(None)
+
+    def _take(self, state: ekrl.State) -> None:
+        self._heard.put_nowait(state)
+        if state.number == self._moving and state.doing is ekrl.Doing.STOPPED:
+            self.trouble = f"{self._address}: the controller reports that move {state.number} was stopped"

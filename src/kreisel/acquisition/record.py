@@ -102,25 +102,28 @@ class Recorder:
             self._writer.add_urdf(urdf)
         self._imu_ns: int | None = None
 
-    def take(self, source: str, event: Event) -> None:
-        """Write an event of a device, by its name."""
+    def take(self, source: str, event: Event) -> list[Event]:
+        """Write an event of a device, by its name; return what was kept of it, and of readings held before."""
         if not isinstance(event, Arrival):
             self.note(event.text, event.host_ns, WARN if event.level is not Level.INFO else INFO)
+            return [event]
+        stream = self.status.imu if isinstance(event.sample, ImuSample) else self.status.robot
+        kept, notes = stream.take(event)
+        for text in notes:
+            self.note(f"{source}: {text}", event.host_ns, WARN)
+        for arrival in kept:
+            self._write(arrival, stream.epoch)
+        return list(kept)
+
+    def _write(self, arrival: Arrival, epoch: int) -> None:
+        sample, log_ns = arrival.sample, arrival.host_ns + self._shift
+        if isinstance(sample, RobotSample):
+            self._pose(sample, log_ns, epoch)
             return
-        sample, log_ns = event.sample, event.host_ns + self._shift
-        stream = self.status.imu if isinstance(sample, ImuSample) else self.status.robot
-        said = stream.take(sample.stamp_ns, event.host_ns)
-        if said is not None:
-            self.note(f"{source}: {said}", event.host_ns, WARN)
-        if not stream.fresh:
-            return
-        if isinstance(sample, ImuSample):
-            self._writer.add_imu(sample.stamp_ns, sample.rate, sample.acceleration, log_ns, stream.epoch)
-            if self._imu_ns is not None:
-                self.status.excitation.take(sample, min(0.1, max(0.0, (sample.stamp_ns - self._imu_ns) * 1e-9)))
-            self._imu_ns = sample.stamp_ns
-            return
-        self._pose(sample, log_ns, stream.epoch)
+        self._writer.add_imu(sample.stamp_ns, sample.rate, sample.acceleration, log_ns, epoch)
+        if self._imu_ns is not None:
+            self.status.excitation.take(sample, min(0.1, max(0.0, (sample.stamp_ns - self._imu_ns) * 1e-9)))
+        self._imu_ns = sample.stamp_ns
 
     def _pose(self, sample: RobotSample, log_ns: int, epoch: int) -> None:
         if sample.position is not None or sample.quaternion is not None:
@@ -168,7 +171,7 @@ async def record(
     show
         Called twice a second, and at the end.
     observe
-        Called with every event, once it is on its way to the file.
+        Called with every event that is kept, once it is on its way to the file.
 
     Raises
     ------
@@ -231,9 +234,9 @@ async def _write(
     status, began = recorder.status, None
 
     def take(name: str, event: Event) -> None:
-        recorder.take(name, event)
-        if observe is not None:
-            observe(event)
+        for kept in recorder.take(name, event):
+            if observe is not None:
+                observe(kept)
 
     def take_waiting() -> None:
         for _ in range(queue.qsize()):

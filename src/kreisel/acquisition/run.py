@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from kreisel.acquisition.drive import Watch, drive
+from kreisel.acquisition.arming import Allowed, check_state
+from kreisel.acquisition.drive import Ending, drive, unless
+from kreisel.acquisition.halting import Say
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.record import Status, record
+from kreisel.acquisition.watch import Watch
 from kreisel.devices.address import Address
-from kreisel.errors import DeviceError
+from kreisel.devices.drivers import events
+from kreisel.errors import DeviceError, RecordingError
 from kreisel.recording.settings import RecordingSettings
 from kreisel.robot.kinematics import Arm
 from kreisel.robot.program import Program
@@ -18,49 +24,111 @@ from kreisel.robot.program import Program
 _PATIENCE = 10.0
 
 
+@dataclass(frozen=True)
+class Devices:
+    """Where IMU and robot are, and what moves the arm."""
+
+    imu: Address
+    robot: Address
+    mover: Mover
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What is to be done: the program, on an arm, and what the user allows.
+
+    Attributes
+    ----------
+    enough
+        Whether what was wanted is known; asked between moves.
+    """
+
+    program: Program
+    arm: Arm
+    allowed: Allowed
+    enough: Callable[[], bool]
+
+
 async def run(
-    program: Program,
-    arm: Arm,
-    mover: Mover,
-    imu: Address,
-    robot: Address,
+    orders: Orders,
+    devices: Devices,
     output: Path,
     settings: RecordingSettings,
     halt: asyncio.Event,
-    say: Callable[[str], None],
-    enough: Callable[[], bool],
-) -> tuple[str, Status]:
+    say: Say,
+) -> tuple[Ending, Status]:
     """Drive a program while the cell is recorded; return how the motion ended, and what was recorded.
 
-    See `drive` and `record`. Nothing is moved before the arm's pose is known.
+    See `drive` and `record`. Nothing is moved before the arm's pose is known and was checked: see `check_state`.
 
     Raises
     ------
-    DeviceError
-        If a device cannot be reached.
+    DeviceError, RobotError
+        If a device cannot be reached, or the arm must not be moved as it stands.
     RecordingError
         If the file cannot be written; the motion is stopped then.
     """
-    over, watch = asyncio.Event(), Watch(arm)
+    over, watch, mover = asyncio.Event(), Watch(orders.arm), devices.mover
     recording = asyncio.ensure_future(
-        record(imu, robot, output, settings=settings, urdf=arm.urdf, stop=over, observe=watch.take)
+        record(
+            devices.imu, devices.robot, output, settings=settings, urdf=orders.arm.urdf, stop=over, observe=watch.take
+        )
     )
-    recording.add_done_callback(lambda _: halt.set())  # a recorder that fails stops the motion
+    watching = asyncio.ensure_future(_watch_on(recording, devices.robot, watch))
     try:
-        await _until_seen(watch, halt)
-        await mover.connect()
-        ended = await drive(program, mover, watch, halt, say, enough)
+        await _begin(orders, mover, watch, halt, say)
+        ending = await drive(orders.program, mover, watch, halt, say, orders.enough)
     finally:
         await mover.close()
+        watching.cancel()
         over.set()
-        await asyncio.wait([recording])
-    return ended, recording.result()
+        await asyncio.wait([recording, watching])
+        failure = recording.exception()
+        if failure is not None and not isinstance(failure, RecordingError):
+            raise failure
+    if isinstance(failure, RecordingError):
+        raise RecordingError(f"{failure.message}{_how(ending)}", file=failure.file) from failure
+    return ending, recording.result()
+
+
+def _how(ending: Ending) -> str:
+    """Return how the motion ended, for an error of the recorder."""
+    if ending.stop is None:
+        return f"; the motion ended: {ending}"
+    if ending.stop.confirmed:
+        return f"; the motion was stopped: {ending.stop.text}"
+    return f"; THE STOP IS NOT CONFIRMED: press the emergency stop; {ending.stop.text}"
+
+
+async def _watch_on(recording: asyncio.Future[Status], robot: Address, watch: Watch) -> None:
+    """Stop the motion if the recorder fails, and go on watching the arm: its rest is to be seen."""
+    await asyncio.wait([recording])
+    watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'nothing more comes'}"
+    with suppress(DeviceError):
+        async for event in events(robot):
+            watch.take(event)
+
+
+async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> None:
+    """Wait for the devices, check what they report, and connect to what moves the arm."""
+
+    def why() -> str | None:
+        return watch.reason or ("told to" if halt.is_set() else None)
+
+    await _until_seen(watch, halt)
+    if watch.sample is not None:
+        for text in check_state(orders.arm, orders.program, watch.sample, mover, orders.allowed):
+            say(text)
+    if (reason := await unless(mover.connect(), why)) is not None:
+        raise DeviceError(f"nothing was moved: {reason}")
 
 
 async def _until_seen(watch: Watch, halt: asyncio.Event) -> None:
     """Wait for the arm's joint angles and the IMU's readings."""
     ends = asyncio.get_running_loop().time() + _PATIENCE
-    while not watch.ready:
-        if halt.is_set() or watch.alarm is not None or asyncio.get_running_loop().time() > ends:
-            raise DeviceError(f"nothing was moved: {watch.alarm or 'robot and IMU do not both tell what they measure'}")
+    while not watch.ready or watch.reason is not None:
+        if halt.is_set() or watch.reason is not None or asyncio.get_running_loop().time() > ends:
+            raise DeviceError(
+                f"nothing was moved: {watch.reason or 'robot and IMU do not both tell what they measure'}"
+            )
         await asyncio.sleep(0.01)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
+
+from kreisel.devices.events import Arrival
 
 LEAP_NS = 1_000_000_000
 """A device's clock that moves by so much more or less than the host's has leapt."""
+
+AGREEING = 4
+"""Readings in a row that agree on another clock before what follows is a new part; fewer are dropped."""
 
 _RECENT = 512
 
@@ -19,51 +25,83 @@ class Stream:
     ----------
     epoch
         Which of the device's clocks readings are on: one more for every leap.
-    count, late, missing
-        Readings taken; those that came after newer ones, or twice; those the stamps show to be missing.
+    count, late, missing, odd
+        Readings taken; those that came after newer ones, or twice; those the stamps show to be missing; those dropped
+        because their stamps are on another clock, and the next ones were not.
     """
 
     epoch: int = 1
     count: int = 0
     late: int = 0
     missing: int = 0
+    odd: int = 0
     _stamp_ns: int | None = None
     _host_ns: int = 0
     _first: tuple[int, int] | None = None
     _steps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
     _interval_ns: int = 0
+    _held: list[Arrival] = field(default_factory=list)
 
-    def take(self, stamp_ns: int, host_ns: int) -> str | None:
-        """Take a reading's stamps; return what is to be noted, or None.
+    def take(self, reading: Arrival) -> tuple[list[Arrival], list[str]]:
+        """Take a reading; return the readings to be kept now, and what is to be noted.
 
-        A reading that is late or came twice is counted and not to be kept: see `fresh`.
+        A reading that is late or came twice is counted and not kept. One on another clock is held until `AGREEING` of
+        them in a row agree: they begin a new part.
         """
-        self._fresh = True
+        stamp_ns, host_ns = reading.sample.stamp_ns, reading.host_ns
         if self._stamp_ns is None:
             self._start(stamp_ns, host_ns)
-            return None
+            return [reading], []
         step, passed = stamp_ns - self._stamp_ns, host_ns - self._host_ns
         if step < -LEAP_NS or step - passed > LEAP_NS:
-            self.epoch += 1
-            self._start(stamp_ns, host_ns)
-            return (
-                f"the device's clock leapt by {(step - passed) * 1e-9:+.3f} s, as where it was started anew: what "
-                f"follows is on a clock of its own, and on a topic of its own ending in _{self.epoch}"
-            )
+            return self._hold(reading, step - passed)
+        notes = self._drop_held()
         if step <= 0:
             self.late += 1
-            self._fresh = False
-            return None
-        note = self._gap(step)
+            return [], notes
+        notes += self._gap(step)
         self._steps.append(step)
         self._stamp_ns, self._host_ns = stamp_ns, host_ns
         self.count += 1
-        return note
+        return [reading], notes
 
-    @property
-    def fresh(self) -> bool:
-        """Whether the last reading is to be kept."""
-        return self._fresh
+    def _hold(self, reading: Arrival, leap_ns: int) -> tuple[list[Arrival], list[str]]:
+        """Hold a reading on another clock; return those held once enough of them agree."""
+        notes: list[str] = []
+        if self._held:
+            last = self._held[-1]
+            step = reading.sample.stamp_ns - last.sample.stamp_ns
+            if -LEAP_NS <= step <= 0:  # late or twice, on the new clock
+                self.late += 1
+                return [], notes
+            if not 0 < step <= reading.host_ns - last.host_ns + LEAP_NS:
+                notes = self._drop_held()
+        self._held.append(reading)
+        if len(self._held) < AGREEING:
+            return [], notes
+        held, self._held = self._held, []
+        self.epoch += 1
+        self._start(held[0].sample.stamp_ns, held[0].host_ns)
+        for one, next_one in pairwise(held):
+            self._steps.append(next_one.sample.stamp_ns - one.sample.stamp_ns)
+        self._stamp_ns, self._host_ns = reading.sample.stamp_ns, reading.host_ns
+        self.count += len(held) - 1
+        notes.append(
+            f"the device's clock leapt by {leap_ns * 1e-9:+.3f} s, as where it was started anew: what "
+            f"follows is on a clock of its own, and on a topic of its own ending in _{self.epoch}"
+        )
+        return held, notes
+
+    def _drop_held(self) -> list[str]:
+        """Drop what is held; return a note, for the first, the tenth, the hundredth, … of them."""
+        if not self._held:
+            return []
+        before = self.odd
+        self.odd += len(self._held)
+        self._held = []
+        if len(str(self.odd)) == len(str(before)) and before:
+            return []
+        return [f"readings dropped whose stamps are on another clock than those before and after: {self.odd} so far"]
 
     @property
     def rate(self) -> float:
@@ -84,12 +122,12 @@ class Stream:
         self._interval_ns = 0
         self.count += 1
 
-    def _gap(self, step: int) -> str | None:
+    def _gap(self, step: int) -> list[str]:
         """Count what is missing before a reading; return a note where it is more than a quarter of a second."""
         if len(self._steps) >= 16 and (not self._interval_ns or len(self._steps) % 64 == 0):
             self._interval_ns = sorted(self._steps)[len(self._steps) // 2]
         if not self._interval_ns or step < 1.6 * self._interval_ns:
-            return None
+            return []
         lost = round(step / self._interval_ns) - 1
         self.missing += lost
-        return f"gap of {step * 1e-9:.3f} s, about {lost} readings" if step > 250_000_000 else None
+        return [f"gap of {step * 1e-9:.3f} s, about {lost} readings"] if step > 250_000_000 else []

@@ -16,7 +16,7 @@ from typing import Any
 from kreisel.devices.obedient import ObedientCell
 from kreisel.devices.twins import Datagrams, Pace, TcpTwin, ekrl_twin, imu_samples, play_datagrams, robot_samples
 from kreisel.errors import DeviceError, ProtocolError
-from kreisel.protocols import urscript
+from kreisel.protocols import secondary, urscript
 from kreisel.recording import Recording
 
 INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004}
@@ -24,6 +24,7 @@ INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy
 
 _HOST = "127.0.0.1"
 _TICK = 0.004
+_STATE = 0.1
 _HEAD_START = 0.2  # for the controller to hear of the beginning
 
 
@@ -148,9 +149,15 @@ Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any,
 
 
 def _take_lines(cell: ObedientCell) -> Listener:
-    """Return what takes URScript, as a controller of Universal Robots does: without an answer."""
+    """Return what takes URScript, as a controller of Universal Robots does: it sends its state meanwhile."""
+
+    async def tell(writer: asyncio.StreamWriter) -> None:
+        while not writer.is_closing():
+            writer.write(secondary.encode_state(round(time.monotonic() * 1e6)))
+            await asyncio.sleep(_STATE)
 
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        telling = asyncio.ensure_future(tell(writer))
         with suppress(OSError, asyncio.CancelledError):
             while line := await reader.readline():
                 with suppress(ProtocolError):
@@ -159,6 +166,7 @@ def _take_lines(cell: ObedientCell) -> Listener:
                         cell.stop()
                     else:
                         cell.move(command.target)
+        telling.cancel()
         writer.close()
 
     return listen

@@ -51,7 +51,7 @@ def record(
     async def until_told() -> Status:
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
-        for name in (signal.SIGINT, signal.SIGTERM):
+        for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             loop.add_signal_handler(name, stop.set)
         return await record_streams(
             of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()

@@ -10,11 +10,12 @@ import typer
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
+    from kreisel.acquisition.drive import Ending
     from kreisel.acquisition.movers import Mover
     from kreisel.acquisition.record import Status
-    from kreisel.devices.address import Address
+    from kreisel.acquisition.run import Devices, Orders
+    from kreisel.dashboard.online import Targets
     from kreisel.recording.settings import RecordingSettings
-    from kreisel.robot.kinematics import Arm
     from kreisel.robot.program import Program
 
 
@@ -33,6 +34,12 @@ def run_program(
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     arm: bool = typer.Option(False, "--arm", help="Really move the robot. Without, what would be sent is printed."),
     speed: float = typer.Option(1.0, min=0.05, max=3.2, help="Speed of the leading joint at full share, rad/s."),
+    approach: float = typer.Option(
+        10.0, min=0.0, max=720.0, help="Farthest a joint may stand from the program's start to be moved there, deg."
+    ),
+    longest_tool: float = typer.Option(
+        0.3, min=0.0, help="Longest tool that may explain the difference of the reported pose to the model's, m (rtde)."
+    ),
     until: list[str] = typer.Option(
         [],
         "--until",
@@ -45,9 +52,14 @@ def run_program(
 ) -> None:
     """Move a robot through a program, one move at a time, while the IMU is recorded and calibrated.
 
-    The motion is stopped when a device is lost, the IMU is saturated, a joint comes near its limit, or you interrupt.
+    The motion is stopped when a device is lost, the IMU is saturated, a joint comes near its limit, the controller
+    reports a stop or ends the connection, or you interrupt. A stop is confirmed by joints that stand still, or not.
     """
+    import math
+
+    from kreisel.acquisition.arming import Allowed, check_program
     from kreisel.acquisition.movers import mover_at
+    from kreisel.acquisition.run import Devices, Orders
     from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
     from kreisel.errors import DeviceError, SettingsError
     from kreisel.recording.settings import RecordingSettings, read_settings
@@ -66,20 +78,35 @@ def run_program(
     described = load_arm(model)
     moves = read_program(program, described)
     sender = mover_at(of_mover, speed, float(described.velocity.max()))
+    checked = check_program(described, moves, sender)
     if not arm:
-        _show_dry(moves, sender)
+        _show_dry(moves, sender, checked)
         return
     if output is None:
         raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
-    with page_of(output, port, wanted=dashboard):
-        ended, status = _drive(moves, described, sender, of_imu, of_robot, output, recorded, targets, seconds)
+    allowed = Allowed(math.radians(approach), longest_tool if of_robot.scheme == "rtde" else None)
+    reached = _targets(output, targets)
+    orders = Orders(moves, described, allowed, lambda: reached.reached)
+    _say(checked)
+    try:
+        with page_of(output, port, wanted=dashboard):
+            ended, status = _drive(orders, Devices(of_imu, of_robot, sender), output, recorded, seconds)
+    finally:
+        reached.over = True
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples, {status.robot.count} poses; {ended}; "
         f"next: kreisel calibrate {output} -o OUT"
     )
-    if ended.startswith("stopped"):
-        raise DeviceError(f"the motion was {ended}; what was recorded is kept in {output}")
+    if ended.stop is None:
+        return
+    kept = f"what was recorded is kept in {output}"
+    if ended.stop.confirmed:
+        raise DeviceError(f"the motion was stopped: {ended.reason}; {kept}; {ended.stop.text}")
+    raise DeviceError(
+        f"THE STOP IS NOT CONFIRMED: press the emergency stop; {ended.stop.text}; it was asked for because: "
+        f"{ended.reason}; {kept}"
+    )
 
 
 _UNITS = {"mg": 9.80665e-3, "deg/h": 4.84814e-6, "ppm": 1e-6, "mm": 1e-3, "ms": 1e-3, "": 1.0}
@@ -101,38 +128,61 @@ def _target(text: str) -> tuple[str, float]:
         raise SettingsError(f"--until '{text}': '{match.group(2)}' is no number") from error
 
 
-def _show_dry(moves: Program, mover: Mover) -> None:
+def _show_dry(moves: Program, mover: Mover, checked: str) -> None:
+    from kreisel.acquisition.arming import CHECKED, approach_share
+
+    slow = approach_share(moves, mover)
     typer.echo("nothing is moved (add --arm to move the robot); this would be sent, each once the arm rests:")
-    typer.echo(f"  0  {mover.describe(moves.start, min(move.speed for move in moves.moves))}")
+    typer.echo(f"  0  {mover.describe(moves.start, slow)}")
     for number, move in enumerate(moves.moves, start=1):
-        typer.echo(f"{number:3d}  {mover.describe(move.target, move.speed)}   then rest {move.rest:g} s")
+        speed = min(move.speed, slow) if number <= CHECKED else move.speed
+        typer.echo(f"{number:3d}  {mover.describe(move.target, speed)}   then rest {move.rest:g} s")
+    typer.echo(checked)
+    typer.echo(
+        "checked only with --arm, before the first move: the distance to the program's start, and the model against "
+        "the joints and the pose that the controller reports"
+    )
+
+
+def _say(text: str) -> None:
+    """Report progress; a terminal that was closed must not end the run before the arm stands."""
+    from contextlib import suppress
+
+    with suppress(OSError):
+        typer.echo(text, err=True)
+
+
+def _targets(output: Path, targets: dict[str, float]) -> Targets:
+    """Return what looks for the targets of `--until` in a thread of its own."""
+    import threading
+
+    from kreisel.dashboard.online import Targets
+
+    reached = Targets(output, targets, _say)
+    threading.Thread(target=reached.look, daemon=True).start()
+    return reached
 
 
 def _drive(
-    moves: Program, known: Arm, mover: Mover, imu: Address, robot: Address, output: Path,
-    recorded: RecordingSettings, targets: dict[str, float], seconds: float,
-) -> tuple[str, Status]:  # fmt: skip
+    orders: Orders, devices: Devices, output: Path, recorded: RecordingSettings, seconds: float
+) -> tuple[Ending, Status]:
     """Record and drive until the program ends, enough is known, or it is time to stop."""
     import asyncio
     import signal
-    import threading
 
     from kreisel.acquisition.run import run
-    from kreisel.dashboard.online import Targets
 
-    reached = Targets(output, targets, lambda text: typer.echo(text, err=True))
-    threading.Thread(target=reached.look, daemon=True).start()
-
-    async def both() -> tuple[str, Status]:
+    async def both() -> tuple[Ending, Status]:
         halt = asyncio.Event()
         loop = asyncio.get_running_loop()
-        for name in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(name, halt.set)
-        loop.call_later(seconds, halt.set)
-        say = lambda text: typer.echo(text, err=True)  # noqa: E731
-        return await run(moves, known, mover, imu, robot, output, recorded, halt, say, lambda: reached.reached)
 
-    try:
-        return asyncio.run(both())
-    finally:
-        reached.over = True
+        def stop(name: str) -> None:
+            halt.set()
+            _say(f"{name}: the arm is to stop")
+
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            loop.add_signal_handler(number, stop, number.name)
+        loop.call_later(seconds, stop, f"--seconds {seconds:g} have passed")
+        return await run(orders, devices, output, recorded, halt, _say)
+
+    return asyncio.run(both())

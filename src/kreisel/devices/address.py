@@ -34,7 +34,7 @@ ROBOTS = {
     "rsi": Scheme(
         49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes where the controller wants answers)", ("answer",), True
     ),
-    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script")),
+    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script", "dashboard")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
     "ekrl": Scheme(54601, "ekrl://192.168.1.10 (what kreisel's KRL program tells, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
@@ -48,7 +48,7 @@ IMUS = {
 }
 
 MOVERS = {
-    "urscript": Scheme(30002, "urscript://192.168.1.20"),
+    "urscript": Scheme(30002, "urscript://192.168.1.20 (?dashboard=29999)", ("dashboard",)),
     "ekrl": Scheme(54600, "ekrl://192.168.1.10 (kreisel's KRL program, see `kreisel krl`)"),
     "serial": Scheme(0, "serial:///dev/ttyS0?baud=115200 (the same program's telegrams)", ("baud",), device="robot"),
 }
@@ -92,7 +92,8 @@ def default_mover(robot: Address) -> str | None:
     """Return where an arm that tells its pose there takes moves, if that is known: see `MOVERS`."""
     for scheme, option, mover in (("rtde", "script", "urscript"), ("ekrl", "moves", "ekrl")):
         if robot.scheme == scheme:
-            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}"
+            also = f"?dashboard={robot.options['dashboard']}" if "dashboard" in robot.options else ""
+            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}{also}"
     return None
 
 

@@ -18,8 +18,9 @@ from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level, Notice
 from kreisel.devices.replay import REPLAY, replay
 from kreisel.devices.sessions import SESSIONS, Session
+from kreisel.devices.source import Source
 from kreisel.errors import DeviceError, KreiselError, ProtocolError, SettingsError
-from kreisel.protocols import egm, rsi
+from kreisel.protocols import RobotSample, egm, rsi
 
 SILENCE = 1.0
 """Seconds without a message after which a device counts as lost."""
@@ -75,39 +76,84 @@ class _Faults:
         return [Notice(Level.WARNING, f"{error}{more}", now_ns)]
 
 
-class _Receiver(asyncio.DatagramProtocol):
-    """Datagrams into a queue, stamped as they come."""
+Decode = Callable[[bytes], RobotSample]
 
-    def __init__(self, clock: Clock, *, answers: bool) -> None:
+
+class _Receiver(asyncio.DatagramProtocol):
+    """Datagrams of one sender into a queue, stamped as they come; see `Source`."""
+
+    def __init__(self, clock: Clock, decode: Decode, *, answers: bool) -> None:
         self.queue: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue(_WAITING)
         self.dropped = 0
-        self._clock, self._answers = clock, answers
+        self.source = Source()
+        self._clock, self._decode, self._answers = clock, decode, answers
         self._transport: Any = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = transport
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
-        now = self._clock()
-        if self._answers:
-            with suppress(ProtocolError):
-                self._transport.sendto(rsi.encode_answer(data), addr)
+        now, sender = self._clock(), (str(addr[0]), addr[1])
+        if not self.source.takes(sender, now):
+            return
+        if sender == self.source.sender or self._is_telegram(data):
+            self.source.keep(sender, now)
+            if self._answers:
+                with suppress(ProtocolError):
+                    self._transport.sendto(rsi.encode_answer(data), addr)
         try:
             self.queue.put_nowait((data, now))
         except asyncio.QueueFull:
             self.dropped += 1
+
+    def _is_telegram(self, data: bytes) -> bool:
+        try:
+            self._decode(data)
+        except ProtocolError:
+            return False
+        return True
 
     def error_received(self, exc: Exception) -> None:
         """Go on: an answer did not reach the controller, which says so itself."""
 
 
 async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
-    """Yield what controllers send to a port of ours."""
-    decode = {"rsi": rsi.decode, "egm": egm.decode}[address.scheme]
+    """Yield what a controller sends to a port of ours."""
+    decode: Decode = {"rsi": rsi.decode, "egm": egm.decode}[address.scheme]
     answers = address.options.get("answer", "no").lower() in ("yes", "true", "1")
+    transport, receiver = await _listen(address, lambda: _Receiver(clock, decode, answers=answers))
+    faults, reports, silent, heard = _Faults(), _Reports(address, receiver), False, clock()
     try:
-        transport, receiver = await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: _Receiver(clock, answers=answers), local_addr=(address.host, address.port)
+        while True:
+            item = await _next(receiver.queue)
+            now = clock() if item is None else item[1]
+            for notice in reports.take(b"" if item is None or not answers else item[0], now):
+                yield notice
+            if not silent and now - heard > SILENCE * 1e9:  # whatever comes in may be no telegram
+                silent = True
+                yield Notice(Level.LOST, f"{address}: nothing comes in; is the robot's program running?", now)
+            if item is None:
+                continue
+            try:
+                sample = decode(item[0])
+            except ProtocolError as error:
+                for notice in faults.tell(error, now):
+                    yield notice
+                continue
+            heard = now
+            if silent:
+                silent = False
+                yield Notice(Level.INFO, f"{address}: messages come in", now)
+            yield Arrival(sample, now)
+    finally:
+        transport.close()
+
+
+async def _listen(address: Address, receiver: Callable[[], _Receiver]) -> tuple[asyncio.DatagramTransport, _Receiver]:
+    """Return a port of ours, and what receives there."""
+    try:
+        transport, made = await asyncio.get_running_loop().create_datagram_endpoint(
+            receiver, local_addr=(address.host, address.port)
         )
     except OSError as error:
         raise DeviceError(
@@ -116,37 +162,39 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
         ) from error
     with suppress(OSError):
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-    faults, silent, dropped, late = _Faults(), False, 0, 0
+    return transport, made
+
+
+async def _next(queue: asyncio.Queue[tuple[bytes, int]]) -> tuple[bytes, int] | None:
+    """Return what comes next, or None where nothing comes for a while."""
     try:
-        while True:
-            try:
-                async with asyncio.timeout(SILENCE):
-                    data, now = await receiver.queue.get()
-            except TimeoutError:
-                if not silent:
-                    yield Notice(Level.LOST, f"{address}: nothing comes in; is the robot's program running?", clock())
-                silent = True
-                continue
-            if receiver.dropped > dropped:
-                yield Notice(Level.WARNING, f"{address}: {receiver.dropped - dropped} messages dropped here", now)
-                dropped = receiver.dropped
-            missed = rsi.late_answers(data) if answers else 0
-            if missed > late:
-                text = f"{address}: {missed - late} answers reached the controller late, {missed} in all"
-                yield Notice(Level.WARNING, f"{text}; it stops the robot after a few: is this machine busy?", now)
-            late = missed
-            try:
-                sample = decode(data)
-            except ProtocolError as error:
-                for notice in faults.tell(error, now):
-                    yield notice
-                continue
-            if silent:
-                silent = False
-                yield Notice(Level.INFO, f"{address}: messages come in", now)
-            yield Arrival(sample, now)
-    finally:
-        transport.close()
+        async with asyncio.timeout(SILENCE):
+            return await queue.get()
+    except TimeoutError:
+        return None
+
+
+class _Reports:
+    """What is to be reported of a port besides what it receives: other senders, datagrams dropped, answers too late."""
+
+    def __init__(self, address: Address, receiver: _Receiver) -> None:
+        self._address, self._receiver = address, receiver
+        self._dropped = self._late = 0
+
+    def take(self, data: bytes, now: int) -> list[Notice]:
+        """Return notices; `data` is the datagram that was to be answered, if it was."""
+        texts = self._receiver.source.news()
+        if self._receiver.dropped > self._dropped:
+            texts.append(f"{self._receiver.dropped - self._dropped} messages dropped here")
+            self._dropped = self._receiver.dropped
+        missed = rsi.late_answers(data)
+        if missed > self._late:
+            texts.append(
+                f"{missed - self._late} answers reached the controller late, {missed} in all; it stops the robot after "
+                "a few: is this machine busy?"
+            )
+        self._late = missed if data else self._late
+        return [Notice(Level.WARNING, f"{self._address}: {text}", now) for text in texts]
 
 
 async def _stream(address: Address, clock: Clock, session: Callable[[], Session]) -> AsyncIterator[Event]:

@@ -59,13 +59,15 @@ class ObedientCell:
         stamps = recording.imu.stamps_ns, recording.reference.stamps_ns
         self._times_ns = tuple(of - of[0] for of in stamps)
         self._rests = _rests(recording)
-        self._grain_ns = math.lcm(*(round(float(np.median(np.diff(of)))) for of in stamps))
+        self._intervals_ns = [round(float(np.median(np.diff(of)))) for of in stamps]
+        self._grain_ns = math.lcm(*self._intervals_ns)
         self._content_ns = 0
         self._shift_ns = 0
         self._at = 0
         self._moving = False
         self._frozen = False
         self._next = [0, 0]
+        self._stopped: tuple[int, ImuSample, RobotSample] | None = None
 
     def move(self, target: Sequence[float]) -> str | None:
         """Move to the next target of the recording, rad; return why not, where it is another one."""
@@ -83,8 +85,14 @@ class ObedientCell:
         return None
 
     def stop(self) -> None:
-        """Stop where it is; there is no going on from there."""
-        self._frozen = self._moving
+        """Stop where it is; there is no going on from there.
+
+        Joints and pose stay as they are from then on. The IMU repeats a reading of the rest before, with the
+        acceleration of the moment of the stop: the braking is not simulated.
+        """
+        if self._moving and not self._frozen:
+            self._frozen = True
+            self._stopped = (self._content_ns, *self._standing())
 
     @property
     def moving(self) -> bool:
@@ -94,7 +102,7 @@ class ObedientCell:
     def advance(self, seconds: float) -> tuple[list[ImuSample], list[RobotSample]]:
         """Return what the devices measure in the next so many seconds."""
         if self._frozen:
-            return [], []
+            return self._stand(round(seconds * 1e9))
         self._content_ns += round(seconds * 1e9)
         if self._moving and self._content_ns * 1e-9 > self._rests[self._at + 1].begin + _EDGE:
             self._at += 1
@@ -107,6 +115,31 @@ class ObedientCell:
         if not self._moving and self._content_ns * 1e-9 > self._rests[self._at].end - _EDGE - 1e-9 * self._grain_ns:
             self._skip_to(self._rests[self._at].begin + _EDGE)
         return found
+
+    def _standing(self) -> tuple[ImuSample, RobotSample]:
+        """Return what the devices measure from now on, where the arm stands."""
+        readings, poses = self._samples
+        last, pose = readings[max(0, self._next[0] - 1)], poses[max(0, self._next[1] - 1)]
+        at_rest = round((self._rests[self._at].begin + _EDGE) * 1e9)
+        rest = readings[int(np.searchsorted(self._times_ns[0], at_rest))]
+        return replace(last, rate=rest.rate), pose
+
+    def _stand(self, passed_ns: int) -> tuple[list[ImuSample], list[RobotSample]]:
+        """Return what the devices measure in the next so many ns, on the times they would have measured at."""
+        assert self._stopped is not None  # noqa: S101 - for the type checker; it is frozen
+        now_ns, reading, pose = self._stopped
+        self._stopped = (now_ns + passed_ns, reading, pose)
+
+        def stamps(which: int) -> range:
+            interval, first = self._intervals_ns[which], int(self._times_ns[which][max(0, self._next[which] - 1)])
+            begin = first + ((now_ns - first) // interval + 1) * interval
+            return range(begin, now_ns + passed_ns + 1, interval)
+
+        shifts = [of[0].stamp_ns + self._shift_ns for of in self._samples]
+        return (
+            [replace(reading, stamp_ns=shifts[0] + at) for at in stamps(0)],
+            [replace(pose, stamp_ns=shifts[1] + at) for at in stamps(1)],
+        )
 
     def _skip_to(self, seconds: float) -> None:
         """Go on elsewhere in the same rest, by whole samples of both devices."""

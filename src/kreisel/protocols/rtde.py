@@ -16,12 +16,33 @@ from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import Quadruple, RobotSample, Triple, checked_stamp, finite
 
 FIELDS = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_TCP_pose": "VECTOR6D"}
-"""What the client asks for."""
+"""What the client needs."""
+
+STATES = ("safety_status", "safety_mode", "robot_mode", "runtime_state")
+"""What the client asks for besides; controllers of older software do not have all of them."""
+
+SAFETY = {
+    3: "protective stop", 4: "recovery mode", 5: "safeguard stop", 6: "system emergency stop",
+    7: "robot emergency stop", 8: "safety violation", 9: "safety fault", 10: "validation of a joint's id",
+    11: "undefined safety mode", 12: "safeguard stop in automatic mode", 13: "three-position enabling stop",
+}  # fmt: skip
+"""Safety states other than normal (1) and reduced (2); 0 is none of them, and is not reported by a controller."""
+
+MODES = {
+    -1: "no controller", 0: "disconnected", 1: "safety to be confirmed", 2: "booting", 3: "power off", 4: "power on",
+    5: "idle", 6: "backdrive", 8: "updating firmware",
+}  # fmt: skip
+"""Robot modes other than running (7)."""
+
+PLAYING = (2, 5)
+"""Runtime states in which a program runs: playing, resuming."""
 
 LARGEST = 4096
 """Bytes a package may have."""
 
 _NAME = "RTDE"
+_RUNNING = 7
+_INTEGERS = ("UINT8", "INT32", "UINT32")
 _HEAD = struct.Struct(">HB")
 _VERSION, _TEXT, _CONTROLLER, _DATA = b"VMvU"
 _OUTPUTS, _INPUTS, _START, _PAUSE = b"OISP"
@@ -63,6 +84,8 @@ class Client:
         self._frequency = frequency
         self._splitter = _splitter()
         self._recipe = 0
+        self._states: tuple[str, ...] = STATES
+        self._layout = struct.Struct(">13d")
 
     def begin(self) -> bytes:
         """Return what to send first."""
@@ -91,9 +114,10 @@ class Client:
             if payload != b"\x01":
                 raise ProtocolError(_NAME, "the controller refuses protocol version 2: is its software older than 3.4?")
             self.state = State.OUTPUTS
-            return package(_OUTPUTS, struct.pack(">d", self._frequency) + ",".join(FIELDS).encode())
+            return self._ask_outputs()
         if self.state is State.OUTPUTS and kind == _OUTPUTS:
-            self._check_types(payload)
+            if not self._take_types(payload):
+                return self._ask_outputs()
             self.state = State.START
             return package(_START)
         if self.state is State.START and kind == _START:
@@ -103,17 +127,31 @@ class Client:
             return b""
         raise ProtocolError(_NAME, f"package '{chr(kind)}' while waiting for {self.state.name.lower()}")
 
-    def _check_types(self, payload: bytes) -> None:
+    def _ask_outputs(self) -> bytes:
+        return package(_OUTPUTS, struct.pack(">d", self._frequency) + ",".join((*FIELDS, *self._states)).encode())
+
+    def _take_types(self, payload: bytes) -> bool:
+        """Take the types of the fields asked for; return whether to start, or ask again without what is not there."""
         types = payload[1:].decode("ascii", "replace").split(",")
-        if not payload or types != list(FIELDS.values()):
-            given = dict(zip(FIELDS, types, strict=False))
+        needed, others = types[: len(FIELDS)], types[len(FIELDS) :]
+        if not payload or needed != list(FIELDS.values()):
+            given = dict(zip(FIELDS, needed, strict=False))
             raise ProtocolError(_NAME, f"the controller gives {given}, expected {FIELDS}")
+        whole = len(others) == len(self._states)
+        found = tuple(name for name, kind in zip(self._states, others, strict=False) if whole and kind in _INTEGERS)
+        if found != self._states:
+            self._states = found
+            return False
+        self._layout = struct.Struct(">13d" + "".join(_SIZES[kind] for kind in others))
         self._recipe = payload[0]
+        return True
 
     def _sample(self, payload: bytes) -> RobotSample:
-        if len(payload) != 1 + 8 * 13 or payload[0] != self._recipe:
-            raise ProtocolError(_NAME, f"data of {len(payload)} bytes, expected {1 + 8 * 13} of recipe {self._recipe}")
-        values = finite(struct.unpack(">13d", payload[1:]), _NAME, "a field")
+        size = 1 + self._layout.size
+        if len(payload) != size or payload[0] != self._recipe:
+            raise ProtocolError(_NAME, f"data of {len(payload)} bytes, expected {size} of recipe {self._recipe}")
+        fields = self._layout.unpack(payload[1:])
+        values = finite(fields[:13], _NAME, "a field")
         if abs(values[0]) > 2.0**31:
             raise ProtocolError(_NAME, f"the time stamp {values[0]:g} s is impossible")
         if max(map(abs, values[10:13])) > 4.0 * math.pi:
@@ -121,9 +159,28 @@ class Client:
                 _NAME, f"the rotation vector {values[10:13]} is longer than a turn, expected pi at most"
             )
         stamp_ns = checked_stamp(round(values[0] * 1e9), _NAME)
+        states = dict(zip(self._states, fields[13:], strict=True))
+        runtime = states.get("runtime_state")
         return RobotSample(
-            stamp_ns, (values[7], values[8], values[9]), from_rotation_vector(values[10:13]), values[1:7]
-        )
+            stamp_ns, (values[7], values[8], values[9]), from_rotation_vector(values[10:13]), values[1:7],
+            blocked(states), None if runtime is None else runtime in PLAYING,
+        )  # fmt: skip
+
+
+def blocked(states: dict[str, int]) -> str:
+    """Return the state in which the arm must not or cannot move, in words; empty where there is none.
+
+    Parameters
+    ----------
+    states
+        Values of `STATES`, as far as the controller reports them.
+    """
+    for name in ("safety_status", "safety_mode"):
+        value = states.get(name, 0)
+        if value not in (0, 1, 2):
+            return f"{SAFETY.get(value, 'a safety state')} ({name} {value})"
+    mode = states.get("robot_mode", _RUNNING)
+    return "" if mode == _RUNNING else f"{MODES.get(mode, 'another mode than running')} (robot_mode {mode})"
 
 
 class Server:
@@ -184,7 +241,8 @@ class Server:
         if sample.position is not None and sample.quaternion is not None:
             known["actual_TCP_pose"] = (*sample.position, *to_rotation_vector(sample.quaternion))
             known["target_TCP_pose"] = known["actual_TCP_pose"]
-        known["robot_mode"], known["safety_mode"], known["runtime_state"] = (7,), (1,), (2,)
+        known["robot_mode"], known["runtime_state"] = (_RUNNING,), (2,)
+        known["safety_mode"] = known["safety_status"] = (1,)
         payload = bytes([self._RECIPE])
         for name in self.fields:
             layout = struct.Struct(">" + _SIZES.get(type_of(name), ""))

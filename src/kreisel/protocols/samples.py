@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from kreisel.errors import ProtocolError
 
@@ -25,12 +25,22 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class RobotSample:
-    """Position (m) and attitude q_rb of the tool, and joint angles (rad); None or empty where they are not said."""
+    """Position (m) and attitude q_rb of the tool, and joint angles (rad); None or empty where they are not said.
+
+    Attributes
+    ----------
+    blocked
+        State of the controller in which the arm must not or cannot move, in words; empty where it reports none.
+    running
+        Whether the controller runs a program; None where it does not report that.
+    """
 
     stamp_ns: int
     position: Triple | None
     quaternion: Quadruple | None
     joints: tuple[float, ...] = ()
+    blocked: str = field(default="", compare=False)
+    running: bool | None = field(default=None, compare=False)
 
 
 def checked_stamp(stamp_ns: int, protocol: str) -> int:

@@ -1,0 +1,195 @@
+"""What is checked before an arm is moved: limits, the way to the start, and the model against the controller."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.acquisition.movers import Mover
+from kreisel.acquisition.watch import MARGIN
+from kreisel.errors import RobotError
+from kreisel.geometry.rotation import Array
+from kreisel.protocols import RobotSample
+from kreisel.robot.agreement import tool_of
+from kreisel.robot.kinematics import Arm
+from kreisel.robot.program import Program
+
+SLOW = 0.25
+"""rad/s; speed of the leading joint to the program's start and in the first move, while poses are compared."""
+
+CHECKED = 1
+"""Number of the last move that is slow."""
+
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What the user allows.
+
+    Attributes
+    ----------
+    approach
+        Largest way of a joint from where it stands to the program's start, rad.
+    tool
+        Length of the longest tool that may explain a reported pose, m; None where the base is not known either.
+    """
+
+    approach: float = math.radians(10.0)
+    tool: float | None = 0.3
+
+
+def approach_share(program: Program, mover: Mover) -> float:
+    """Return the share of full speed at which the arm goes to the program's start."""
+    return min(min(move.speed for move in program.moves), SLOW / mover.full_speed)
+
+
+def check_program(arm: Arm, program: Program, mover: Mover) -> str:
+    """Return what was checked of a program's moves against the model's limits.
+
+    Raises
+    ------
+    RobotError
+        If a move passes a limit; names the move, the joint, the limit and the speed that keeps it.
+    """
+    for name, limit in zip(arm.joints, arm.velocity, strict=True):
+        if not 0.0 < limit < math.inf:
+            raise RobotError(
+                f"{name} has no limit of its velocity in the model '{arm.name}', expected <limit velocity=…> in rad/s"
+            )
+    slow = approach_share(program, mover)
+    speeds = [min(move.speed, slow) if k < CHECKED else move.speed for k, move in enumerate(program.moves)]
+    at = program.start
+    _check_margin(arm, at, "the program's start")
+    for number, (move, share) in enumerate(zip(program.moves, speeds, strict=True), start=1):
+        _check_margin(arm, move.target, f"move {number}")
+        check_move(arm, mover, move.target - at, share, f"move {number}")
+        at = move.target
+    return (
+        f"checked against the model '{arm.name}': angles, velocities and accelerations of {len(program.moves)} moves "
+        f"are within its limits ({_limits_known(arm)})"
+    )
+
+
+def check_move(arm: Arm, mover: Mover, way: Array, share: float, name: str) -> None:
+    """Check the largest velocities and accelerations of a move of the joints by `way`, rad.
+
+    Raises
+    ------
+    RobotError
+        If a limit of the model is passed.
+    """
+    velocities, accelerations = mover.peaks(way, share, arm.velocity)
+    pairs = [("moves at", "rad/s", velocities, arm.velocity)]
+    if accelerations is not None:
+        pairs.append(("accelerates with", "rad/s^2", accelerations, _acceleration_limits(arm)))
+    for does, unit, values, limits in pairs:
+        over = values / limits
+        k = int(np.argmax(over))
+        if over[k] > 1.0 + _ROUNDING:
+            fitting = math.floor(100.0 * mover.full_speed / over[k]) / 100.0
+            raise RobotError(
+                f"{name}: {arm.joints[k]} {does} {values[k]:.2f} {unit}, and its limit in the model '{arm.name}' is "
+                f"{limits[k]:.2f} {unit}; give --speed {fitting:g} or less"
+            )
+
+
+def check_state(arm: Arm, program: Program, sample: RobotSample, mover: Mover, allowed: Allowed) -> list[str]:
+    """Return what was checked of what the controller reports, before the first move.
+
+    Raises
+    ------
+    RobotError
+        If the arm stands too far from the program's start, or the model is not that of this robot.
+    """
+    if len(sample.joints) != len(arm.joints):
+        raise RobotError(
+            f"the robot reports {len(sample.joints)} joint angles, and the model '{arm.name}' has {len(arm.joints)} "
+            "joints: give the description of this robot with --model"
+        )
+    joints = np.array(sample.joints)
+    _check_margin(arm, joints, "the arm now")
+    told = _check_pose(arm, sample, allowed)
+    way = program.start - joints
+    _check_way(arm, program, way, allowed)
+    check_move(arm, mover, way, approach_share(program, mover), "the way to the start")
+    return [told, f"the program's start is {_degrees(np.max(np.abs(way)))} deg away (joints: {_list(way)} deg)"]
+
+
+def _check_way(arm: Arm, program: Program, way: Array, allowed: Allowed) -> None:
+    k = int(np.argmax(np.abs(way)))
+    if abs(way[k]) > allowed.approach:
+        raise RobotError(
+            f"{arm.joints[k]} stands {_degrees(abs(way[k]))} deg from the program's start (the way of the joints: "
+            f"{_list(way)} deg), and at most {_degrees(allowed.approach)} deg are moved to reach it; move the arm to "
+            f"[{_list(program.start)}] deg by hand, or make sure that this way is clear and give --approach "
+            f"{math.ceil(math.degrees(abs(way[k])))}"
+        )
+
+
+def _check_pose(arm: Arm, sample: RobotSample, allowed: Allowed) -> str:
+    """Return how the reported pose compares with the model's."""
+    tool = tool_of(arm, sample)
+    if tool is None:
+        return "the controller reports no pose: the model is not compared with it"
+    explained = (
+        f"a tool of {1e3 * tool.length:.0f} mm, turned by {math.degrees(tool.angle):.1f} deg"
+        f"{', with the base turned by 180 deg about z' if tool.turned else ''}"
+    )
+    if allowed.tool is not None and tool.length > allowed.tool:
+        raise RobotError(
+            f"the reported pose is that of the model '{arm.name}' only with {explained}: is it another robot? Give its "
+            f"description with --model, or allow such a tool with --longest-tool {math.ceil(10 * tool.length) / 10:g}"
+        )
+    if allowed.tool is None:
+        return (
+            f"the model '{arm.name}' has as many joints, and the angles are within its limits; base and tool of the "
+            "controller are not known: poses are compared while the arm moves"
+        )
+    return (
+        f"the reported pose is that of the model '{arm.name}' with {explained}; whether the tool is constant is "
+        "compared while the arm moves"
+    )
+
+
+def _check_margin(arm: Arm, angles: Array, name: str) -> None:
+    for joint, angle, low, high in zip(arm.joints, angles, arm.lower, arm.upper, strict=True):
+        if not low + MARGIN < angle < high - MARGIN:
+            raise RobotError(
+                f"{name}: {joint} at {_degrees(angle)} deg is not within its limits in the model '{arm.name}', "
+                f"{_degrees(low)} to {_degrees(high)} deg, with a degree to spare: the arm is stopped there"
+            )
+
+
+def _limits_known(arm: Arm) -> str:
+    given = _given_accelerations(arm)
+    if len(given) == len(arm.joints):
+        return "of accelerations too"
+    return "it gives none of acceleration: full speed within half a second is taken as usual"
+
+
+def _acceleration_limits(arm: Arm) -> Array:
+    """Return limits of the joints' accelerations, rad/s^2: the model's, or full speed within half a second."""
+    given = _given_accelerations(arm)
+    return np.array([given.get(name, usual) for name, usual in zip(arm.joints, arm.velocity / 0.5, strict=True)])
+
+
+def _given_accelerations(arm: Arm) -> dict[str, float]:
+    found = {}
+    for joint in ElementTree.fromstring(arm.urdf).iter("joint"):
+        limit = joint.find("limit")
+        value = None if limit is None else limit.get("acceleration")
+        if value is not None and float(value) > 0.0:
+            found[str(joint.get("name"))] = float(value)
+    return {name: value for name, value in found.items() if name in arm.joints}
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.1f}"
+
+
+def _list(angles: Array) -> str:
+    return ", ".join(_degrees(angle) for angle in angles)

@@ -1,0 +1,203 @@
+"""What is seen of arm and IMU while they move: reasons to stop, and whether the arm stands."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from itertools import takewhile
+from typing import Literal
+
+import numpy as np
+
+from kreisel.devices.events import Arrival, Event, Level
+from kreisel.geometry.rotation import Array
+from kreisel.protocols import ImuSample, RobotSample
+from kreisel.robot.agreement import Agreement
+from kreisel.robot.kinematics import Arm
+
+NEAR = 3e-3
+"""rad; an arm that stands so near its target has arrived."""
+
+STILL = 2e-4
+"""rad; an arm whose joints stay within this for `SETTLED` s rests."""
+
+DRIFT = 5e-5
+"""rad; joints that stand do not differ by more between the two halves of the time looked at: that finds slow motion."""
+
+SETTLED = 0.3
+MARGIN = math.radians(1.0)
+"""rad; an arm that comes so near a limit of its joints is stopped."""
+
+OVERDUE = 1.5
+"""Seconds without joint angles, or without readings of the IMU, after which the arm is stopped."""
+
+ENDED = 1.0
+"""Seconds at rest, without a program running on the controller, after which a move has ended away from its target."""
+
+_KEPT_NS = 4_000_000_000
+_FRESH_NS = 300_000_000
+_FEWEST = 5
+_SATURATED = 20
+
+Row = tuple[int, int, tuple[float, ...]]
+"""Host's time and stamp in ns, and joint angles in rad."""
+
+
+class Watch:
+    """What is seen of arm and IMU while they move; a reason to stop, once there is one.
+
+    Parameters
+    ----------
+    clock
+        The host's monotonic clock, ns, by which readings are stamped as they come in.
+
+    Attributes
+    ----------
+    alarm
+        Why to stop, or None.
+    sample
+        What the robot reported last, with joint angles.
+    agreement
+        What is known of the model against the reported poses.
+    """
+
+    def __init__(self, arm: Arm, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self.alarm: str | None = None
+        self.sample: RobotSample | None = None
+        self.agreement = Agreement(arm)
+        self._arm, self._clock = arm, clock
+        self._recent: deque[Row] = deque()
+        self._same = [0] * 6
+        self._last: tuple[float, ...] | None = None
+        self._imu_ns = 0
+        self._played = False
+        self._idle_ns: int | None = None
+
+    def take(self, event: Event) -> None:
+        """Take what a device brings."""
+        if not isinstance(event, Arrival):
+            if event.level is Level.LOST:
+                self.alarm = self.alarm or event.text
+        elif isinstance(event.sample, ImuSample):
+            self._imu_ns = event.host_ns
+            self._imu(event.sample)
+        else:
+            self._robot(event.sample, event.host_ns)
+
+    @property
+    def reason(self) -> str | None:
+        """Why to stop now: the alarm, or a device that brings nothing; None where all is well."""
+        if self.alarm is None and self.ready:
+            now = self._clock()
+            for what, last_ns in (("joint angles", self._recent[-1][0]), ("readings of the IMU", self._imu_ns)):
+                if now - last_ns > OVERDUE * 1e9:
+                    self.alarm = self.alarm or f"no {what} for {(now - last_ns) * 1e-9:.1f} s"
+        return self.alarm
+
+    @property
+    def ready(self) -> bool:
+        """Whether both devices have been heard."""
+        return self._last is not None and bool(self._recent)
+
+    @property
+    def joints(self) -> Array | None:
+        """The latest joint angles."""
+        return np.array(self._recent[-1][2]) if self._recent else None
+
+    @property
+    def now_ns(self) -> int:
+        """The host's time."""
+        return self._clock()
+
+    def hears(self) -> bool:
+        """Return whether joint angles come in at present."""
+        return bool(self._recent) and self._clock() - self._recent[-1][0] < _FRESH_NS
+
+    def rests_at(self, target: Array) -> bool:
+        """Return whether the arm rests at a target."""
+        if not self._recent:
+            return False
+        last_ns = self._recent[-1][1]
+        rows = list(takewhile(lambda row: row[1] >= last_ns - SETTLED * 1e9, reversed(self._recent)))
+        if last_ns - rows[-1][1] < SETTLED * 0.9e9:
+            return False
+        angles = np.array([joints for _, _, joints in rows])
+        return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(np.abs(angles[0] - target) < NEAR))
+
+    def stands(self, since_ns: int, seconds: float) -> bool:
+        """Return whether the joints have stood still for so long until now, seen after a time of the host's.
+
+        The time is counted on both clocks: readings that were held up on the way, and come in together, are not enough.
+        """
+        if not self.hears():
+            return False
+        begin = max(since_ns, self._recent[-1][0] - round(seconds * 1e9))
+        rows = list(takewhile(lambda row: row[0] >= begin, reversed(self._recent)))
+        if len(rows) < _FEWEST or min(_span(rows, 0), _span(rows, 1)) < 0.9e9 * seconds:
+            return False
+        angles, half = np.array([joints for _, _, joints in rows]), len(rows) // 2
+        drift = np.abs(angles[:half].mean(axis=0) - angles[half:].mean(axis=0))
+        return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT))
+
+    def begin_move(self) -> None:
+        """Take note that a move is sent: see `ended`."""
+        self._played, self._idle_ns = False, None
+
+    def ended(self) -> bool:
+        """Return whether the controller began the move, runs no program any more, and the arm stands."""
+        if self._idle_ns is None or self._clock() - self._idle_ns < ENDED * 1e9:
+            return False
+        return self.stands(self._idle_ns, ENDED)
+
+    def _robot(self, sample: RobotSample, host_ns: int) -> None:
+        if sample.blocked:
+            self.alarm = self.alarm or f"the controller reports: {sample.blocked}"
+        if sample.running is not None:
+            self._played = self._played or sample.running
+            ended = self._played and not sample.running
+            self._idle_ns = (self._idle_ns or host_ns) if ended else None
+        if not sample.joints:
+            return
+        if self._recent and sample.stamp_ns <= self._recent[-1][1]:
+            self.alarm = self.alarm or "the robot's clock leapt: was its controller started anew?"
+            self._recent.clear()
+        self.sample = sample
+        self._recent.append((host_ns, sample.stamp_ns, sample.joints))
+        while self._recent[0][0] < host_ns - _KEPT_NS:
+            self._recent.popleft()
+        self.alarm = self.alarm or next(self._complaints(sample), None)
+
+    def _complaints(self, sample: RobotSample) -> Iterator[str]:
+        """Yield what is wrong with a pose."""
+        arm = self._arm
+        if len(sample.joints) != len(arm.joints):
+            yield f"the robot reports {len(sample.joints)} joint angles, and the model has {len(arm.joints)} joints"
+            return
+        for name, angle, low, high in zip(arm.joints, sample.joints, arm.lower, arm.upper, strict=True):
+            if not low + MARGIN < angle < high - MARGIN:
+                yield (
+                    f"{name} stands at {math.degrees(angle):.1f} deg, within a degree of its limits "
+                    f"{math.degrees(low):.0f} to {math.degrees(high):.0f} deg"
+                )
+        self.agreement.take(sample)
+        if self.agreement.complaint is not None:
+            yield self.agreement.complaint
+
+    def _imu(self, sample: ImuSample) -> None:
+        """Look for a channel at its limit: it stays the same while others go on."""
+        values = (*sample.rate, *sample.acceleration)
+        if self._last is not None:
+            moving = sum(a != b for a, b in zip(values, self._last, strict=True)) >= 3
+            for k, (a, b) in enumerate(zip(values, self._last, strict=True)):
+                self._same[k] = self._same[k] + 1 if moving and a == b and a != 0.0 else 0
+                if self._same[k] >= _SATURATED:
+                    name = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")[k]
+                    self.alarm = self.alarm or f"the IMU is saturated: {name} stays at {a:.6g} while the others go on"
+        self._last = values
+
+
+def _span(rows: list[Row], clock: Literal[0, 1]) -> int:
+    """Return the ns between the first and the last row, newest first, on the host's clock (0) or the robot's (1)."""
+    return rows[0][clock] - rows[-1][clock]

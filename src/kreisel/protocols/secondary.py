@@ -1,0 +1,68 @@
+"""What a Universal Robots controller sends on its script ports, 30001 and 30002: its state, about ten times a second.
+
+Packages, big-endian: size u32, kind u8; kind 16 is the robot's state, made of parts with the same head. Part 0 is the
+robot's mode: time u64, then single bytes: connected, enabled, power on, emergency stopped, protective stopped, program
+running, program paused. Everything else is skipped.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols.framing import Splitter
+
+LARGEST = 1 << 20
+"""Bytes a package may have."""
+
+_HEAD = struct.Struct(">IB")
+_STATE, _MODE = 16, 0
+_FLAGS = struct.Struct(">Q7B")
+
+
+class Client:
+    """The client's side of one connection: it reads only. Bytes that are no packages end its reading, not an error."""
+
+    def __init__(self) -> None:
+        self._splitter: Splitter | None = Splitter(
+            "URScript", ">IB", length=0, least=_HEAD.size, most=LARGEST, whole=True
+        )
+
+    def receive(self, data: bytes) -> str:
+        """Return the state in which the arm must not move that the newest bytes report; empty where there is none."""
+        if self._splitter is None:
+            return ""
+        try:
+            packages = self._splitter.receive(data)
+        except ProtocolError:  # another interface, or a controller of another kind: RTDE reports the state as well
+            self._splitter = None
+            return ""
+        found = [flags for kind, content in packages if kind == _STATE for flags in _flags(content)]
+        return _blocked(found[-1]) if found else ""
+
+
+def _flags(content: bytes) -> Iterator[tuple[int, ...]]:
+    """Yield the bytes of the parts that tell the robot's mode."""
+    at = 0
+    while at + _HEAD.size <= len(content):
+        size, kind = _HEAD.unpack_from(content, at)
+        if size < _HEAD.size or at + size > len(content):
+            return
+        if kind == _MODE and size >= _HEAD.size + _FLAGS.size:
+            yield _FLAGS.unpack_from(content, at + _HEAD.size)[1:]
+        at += size
+
+
+def _blocked(flags: tuple[int, ...]) -> str:
+    if any(flag not in (0, 1) for flag in flags):
+        return ""
+    emergency, protective = flags[3:5]
+    return "emergency stop" if emergency else "protective stop" if protective else ""
+
+
+def encode_state(time_us: int, *, emergency: bool = False, protective: bool = False) -> bytes:
+    """Return the package of a state: the twin's side."""
+    flags = _FLAGS.pack(time_us, 1, 1, 1, emergency, protective, 0, 0)
+    part = _HEAD.pack(_HEAD.size + len(flags), _MODE) + flags
+    return _HEAD.pack(_HEAD.size + len(part), _STATE) + part
