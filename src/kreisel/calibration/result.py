@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError
+from kreisel.files import LARGEST_YAML, read_text
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import (
     FORMULA,
@@ -22,6 +24,9 @@ from kreisel.inertial.sensor_model import (
 from kreisel.inertial.strapdown import SensorColumns, prepare
 
 SCHEMA = "kreisel/calibration/1"
+
+_MOST_ENTRIES = 100_000
+_LARGEST_ARRAYS = 1 << 26
 
 FRAMES = (
     "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
@@ -131,17 +136,21 @@ class Calibration:
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
         try:
-            document = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+            document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
         except OSError as error:
             raise RecordingError(
-                "no calibration.yaml there; give a result folder of `kreisel calibrate`", file=file
+                f"cannot be read ({error.strerror}); give a result folder of `kreisel calibrate`, or its "
+                "calibration.yaml",
+                file=file,
             ) from error
-        except (YAMLError, UnicodeDecodeError) as error:
+        except (YAMLError, UnicodeDecodeError, RecursionError) as error:
             raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             found = document.get("schema") if isinstance(document, dict) else None
-            raise RecordingError(f"schema is {found!r}, expected '{SCHEMA}'", file=file)
+            named = f"'{found[:60]}'" if isinstance(found, str) else f"of type {type(found).__name__}"
+            raise RecordingError(f"schema is {named}, expected '{SCHEMA}'", file=file)
         try:
+            _check_entries(document)
             sensor_parameters(document)
         except (KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
@@ -149,10 +158,36 @@ class Calibration:
         names: tuple[str, ...] = ()
         covariance, prior = np.zeros((0, 0)), np.zeros(0)
         if extra.is_file():
+            _check_size(extra)
             with np.load(extra) as data:
                 names = tuple(str(name) for name in data["names"])
                 covariance, prior = data["covariance"], data["prior_deviation"]
         return cls(document, names, covariance, prior, np.zeros((0, 1 + 2 * len(names))))
+
+
+def _check_size(archive: Path) -> None:
+    """Raise an error for arrays that are far larger than those of a result, before they are read."""
+    try:
+        with zipfile.ZipFile(archive) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+    except zipfile.BadZipFile as error:
+        raise RecordingError(f"not an archive of arrays ({error}); copy the result again", file=archive) from error
+    if size > _LARGEST_ARRAYS:
+        raise RecordingError(
+            f"arrays of {size} bytes, expected {_LARGEST_ARRAYS} at most; copy the result again", file=archive
+        )
+
+
+def _check_entries(document: object) -> None:
+    """Raise an error for more entries than a result can have: references to others may stand for any number."""
+    waiting, count = [document], 0
+    while waiting:
+        entry = waiting.pop()
+        parts = list(entry.values() if isinstance(entry, dict) else entry) if isinstance(entry, dict | list) else []
+        waiting += parts
+        count += len(parts)
+        if count > _MOST_ENTRIES:
+            raise ValueError(f"more than {_MOST_ENTRIES} entries")
 
 
 def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:

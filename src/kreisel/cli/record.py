@@ -81,9 +81,10 @@ def _check_settings(known: RecordingSettings, status: Status) -> None:
 
 def _description(path: Path) -> str:
     from kreisel.errors import SettingsError
+    from kreisel.files import read_text
 
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path}: cannot be read as a robot's description: {error}") from error
 

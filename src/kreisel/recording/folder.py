@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import LARGEST_YAML, read_bytes, read_text
 from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.recording.table import Column, Table, read_table
@@ -221,10 +222,12 @@ def description_beside(folder: Path, settings: RecordingSettings) -> str | None:
     if not _stands(file):
         return None
     try:
-        return file.read_text(encoding="utf-8-sig")
+        return read_text(file)
     except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise RecordingError(
-            "cannot be read as text; expected a robot's description (URDF): copy it again, or delete robot.urdf",
+            f"cannot be read as text ({why}); expected a robot's description (URDF): copy it again, or delete "
+            "robot.urdf",
             file=file,
         ) from error
 
@@ -249,12 +252,12 @@ def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
 
 def _parse_datasheet(path: Path) -> Datasheet | None:
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = read_bytes(path, LARGEST_YAML).decode("utf-8", errors="replace").splitlines()
         text = "\n".join(line for line in lines if not line.startswith("%"))  # OpenCV's first line is not YAML
         content: dict[str, Any] = YAML(typ="safe").load(text) or {}
         densities = [float(content[f"{name}_noise_density"]) for name in ("gyroscope", "accelerometer")]
         walks = [float(content.get(f"{name}_random_walk", 0.0)) for name in ("gyroscope", "accelerometer")]
-    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError):
+    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return None
     figures = np.array([*densities, *walks])
     if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():

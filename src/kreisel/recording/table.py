@@ -32,6 +32,8 @@ _UNITS = {
 }  # fmt: skip
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
 _BLOCK = 1 << 23  # bytes read at once
+_LONGEST_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
+_MOST_COLUMNS = 1000
 _LARGEST_STAMP = 9.0e18  # ns; a little below what 64 bits hold
 
 
@@ -154,6 +156,7 @@ def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tup
             while data := file.read(_BLOCK):
                 _check_text(data, done + len(left), line, left, path)
                 data = left + data
+                _check_lines(data, line, path)
                 # a line may end in two bytes, of which this may be the first
                 end = len(data) - 1 if data.endswith(b"\r") else len(data)
                 cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
@@ -183,6 +186,21 @@ def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> 
         file=path,
         line=line + left.count(b"\n") + data.count(b"\n", 0, where),
     )
+
+
+def _check_lines(data: bytes, line: int, path: Path) -> None:
+    """Raise an error for a line that is longer than any row: read as one, it would take memory without bounds."""
+    begin = 0
+    while len(data) - begin > _LONGEST_LINE:
+        end = max(data.rfind(mark, begin, begin + _LONGEST_LINE) for mark in (b"\n", b"\r"))
+        if end < 0:
+            raise RecordingError(
+                f"a line of more than {_LONGEST_LINE} bytes, expected one row of numbers in each; is it another kind "
+                "of file? Otherwise repair or delete the line",
+                file=path,
+                line=line + data.count(b"\n", 0, begin),
+            )
+        begin = end + 1
 
 
 def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
@@ -230,6 +248,12 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
     if "," not in header and re.search(r"[;\t]", header):
         raise RecordingError(
             "columns are divided by semicolons or tabs, expected commas (and points in numbers); convert the file",
+            file=path,
+            line=1,
+        )
+    if header.count(",") >= _MOST_COLUMNS:
+        raise RecordingError(
+            f"{header.count(',') + 1} columns, expected {_MOST_COLUMNS} at most; keep those of one stream",
             file=path,
             line=1,
         )

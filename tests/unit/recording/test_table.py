@@ -140,7 +140,7 @@ def test_settings_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.Monke
     def forbidden(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr(Path, "open", forbidden)
     with pytest.raises(RecordingError, match=r"recording\.toml: cannot be read: Permission denied"):
         read_settings(tmp_path / "recording.toml")
 
