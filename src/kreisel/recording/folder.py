@@ -12,6 +12,7 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import LARGEST_YAML, read_bytes, read_text
+from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.recording.table import Column, Table, read_table
@@ -78,8 +79,15 @@ def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
     gyro, accel = _imu_columns(table)
     rates = table.take(gyro, "rate")
     accelerations = table.take(accel, "acceleration")
-    _note_conversion(table, (*gyro, *accel), ("rad s^-1", "rad/s", "rads^-1", "m s^-2", "m/s^2"), findings)
-    return ImuSamples(table.stamps_ns, rates, accelerations, table.source)
+    units = _header_units(table, rate=gyro, acceleration=accel)
+    _note_conversion(table, {"rate": gyro, "acceleration": accel}, findings)
+    return ImuSamples(table.stamps_ns, rates, accelerations, table.source, units)
+
+
+def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:
+    """Return what a header states of a stream's stamps, and of groups of columns by their quantity."""
+    stated = {quantity: table.with_units(columns)[0].unit for quantity, columns in groups.items() if columns}
+    return HeaderUnits(table.columns[0].unit, **stated)
 
 
 def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
@@ -116,12 +124,16 @@ def _meaning(name: str) -> tuple[str, str]:
     return ("another quantity", "") if re.match(r"temp|mag|m_?[xyz]$|press|baro|time|q_|p_", plain) else ("", "")
 
 
-def _note_conversion(
-    table: Table, columns: tuple[Column, ...], usual: tuple[str, ...], findings: list[Finding]
-) -> None:
-    units = sorted({str(column.unit) for column in columns if column.unit not in (*usual, None)})
-    if units:
-        findings.append(Finding(_short_name(table), f"converted from {', '.join(f'[{unit}]' for unit in units)} to SI"))
+def _note_conversion(table: Table, groups: dict[str, list[Column]], findings: list[Finding]) -> None:
+    found = {
+        str(column.unit)
+        for quantity, columns in groups.items()
+        for column in table.with_units(columns)
+        if column.unit is not None and UNITS[quantity][column.unit] != 1.0
+    }
+    if found:
+        units = ", ".join(f"[{unit}]" for unit in sorted(found))
+        findings.append(Finding(_short_name(table), f"converted from {units} to SI"))
 
 
 def _short_name(table: Table) -> str:
@@ -155,13 +167,13 @@ def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
         raise _not_poses(table, "; --reference picks another folder")
     if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
         raise _not_poses(table, "; angles are not read: convert them to quaternions")
-    _note_conversion(table, tuple(positions), ("m",), findings)
     if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
         order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
         findings.append(Finding(_short_name(table), f"quaternions stand as {order}; read by these names"))
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
-    return ReferencePoses(name, table.stamps_ns, p, q, table.source)
+    _note_conversion(table, {"length": positions}, findings)
+    return ReferencePoses(name, table.stamps_ns, p, q, table.source, _header_units(table, length=positions))
 
 
 def _not_poses(table: Table, remedy: str) -> RecordingError:
@@ -200,7 +212,10 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
             file=path,
             line=1,
         )
-    return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
+    columns = list(table.columns[1:])
+    angles = table.take(columns, "angle")
+    _note_conversion(table, {"angle": columns}, findings)
+    return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
 
 
 def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding], *, needed: bool) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.recording.header import NO_UNITS, HeaderUnits
 from kreisel.recording.settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
@@ -62,12 +63,15 @@ class ImuSamples:
         rad/s and m/s^2, as read: not corrected in any way.
     source
         The file they came from, for messages.
+    units
+        What its header states.
     """
 
     stamps_ns: Stamps
     rates: Array
     accelerations: Array
     source: Path
+    units: HeaderUnits = NO_UNITS
 
     @cached_property
     def seconds(self) -> Array:
@@ -98,6 +102,7 @@ class ReferencePoses:
     positions: Array | None
     quaternions: Array | None
     source: Path
+    units: HeaderUnits = NO_UNITS
 
     @property
     def seconds(self) -> Array:
@@ -130,6 +135,7 @@ class JointAngles:
     stamps_ns: Stamps
     angles: Array
     source: Path
+    units: HeaderUnits = NO_UNITS
 
 
 @dataclass(frozen=True)
