@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from kreisel.calibration.arguments import elapsed_seconds, triads
 from kreisel.errors import RecordingError
 from kreisel.files import LARGEST_YAML, read_text
 from kreisel.geometry.rotation import Array
@@ -77,7 +79,7 @@ class Calibration:
         """Form of the eccentricity term the parameters belong to."""
         return SizeEffect(self.document["estimator"].get("size_effect", SizeEffect.COMPLETED.value))
 
-    def correct(self, rates: Array, accelerations: Array, timestamps: Array) -> tuple[Array, Array]:
+    def correct(self, rates: ArrayLike, accelerations: ArrayLike, timestamps: ArrayLike) -> tuple[Array, Array]:
         """Return angular rate and specific force of b, (n, 3) each, from raw readings.
 
         Parameters
@@ -85,12 +87,21 @@ class Calibration:
         rates, accelerations : (n, 3)
             Raw readings, rad/s and m/s^2.
         timestamps : (n,)
-            Seconds, ascending; the lever arms need the rate's derivative.
+            Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, taken exactly; floats are
+            seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
+
+        Raises
+        ------
+        RecordingError
+            If an argument is of another shape, not finite, or timestamps do not ascend or are in another unit; the
+            message begins with its name.
         """
-        stamps = np.asarray(timestamps, dtype=float)
-        raw, a = np.asarray(rates, dtype=float), np.asarray(accelerations, dtype=float)
+        raw, a = triads(rates, "rates"), triads(accelerations, "accelerations")
+        if len(a) != len(raw):
+            raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
+        seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         sensors = self.sensors
-        signal = prepare(stamps - stamps[0], raw, a, order=sensors.k_w.shape[0])
+        signal = prepare(seconds, raw, a, order=sensors.k_w.shape[0])
         columns = SensorColumns.single(sensors, self.size_effect)
         omega, alpha = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.slopes))
         return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)

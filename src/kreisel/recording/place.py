@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from kreisel.errors import RecordingError
-from kreisel.recording.header import UNITS, HeaderUnits, named
+from kreisel.recording.header import HeaderUnits, named
 
 
 class Stream(Protocol):
@@ -46,15 +46,15 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
         The unit they seem to be in, where it is none that a header may state.
     """
     source, stated = stream.source, getattr(stream.units, quantity)
-    si = next(iter(UNITS[quantity]))
-    unit = named(quantity, stream.units.size(quantity) * factor)
+    si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
+    unit = named(quantity, size * factor)
     if not is_table(source):
         remedy = f"they look like [{unit or otherwise}]; ROS messages are in {si}: convert them"
         return RecordingError(f"{message}: {remedy}", file=source)
     if stated is None:
         known = f"write [{unit}] into the header, or convert to {si}" if unit else f"convert them to {si}"
         return RecordingError(f"{message}: they look like [{unit or otherwise}]; {known}", file=source, line=1)
-    seem = f"they look like [{unit}]" if unit else (
+    seem = f"they look like [{unit or otherwise}]" if unit or (otherwise and size == 1.0) else (
         f"the numbers look {1.0 / factor if factor < 1.0 else factor:.4g} times too "
         f"{'large' if factor < 1.0 else 'small'} for it"
     )  # fmt: skip
