@@ -468,6 +468,21 @@ def _frame_doubt(preparation: Preparation) -> tuple[float, float]:
     return (_HALF_A_CHAIN * (table.length_sd or 0.0), _HALF_A_CHAIN * (table.angle_sd or 0.0))
 
 
+def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
+    """Return the first values with those the user holds groups at."""
+    if not settings.held_at:
+        return start
+    stored = {group: start.stored(group) for group in GROUPS}
+    for group in settings.fixed:
+        value = settings.value_of(group)
+        if value is not None:
+            stored[group] = value
+            if group == "time_offset":  # between stamps, as in the result; here between first IMU sample and first pose
+                first = int(preparation.recording.imu.stamps_ns[0]), int(preparation.reference.stamps_ns[0])
+                stored[group] = value - Clock(0.0).offset(*first)
+    return CellParameters.from_stored(stored)
+
+
 def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
     """Return the problem for the filter.
 
@@ -481,6 +496,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     skewed = fit.skewed if settings.skew is None else settings.skew
     if not skewed:
         start = replace(start, skew=0.0)
+    start = _with_held_values(start, preparation, settings)
     kind = preparation.recording.settings.reference.kind or "robot"
     interval = settings.update_interval or INTERVALS[kind]
     tau = reference.seconds
