@@ -15,7 +15,7 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.arguments import elapsed_seconds, triads
 from kreisel.errors import RecordingError
-from kreisel.files import LARGEST_YAML, read_text
+from kreisel.files import LARGEST_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import (
     FORMULA,
@@ -26,6 +26,9 @@ from kreisel.inertial.sensor_model import (
 from kreisel.inertial.strapdown import SensorColumns, prepare
 
 SCHEMA = "kreisel/calibration/1"
+
+RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
+"""Files of a result, which are of one recording."""
 
 _MOST_ENTRIES = 100_000
 _LARGEST_ARRAYS = 1 << 26
@@ -107,9 +110,15 @@ class Calibration:
         return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:
-        """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.
+
+        They take the place of an earlier result with its report, all together; other files there are kept.
+        """
+        with replaced_together(Path(folder), RESULT_FILES) as writing:
+            self.write(writing)
+
+    def write(self, folder: Path) -> None:
+        """Write the files of `save` into an empty folder."""
         yaml = YAML()
         yaml.default_flow_style = None
         yaml.width = 120
@@ -121,10 +130,8 @@ class Calibration:
             covariance=self.covariance,
             prior_deviation=self.prior_deviation,
         )
-        calibrated = folder / "robot_calibrated.urdf"
-        calibrated.unlink(missing_ok=True)  # of an earlier result
         if self.robot_urdf is not None:
-            calibrated.write_text(self.robot_urdf, encoding="utf-8")
+            (folder / "robot_calibrated.urdf").write_text(self.robot_urdf, encoding="utf-8")
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
         np.savetxt(
             folder / "estimates.csv",
@@ -147,6 +154,8 @@ class Calibration:
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
         try:
+            if path.is_dir():
+                finish_replacing(path, RESULT_FILES)
             document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
         except OSError as error:
             raise RecordingError(
@@ -225,4 +234,4 @@ def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
     )
 
 
-__all__ = ["FORMULA", "FRAMES", "SCHEMA", "Calibration", "sensor_parameters"]
+__all__ = ["FORMULA", "FRAMES", "RESULT_FILES", "SCHEMA", "Calibration", "sensor_parameters"]
