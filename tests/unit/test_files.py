@@ -111,7 +111,7 @@ def test_loading_finishes_what_was_cut_short(tmp_path: Path) -> None:
     other = Calibration.load(tmp_path)
     (tmp_path / ".kreisel-written").mkdir()
     Calibration(other.document, ("b",), np.eye(1), np.ones(1), np.zeros((2, 3))).write(tmp_path / ".kreisel-written")
-    assert Calibration.load(tmp_path).names == ("b",)
+    assert Calibration.load(tmp_path / "calibration.yaml").names == ("b",)
     assert not (tmp_path / ".kreisel-written").exists()
 
 

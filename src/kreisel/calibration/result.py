@@ -154,8 +154,7 @@ class Calibration:
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
         try:
-            if path.is_dir():
-                finish_replacing(path, RESULT_FILES)
+            finish_replacing(file.parent, RESULT_FILES)
             document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
         except OSError as error:
             raise RecordingError(

@@ -99,7 +99,7 @@ def _print_verdict(console: Console, document: dict[str, Any]) -> None:
     if verdict["unobservable"]:
         names = verdict["unobservable"]
         console.print(f"not shown by this motion, or too weakly: {', '.join(names)}", markup=False)
-    reasons = f" {'; '.join(verdict['reasons'])}" if verdict["reasons"] else ""
+    reasons = f" Reasons: {'; '.join(verdict['reasons'])}" if verdict["reasons"] else ""
     console.print(f"verdict: {verdict['summary'][0].lower()}{verdict['summary'][1:]}{reasons}", markup=False)
 
 

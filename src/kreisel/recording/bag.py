@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
@@ -24,7 +24,7 @@ from ruamel.yaml.error import YAMLError
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import LARGEST_YAML, read_text
 from kreisel.geometry.rotation import Array
-from kreisel.recording.bounds import Budget, check_file, unbz2, unlz4, unzstd
+from kreisel.recording.bounds import Budget, bounded, check_files, unpack, unzstd
 from kreisel.recording.folder import description_beside
 from kreisel.recording.mcap import (
     IMU_TOPIC,
@@ -205,6 +205,12 @@ def _read(path: Path) -> Contents:
     findings: list[Finding] = []
     if files and (mode := _compression(path, findings)) is not None:
         return _read_each(path, files, findings, packed=mode == "message")
+    zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
+    if zipped:
+        with TemporaryDirectory() as folder:
+            with _translated(path, _RECOVER):
+                files = [unpack(file, Path(folder) / file.stem) for file in zipped]
+            return _read_each(path, files, findings, packed=False)
     with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
         return _read_with_rosbags(path)
 
@@ -252,10 +258,10 @@ def _read_with_rosbags(path: Path) -> Contents:
     is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
     messages: dict[tuple[str, str], list[tuple[int, bytes]]] = defaultdict(list)
     counts: dict[tuple[str, str], int] = defaultdict(int)
-    _check_files(path)
+    check_files(path)
     budget = Budget(sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path])))
     with Ros1Reader(path) if is_ros1 else Ros2Reader(path) as reader:
-        unpack = _bounded(reader)
+        unpack = bounded(reader)
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
         wanted = [connection for connection in reader.connections if connection.msgtype in WANTED]
@@ -267,26 +273,6 @@ def _read_with_rosbags(path: Path) -> Contents:
     encoding = "ros1" if is_ros1 else "cdr"
     topics = [in_log_order(*key, encoding, count, messages[key]) for key, count in counts.items()]
     return Contents(path, tuple(topics))
-
-
-def _check_files(folder: Path) -> None:
-    """Raise an error for files of a bag that are too large to be taken out, before the library does so."""
-    if (folder / "metadata.yaml").is_file():
-        read_text(folder / "metadata.yaml", LARGEST_YAML)
-        for file in folder.glob("*.zstd"):
-            check_file(file)
-
-
-def _bounded(reader: Ros1Reader | Ros2Reader) -> Callable[[bytes], bytes]:
-    """Have a library's reader take out no more than may be; return how messages are taken out behind it."""
-    if isinstance(reader, Ros1Reader):
-        out = {decompressors["bz2"]: unbz2, decompressors["lz4"]: unlz4}
-        for place, chunk in reader.chunks.items():
-            reader.chunks[place] = chunk._replace(decompressor=out.get(chunk.decompressor, chunk.decompressor))
-    elif reader.compression_mode == "message":
-        reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
-        return unzstd
-    return bytes
 
 
 def _read_each(path: Path, files: list[Path], said: list[Finding], *, packed: bool) -> Contents:

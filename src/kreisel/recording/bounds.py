@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import bz2
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 
 import lz4.frame
 import zstandard
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag2 import Reader as Ros2Reader
+
+from kreisel.files import LARGEST_YAML, read_text
 
 LARGEST_CHUNK = 1 << 26
 """Bytes of one chunk or message once it is taken out: 64 MiB; recorders write chunks of 1 to 4 MiB."""
@@ -102,13 +107,13 @@ def chunk_content(data: bytes, compression: str, size: int, crc: int) -> bytes:
     return content
 
 
-def check_file(path: Path) -> None:
-    """Raise an error for a zstd file that would become more than it can be, without keeping any of it.
+def unpacked(path: Path) -> Iterator[bytes]:
+    """Yield what a zstd file holds, piece by piece.
 
     Raises
     ------
     TooLargeError
-        If so.
+        Once it is more than such a file can hold.
     """
     left = LARGEST_CHUNK + MOST_TIMES * path.stat().st_size
     with path.open("rb") as file:
@@ -116,4 +121,34 @@ def check_file(path: Path) -> None:
         while part := reader.read(1 << 20):
             left -= len(part)
             if left < 0:
-                raise TooLargeError(f"becomes more than {MOST_TIMES} times as large: more than a real one")
+                raise TooLargeError(f"{path.name} becomes more than {MOST_TIMES} times as large: more than a real one")
+            yield part
+
+
+def unpack(file: Path, target: Path) -> Path:
+    """Return the file that a compressed one is unpacked into."""
+    with target.open("wb") as stream:
+        for part in unpacked(file):
+            stream.write(part)
+    return target
+
+
+def check_files(folder: Path) -> None:
+    """Raise an error for files of a bag that are too large to be taken out, before the library does so."""
+    if (folder / "metadata.yaml").is_file():
+        read_text(folder / "metadata.yaml", LARGEST_YAML)
+        for file in folder.glob("*.zstd"):
+            for _ in unpacked(file):
+                pass
+
+
+def bounded(reader: Ros1Reader | Ros2Reader) -> Callable[[bytes], bytes]:
+    """Have a library's reader take out no more than may be; return how messages are taken out behind it."""
+    if isinstance(reader, Ros1Reader):
+        out = {decompressors["bz2"]: unbz2, decompressors["lz4"]: unlz4}
+        for place, chunk in reader.chunks.items():
+            reader.chunks[place] = chunk._replace(decompressor=out.get(chunk.decompressor, chunk.decompressor))
+    elif reader.compression_mode == "message":
+        reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+        return unzstd
+    return bytes

@@ -12,7 +12,7 @@ import pytest
 import zstandard
 from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import CompressionFormat, CompressionMode
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -138,9 +138,12 @@ def test_a_chunk_of_a_ros_1_bag_that_stands_for_much_is_refused(tmp_path: Path, 
         load_bag(path)
 
 
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE])
-def test_a_compressed_ros_2_bag_that_stands_for_much_is_refused(tmp_path: Path, mode: CompressionMode) -> None:
-    writer = Ros2Writer(tmp_path / "run", version=9)
+def test_a_compressed_ros_2_bag_that_stands_for_much_is_refused(
+    tmp_path: Path, mode: CompressionMode, plugin: StoragePlugin
+) -> None:
+    writer = Ros2Writer(tmp_path / "run", version=9, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         store = get_typestore(Stores.ROS2_HUMBLE)
