@@ -218,6 +218,11 @@ def test_headers_that_say_too_little(header, complaint):
     ("telegram", "complaint"),
     [
         (b'<!DOCTYPE x [<!ENTITY a "b">]><Rob><IPOC>1</IPOC></Rob>', "declaration"),
+        (b"<Rob><!-- --><IPOC>1</IPOC></Rob>", "declaration or comment"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]><Rob><IPOC>1</IPOC></Rob>'.encode("utf-16"), "not UTF-8"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]><Rob><IPOC>1</IPOC></Rob>'.encode("utf-16-le"), "as in UTF-16"),
+        (b'<?xml version="1.0" encoding="UTF-7"?><Rob><IPOC>1</IPOC></Rob>', "stated to be in UTF-7"),
+        (b"<Rob><IPOC>\xb0</IPOC></Rob>", "not UTF-8"),
         (b"<Rob><RIst X='1'/><IPOC>1</IPOC></Rob>", "has no Y, Z, A, B, C"),
         (b"<Rob><RIst X='1' Y='nan' Z='1' A='1' B='1' C='1'/><IPOC>1</IPOC></Rob>", "not finite"),
         (b"<Rob><RIst X='1' Y='2' Z='1' A='1' B='1' C='1'/></Rob>", "IPOC is ''"),

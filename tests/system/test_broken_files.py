@@ -134,7 +134,10 @@ REFUSED: dict[str, tuple[Damage, tuple[str, ...]]] = {
     ),
     "minutes": (line(1, lambda r: r.replace("[ns]", "[min]")), (f"{IMU}, line 1", "[min]", "[ns], [us], [ms], [s]")),
     "ns under s": (line(1, lambda r: r.replace("[ns]", "[s]"), POSE), (POSE, "is the unit right? [ns]")),
-    "ns under us": (line(1, lambda r: r.replace("[ns]", "[us]")), (IMU, "1,000 times too long", "'#timestamp [ns]'")),
+    "ns under us": (
+        line(1, lambda r: r.replace("[ns]", "[us]")),
+        (IMU, "the header says [us], but they look like [ns]", "'#timestamp [ns]'"),
+    ),
     "furlongs": (line(1, lambda r: r.replace("rad s^-1", "furlong")), (f"{IMU}, line 1", "[furlong]", "[deg/s]")),
     "names in another order": (
         line(1, lambda _: "t,ax,ay,az,gx,gy,gz"),

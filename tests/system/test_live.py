@@ -183,7 +183,7 @@ def test_what_comes_twice_or_late_is_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("rubbish", "complaint"),
     [
-        (b"\x00\xff" * 30, "not well-formed"),
+        (b"\x00\xff" * 30, "not UTF-8"),
         (b'<!DOCTYPE a [<!ENTITY b "c">]><Rob/>', "declaration"),
         (b"<Rob>" + b" " * 20_000 + b"</Rob>", "20011 bytes"),
         (b"<Rob><IPOC>12</IPOC></Rob>", "neither RIst nor AIPos"),
@@ -495,6 +495,63 @@ def test_a_port_in_use_is_an_error(tmp_path):
         taken.bind((HOST, 0))
         with pytest.raises(DeviceError, match="cannot listen there"):
             asyncio.run(run(tmp_path, 1, f"rsi://{HOST}:{taken.getsockname()[1]}"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recorder_that_nothing_came_to_removes_what_it_made_alone(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+
+    async def all_of_it():
+        stop = asyncio.Event()
+        asyncio.get_running_loop().call_later(0.3, stop.set)
+        address = parse_address(f"csv://{HOST}:{free_port()}", IMUS)
+        for output in (tmp_path / "run", tmp_path / "new" / "deep" / "run.mcap"):
+            await record(address, None, output, stop=stop)
+
+    asyncio.run(all_of_it())
+    assert [path.name for path in tmp_path.rglob("*")] == ["run", "notes.txt"]
+
+
+def ended(process, after):
+    """Interrupt a recorder once it has said something; return status and the last line it says."""
+    said = ""
+    while after not in said:
+        said = process.stderr.readline()
+        assert said
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=30.0)
+    return process.returncode, (said + rest).splitlines()[-1]
+
+
+def test_a_device_that_is_never_reached_is_a_failure_that_can_be_tried_again(tmp_path):
+    port = free_port()
+    for _ in range(2):
+        status, last = ended(recorder(tmp_path, port), "cannot be reached")
+        assert status == 1
+        assert last.startswith(f"kreisel: no readings came from csv://{HOST}:{port}: cannot be reached (")
+        assert last.endswith("; nothing was recorded")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_what_came_of_the_imu_is_kept_aside_where_no_pose_came(tmp_path):
+    async def all_of_it():
+        port = free_port()
+        found = []
+        async with serving(lines(steady)) as imu_port:
+            for _ in range(2):
+                process = recorder(tmp_path, imu_port, "--robot", f"rtde://{HOST}:{port}")
+                await asyncio.sleep(1.5)
+                found.append(await asyncio.to_thread(ended, process, "cannot be reached"))
+        return port, found
+
+    port, found = asyncio.run(all_of_it())
+    for (status, last), name in zip(found, ("run_partial.mcap", "run_partial_2.mcap"), strict=True):
+        assert status == 1
+        assert f"kreisel: no poses came from rtde://{HOST}:{port}: cannot be reached (" in last
+        assert last.endswith(f"what came is kept in {tmp_path / name}")
+        assert load_bag(tmp_path / name).imu.stamps_ns.size > 50
+    assert {path.name for path in tmp_path.iterdir()} == {"run_partial.mcap", "run_partial_2.mcap"}
 
 
 @pytest.mark.parametrize(

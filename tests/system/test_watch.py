@@ -324,6 +324,27 @@ def test_strangers_are_kept_out(small, tmp_path):
         assert "<title>kreisel" in urlopen(f"http://127.0.0.1:{port}/?token={token}").read().decode()
 
 
+def test_other_pages_are_kept_out(small, tmp_path):
+    """Of a page served from another port, by another scheme, or in a sandbox, whose origin is null."""
+    sync = pytest.importorskip("websockets.sync.client")
+    exceptions = pytest.importorskip("websockets.exceptions")
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 2)[0])
+    with page(file) as url:
+        url = url.rstrip("/")
+        port = int(url.rpartition(":")[2])
+        assert "<title>kreisel" in urlopen(Request(url, headers={"Origin": url})).read().decode()
+        with sync.connect(f"{url.replace('http', 'ws')}/live", origin=url) as own:
+            assert json.loads(own.recv())["kind"] == "imu"
+        others = ("null", "", f"https://127.0.0.1:{port}", f"http://localhost:{port}", f"http://127.0.0.1:{port + 1}",
+                  "http://127.0.0.1", f"ftp://127.0.0.1:{port}", f"//127.0.0.1:{port}", f"{url}/")  # fmt: skip
+        for origin in others:
+            with pytest.raises(HTTPError, match="403"):
+                urlopen(Request(url, headers={"Origin": origin}))
+            with pytest.raises(exceptions.InvalidStatus, match="403"):
+                sync.connect(f"{url.replace('http', 'ws')}/live", additional_headers={"Origin": origin})
+
+
 def test_watch_prints_lines_and_ends_with_the_recording(small, tmp_path):
     file = tmp_path / "done.mcap"
     file.write_bytes(chunks(small, 2)[-1])

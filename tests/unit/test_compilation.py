@@ -1,5 +1,6 @@
 """Where compiled kernels are kept: what was asked for, else the user's cache, else a place that can be written."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -39,7 +40,65 @@ def test_without_a_place_in_the_users_cache_another_is_found(elsewhere, tmp_path
     monkeypatch.setattr(compilation.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     assert compilation.cache_folder().is_relative_to(tmp_path / "temporary")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "user"))
-    assert compilation.cache_folder() is None
+    with pytest.warns(RuntimeWarning, match="are not kept"):
+        assert compilation.cache_folder() is None
+
+
+def refusal():
+    """Return what is said where no folder is taken."""
+    with pytest.warns(RuntimeWarning) as said:
+        assert compilation.cache_folder() is None
+    return str(said[0].message)
+
+
+def test_the_folder_is_made_for_its_user_alone(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "new" / "asked"))
+    before = os.umask(0)
+    try:
+        folder = compilation.cache_folder()
+    finally:
+        os.umask(before)
+    assert [path.stat().st_mode & 0o777 for path in (folder, folder.parent, folder.parent.parent)] == 3 * [0o700]
+
+
+@pytest.mark.parametrize("mode", [0o755, 0o770, 0o1777])
+def test_a_folder_that_others_may_use_is_never_read(elsewhere, tmp_path, monkeypatch, mode):
+    """What numba keeps is run as code when it is read."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "asked"))
+    compilation.cache_folder().chmod(mode)
+    assert f"has mode {mode & 0o777:o}, expected 700" in refusal()
+
+
+def test_a_folder_of_another_user_is_never_read(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "asked"))
+    assert compilation.cache_folder() is not None
+    monkeypatch.setattr(compilation.os, "geteuid", lambda: os.getuid() + 1)
+    assert f"belongs to user {os.getuid()}, expected {os.getuid() + 1}" in refusal()
+
+
+def test_a_link_to_a_folder_is_never_read(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "asked"))
+    folder = compilation.cache_folder()
+    folder.rename(tmp_path / "aside")
+    folder.symlink_to(tmp_path / "aside")
+    assert "is a link or a file" in refusal()
+
+
+def test_a_folder_that_others_may_replace_is_never_read(elsewhere, tmp_path, monkeypatch):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(shared / "asked"))
+    shared.chmod(0o777)
+    assert f"{shared} is writable by others (mode 777)" in refusal()
+    shared.chmod(0o1777)  # as /tmp: only who owns a folder may move it
+    assert compilation.cache_folder().parent == shared / "asked"
+
+
+def test_another_place_is_taken_silently_where_there_is_one(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setattr(compilation.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
+    assert compilation.cache_folder().is_relative_to(tmp_path / "user")
+    (tmp_path / "user").chmod(0o775)
+    assert compilation.cache_folder().is_relative_to(tmp_path / "temporary")
 
 
 def test_a_user_without_name_and_home_has_a_place(elsewhere, tmp_path, monkeypatch):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import stat
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -30,24 +33,80 @@ def reassociating_kernel(function: F) -> F:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder compiled kernels are kept in, or None where none can be written.
+    """Return the folder compiled kernels are kept in, or None, with a warning, where there is no safe one.
 
     It lies in `NUMBA_CACHE_DIR` or else in the user's cache. Its name tells the kernels' source: a kernel is
     compiled together with those it calls, so a change to any of them makes all of them anew.
+
+    What is read from it is run as code. So it must be the user's own with mode 0700, and nobody else may be able to
+    put another folder in its place.
     """
     source = hashlib.sha256()
     for file in sorted(Path(__file__).parent.glob("*.py")):
         source.update(file.read_bytes())
     name = f"kreisel-kernels-{source.hexdigest()[:16]}"
+    refused = []
     for parent in _parents():
-        folder = parent / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
+            folder = _own_folder(parent, name)
+        except OSError as error:
+            refused.append(f"{parent / name}: {error.strerror or error}")
             continue
         if os.access(folder, os.W_OK):
             return folder
+        refused.append(f"{folder}: not writable")
+    warnings.warn(
+        f"compiled kernels are not kept, so every process takes half a minute to compile them ({'; '.join(refused)}); "
+        "set NUMBA_CACHE_DIR to a folder of your own in a place that nobody else can write to",
+        RuntimeWarning,
+        stacklevel=2,
+    )
     return None
+
+
+def _own_folder(parent: Path, name: str) -> Path:
+    """Return a folder with mode 0700, made where it is not there yet.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, is not the user's own, or others may read it, write to it or replace it.
+    """
+    _make(parent)
+    parent = parent.resolve(strict=True)
+    folder = parent / name
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    if not hasattr(os, "getuid"):
+        return folder
+    _check_own(folder)
+    root = Path(folder.anchor).stat().st_uid  # in a container's user namespace not 0
+    for above in (parent, *parent.parents):
+        facts = above.stat()
+        if facts.st_uid not in (0, os.geteuid(), root):
+            raise PermissionError(errno.EPERM, f"{above} belongs to user {facts.st_uid}")
+        if facts.st_mode & 0o022 and not facts.st_mode & stat.S_ISVTX:
+            raise PermissionError(errno.EPERM, f"{above} is writable by others (mode {stat.S_IMODE(facts.st_mode):o})")
+    return folder
+
+
+def _make(folder: Path) -> None:
+    """Make a folder and those above it, each with mode 0700."""
+    if folder.is_dir():
+        return
+    _make(folder.parent)
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+
+
+def _check_own(folder: Path) -> None:
+    facts = folder.lstat()
+    if not stat.S_ISDIR(facts.st_mode):
+        raise NotADirectoryError(errno.ENOTDIR, "is a link or a file, expected a folder")
+    if facts.st_uid != os.geteuid():
+        raise PermissionError(errno.EPERM, f"belongs to user {facts.st_uid}, expected {os.geteuid()}")
+    if facts.st_mode & 0o777 != 0o700:
+        raise PermissionError(errno.EPERM, f"has mode {facts.st_mode & 0o777:o}, expected 700: delete it")
 
 
 def _parents() -> list[Path]:

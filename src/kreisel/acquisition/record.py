@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -15,7 +17,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.drivers import events
 from kreisel.devices.events import Arrival, Event, Level
 from kreisel.devices.replay import REPLAY
-from kreisel.errors import RecordingError
+from kreisel.errors import DeviceError, KreiselError, RecordingError
 from kreisel.protocols import ImuSample, RobotSample
 from kreisel.recording.mcap import INFO, RECORDED, WARN, McapWriter
 from kreisel.recording.settings import RecordingSettings
@@ -72,6 +74,15 @@ class Status:
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     written: int = 0
+
+    @property
+    def empty(self) -> bool:
+        """Whether no reading has come in of any device."""
+        return not self.imu.count and not self.robot.count
+
+    def complete(self, *, with_robot: bool) -> bool:
+        """Return whether readings have come in of every device that is recorded."""
+        return self.imu.count > 0 and (self.robot.count > 0 or not with_robot)
 
 
 Show = Callable[[Status], None]
@@ -162,7 +173,8 @@ async def record(
 ) -> Status:
     """Record until so many seconds have passed since readings of all devices come in, or until told to stop.
 
-    Where recordings are played in the place of devices, it also ends with them.
+    Where recordings are played in the place of devices, it also ends with them. A file without any reading is removed,
+    so that it can be tried again.
 
     Parameters
     ----------
@@ -178,18 +190,19 @@ async def record(
     RecordingError
         If the file exists or cannot be written, what was recorded before is kept; or if one to be played cannot be.
     SettingsError, DeviceError
-        If an address makes no sense, or is not free to listen on.
+        If an address makes no sense, or is not free to listen on; what came of another device before is kept.
     """
-    file = output if output.suffix == ".mcap" else output / RECORDED
-    if file.exists():
-        raise RecordingError("exists already; delete it, or give another name", file=file)
+    place = Place.of(output)
+    if place.file.exists():
+        raise RecordingError("exists already; delete it, or give another name", file=place.file)
     addresses = [address for address in (imu, robot) if address is not None]
     sources = [events(address) for address in addresses]
     stop = stop or asyncio.Event()
     queue: asyncio.Queue[tuple[str, Event]] = asyncio.Queue(_QUEUE)
+    recorder: Recorder | None = None
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("xb") as stream:
+        place.file.parent.mkdir(parents=True, exist_ok=True)
+        with place.file.open("xb") as stream:
             recorder = Recorder(stream, settings or RecordingSettings(), urdf, time.time_ns(), time.monotonic_ns())
             feeding = [
                 asyncio.create_task(_feed(str(address), source, queue))
@@ -198,6 +211,9 @@ async def record(
             ending = [task for task, address in zip(feeding, addresses, strict=True) if address.scheme == REPLAY]
             try:
                 await _write(recorder, queue, feeding, ending, stop, seconds, robot is not None, show, observe)
+            except KreiselError:
+                recorder.finish()  # what came before is whole
+                raise
             finally:
                 for task in feeding:
                     task.cancel()
@@ -206,12 +222,60 @@ async def record(
             if show is not None:
                 show(recorder.status)
     except OSError as error:
+        if recorder is None or recorder.status.empty:
+            raise RecordingError(f"cannot be written: {error.strerror or error}", file=place.file) from error
         raise RecordingError(
             f"cannot be written any more ({error.strerror or error}); what was recorded before is kept: "
-            f"`kreisel recover {file}` makes it whole",
-            file=file,
+            f"`kreisel recover {place.file}` makes it whole",
+            file=place.file,
         ) from error
+    except KreiselError as error:
+        if recorder is None or recorder.status.empty or recorder.status.complete(with_robot=robot is not None):
+            raise
+        raise DeviceError(f"{error}; {place.kept_aside()}") from error
+    finally:
+        if recorder is not None and recorder.status.empty:
+            place.clear()
     return recorder.status
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a recording is made: the path the user gave, the file, and the folders that are made for it."""
+
+    output: Path
+    file: Path
+    made: tuple[Path, ...]
+
+    @classmethod
+    def of(cls, output: Path) -> Place:
+        """Return the place of a recording before it is begun: an .mcap file, or a folder in which one is made."""
+        file = output if output.suffix == ".mcap" else output / RECORDED
+        return cls(output, file, tuple(folder for folder in file.parents if not folder.exists()))
+
+    def clear(self) -> None:
+        """Remove a file without readings and the folders made for it, so that they do not stand in the way."""
+        with suppress(OSError):
+            self.file.unlink()
+            for folder in self.made:
+                folder.rmdir()
+
+    def kept_aside(self) -> str:
+        """Move a file of only one device beside the place, so that it does not stand in the way; say where it is."""
+        whole = self.output.absolute()
+        name = whole.stem if whole.suffix == ".mcap" else whole.name
+        number = itertools.count(2)
+        aside = whole.with_name(f"{name}_partial.mcap")
+        while aside.exists():
+            aside = whole.with_name(f"{name}_partial_{next(number)}.mcap")
+        try:
+            self.file.rename(aside)
+        except OSError:
+            return f"what came is kept in {self.file}"
+        with suppress(OSError):
+            for folder in self.made:
+                folder.rmdir()
+        return f"what came is kept in {aside}"
 
 
 async def _feed(name: str, source: object, queue: asyncio.Queue[tuple[str, Event]]) -> None:

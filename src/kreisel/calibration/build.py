@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.first_values import USUAL_SD, nominal_parameters, starting_point, stated_prior
-from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS
+from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.calibration.problem import MIN_UPDATES, PoseError, Problem, build_layout, schedule
 from kreisel.calibration.robot_errors import ANGLE_SD, LENGTH_SD
 from kreisel.calibration.settings import CalibrationSettings
@@ -37,6 +37,21 @@ def _frame_sd(preparation: Preparation) -> tuple[float, float]:
         _HALF_A_CHAIN * (LENGTH_SD if length is None else length),
         _HALF_A_CHAIN * (ANGLE_SD if angle is None else angle),
     )
+
+
+def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
+    """Return the first values with those the user holds groups at."""
+    if not settings.held_at:
+        return start
+    stored = {group: start.stored(group) for group in GROUPS}
+    for group in settings.fixed:
+        value = settings.value_of(group)
+        if value is not None:
+            stored[group] = value
+            if group == "time_offset":  # between stamps, as in the result; here between first IMU sample and first pose
+                first = int(preparation.recording.imu.stamps_ns[0]), int(preparation.reference.stamps_ns[0])
+                stored[group] = value - Clock(0.0).offset(*first)
+    return CellParameters.from_stored(stored)
 
 
 def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
@@ -71,6 +86,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     skewed = fit.skewed if settings.skew is None else settings.skew
     if not skewed:
         start = replace(start, skew=0.0)
+    start = _with_held_values(start, preparation, settings)
     kind = preparation.recording.settings.reference.kind or "robot"
     interval = settings.update_interval or INTERVALS[kind]
     tau = reference.seconds

@@ -23,6 +23,7 @@ from kreisel.calibration.result import FORMULA, FRAMES, SCHEMA
 from kreisel.calibration.robot_errors import NOT_SEPARABLE, PoseAccuracy, expected_accuracy, shift
 from kreisel.calibration.run import Estimate
 from kreisel.calibration.setup import Preparation
+from kreisel.calibration.summary import summarise
 from kreisel.calibration.verdict import Consistency, Verdict
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
@@ -96,6 +97,7 @@ def document(
         },
         "verdict": {
             "accepted": verdict.accepted,
+            "summary": summarise(verdict, seen.unobservable).text,
             "reasons": list(verdict.reasons),
             "unobservable": list(seen.unobservable),
         },

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from kreisel.errors import SettingsError
 from kreisel.estimation.state import Part
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
@@ -193,6 +196,65 @@ def group_part(group: str, order: int, joints: int = 0) -> Part:
         "robot_compliance": joints,
     }
     return Part(group, degrees.get(group, 3), rotation=group == "alignment")
+
+
+_LIMITS = {"gravity": (9.7, 9.9), "time_skew": (-0.02, 0.02)}
+
+
+def _shapes(order: int) -> dict[str, tuple[int, ...]]:
+    """Return the shape in the result file of every group that may be given a value."""
+    return {
+        "gyro_cross_coupling": (3, 3), "gyro_offset": (3,), "gyro_polynomial": (order - 1, 3),
+        "accel_cross_coupling": (3, 3), "accel_offset": (3,), "accel_polynomial": (order - 1, 3),
+        "lever_arms": (3, 3), "gravity": (), "time_offset": (), "time_skew": (),
+    }  # fmt: skip
+
+
+def shaped(group: str, value: Sequence[float], order: int) -> Array:
+    """Return a flat value of a group in its own shape, as it is where it has another size."""
+    flat, shape = np.array(value, dtype=float), _shapes(order).get(group, (-1,))
+    return flat.reshape(shape) if flat.size == math.prod(shape) else flat
+
+
+def held_value(group: str, value: object, order: int) -> Array:
+    """Return a value that a group is to be held at as it is stored, flat.
+
+    Parameters
+    ----------
+    value
+        SI, in the shape the group has in the result file; that is known, or so near that nothing is to be estimated.
+    order
+        Of the sensor polynomials.
+
+    Raises
+    ------
+    SettingsError
+        If the group has no value of its own, or the value is of another shape or impossible.
+    """
+    shapes = _shapes(order)
+    if group not in shapes:
+        raise SettingsError(
+            f"fixed['{group}'] cannot be given a value; fix it without one, or give values of {', '.join(shapes)}"
+        )
+    try:
+        out = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"fixed['{group}'] is not an array of numbers: {error}") from error
+    if out.shape != shapes[group] or not out.size:
+        hint = ", for which polynomial_order must be 2 or more" if group.endswith("polynomial") and order == 1 else ""
+        raise SettingsError(f"fixed['{group}'] has the shape {out.shape}, expected {shapes[group]}{hint}")
+    low, high = _LIMITS.get(group, (-np.inf, np.inf))
+    if not (np.isfinite(out) & (low <= out) & (out <= high)).all():
+        expected = f"{low:g} to {high:g}" if group in _LIMITS else "finite numbers"
+        raise SettingsError(f"fixed['{group}'] = {out.tolist()}; expected {expected}, in SI")
+    if group.endswith("cross_coupling"):
+        stretch = np.linalg.svd(out, compute_uv=False)
+        if stretch[0] > 2.0 or stretch[-1] < 0.5:
+            raise SettingsError(
+                f"fixed['{group}'] stretches readings by {stretch[-1]:.3g} to {stretch[0]:.3g}, expected about 1: a "
+                "cross-coupling matrix takes readings in SI to true values"
+            )
+    return out.ravel()
 
 
 def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ LARGEST_SCALE = 1.06
 """Factor between the positions and what the accelerometers feel, gravity being their measure, that is let pass."""
 
 _LENGTHS = {"mm": 1e3, "cm": 100.0, "in": 39.37, "ft": 3.281, "km": 1e-3}
-_RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0}
+_RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0, "rad s^-1": 1.0 / 57.2958}
 
 
 def check_first_values(preparation: Preparation) -> None:
@@ -56,13 +56,15 @@ def check_first_values(preparation: Preparation) -> None:
 
 
 def _check_gyros(preparation: Preparation) -> None:
-    source, fit = preparation.recording.imu.source, preparation.rate_fit
+    imu, fit = preparation.recording.imu, preparation.rate_fit
+    source = imu.source
     line = 1 if is_table(source) else None
     size = float(np.cbrt(abs(np.linalg.det(fit.K_omega))))
     for unit, factor in _RATES.items():
-        if 0.7 < size * factor < 1.4:
-            raise wrong_unit(source, f"the gyros read {1.0 / size:.1f} times the reference's rates", unit, "rad/s")
-    interval = preparation.recording.imu.interval
+        if 0.7 < size * factor < 1.4 and (factor > 1.0 or imu.units.rate is not None):
+            said = f"the gyros read {1.0 / size:.3g} times the reference's rates"
+            raise wrong_unit(imu, said, "rate", 1.0 / factor, unit)
+    interval = imu.interval
     if 0.7 < size * interval < 1.4:
         raise RecordingError(
             f"the gyros read {1.0 / size:.3g} times the reference's rates: they look like angles per sample; "
@@ -192,7 +194,5 @@ def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
     evidence = f"the positions move {scale:.4g} times as far as the accelerometers feel"
     for unit, factor in _LENGTHS.items():
         if 0.8 < scale / factor < 1.25:
-            if unit in ("mm", "cm"):
-                raise wrong_unit(reference.source, evidence, unit, "m")
-            raise RecordingError(f"{evidence}: they look like [{unit}]; convert them to m", file=reference.source)
+            raise wrong_unit(reference, evidence, "length", 1.0 / factor, unit)
     raise RecordingError(f"{evidence}, expected 1; check their unit and scale", file=reference.source)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from kreisel.calibration.arguments import elapsed_seconds, triads
 from kreisel.errors import RecordingError
+from kreisel.files import LARGEST_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import (
     FORMULA,
@@ -22,6 +26,12 @@ from kreisel.inertial.sensor_model import (
 from kreisel.inertial.strapdown import SensorColumns, prepare
 
 SCHEMA = "kreisel/calibration/1"
+
+RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
+"""Files of a result, which are of one recording."""
+
+_MOST_ENTRIES = 100_000
+_LARGEST_ARRAYS = 1 << 26
 
 FRAMES = (
     "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
@@ -72,7 +82,7 @@ class Calibration:
         """Form of the eccentricity term the parameters belong to."""
         return SizeEffect(self.document["estimator"].get("size_effect", SizeEffect.COMPLETED.value))
 
-    def correct(self, rates: Array, accelerations: Array, timestamps: Array) -> tuple[Array, Array]:
+    def correct(self, rates: ArrayLike, accelerations: ArrayLike, timestamps: ArrayLike) -> tuple[Array, Array]:
         """Return angular rate and specific force of b, (n, 3) each, from raw readings.
 
         Parameters
@@ -80,20 +90,35 @@ class Calibration:
         rates, accelerations : (n, 3)
             Raw readings, rad/s and m/s^2.
         timestamps : (n,)
-            Seconds, ascending; the lever arms need the rate's derivative.
+            Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, taken exactly; floats are
+            seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
+
+        Raises
+        ------
+        RecordingError
+            If an argument is of another shape, not finite, or timestamps do not ascend or are in another unit; the
+            message begins with its name.
         """
-        stamps = np.asarray(timestamps, dtype=float)
-        raw, a = np.asarray(rates, dtype=float), np.asarray(accelerations, dtype=float)
+        raw, a = triads(rates, "rates"), triads(accelerations, "accelerations")
+        if len(a) != len(raw):
+            raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
+        seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         sensors = self.sensors
-        signal = prepare(stamps - stamps[0], raw, a, order=sensors.k_w.shape[0])
+        signal = prepare(seconds, raw, a, order=sensors.k_w.shape[0])
         columns = SensorColumns.single(sensors, self.size_effect)
         omega, alpha = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.slopes))
         return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:
-        """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.
+
+        They take the place of an earlier result with its report, all together; other files there are kept.
+        """
+        with replaced_together(Path(folder), RESULT_FILES) as writing:
+            self.write(writing)
+
+    def write(self, folder: Path) -> None:
+        """Write the files of `save` into an empty folder."""
         yaml = YAML()
         yaml.default_flow_style = None
         yaml.width = 120
@@ -105,10 +130,8 @@ class Calibration:
             covariance=self.covariance,
             prior_deviation=self.prior_deviation,
         )
-        calibrated = folder / "robot_calibrated.urdf"
-        calibrated.unlink(missing_ok=True)  # of an earlier result
         if self.robot_urdf is not None:
-            calibrated.write_text(self.robot_urdf, encoding="utf-8")
+            (folder / "robot_calibrated.urdf").write_text(self.robot_urdf, encoding="utf-8")
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
         np.savetxt(
             folder / "estimates.csv",
@@ -131,17 +154,22 @@ class Calibration:
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
         try:
-            document = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+            finish_replacing(file.parent, RESULT_FILES)
+            document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
         except OSError as error:
             raise RecordingError(
-                "no calibration.yaml there; give a result folder of `kreisel calibrate`", file=file
+                f"cannot be read ({error.strerror}); give a result folder of `kreisel calibrate`, or its "
+                "calibration.yaml",
+                file=file,
             ) from error
-        except (YAMLError, UnicodeDecodeError) as error:
+        except (YAMLError, UnicodeDecodeError, RecursionError) as error:
             raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             found = document.get("schema") if isinstance(document, dict) else None
-            raise RecordingError(f"schema is {found!r}, expected '{SCHEMA}'", file=file)
+            named = f"'{found[:60]}'" if isinstance(found, str) else f"of type {type(found).__name__}"
+            raise RecordingError(f"schema is {named}, expected '{SCHEMA}'", file=file)
         try:
+            _check_entries(document)
             sensor_parameters(document)
         except (KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
@@ -149,10 +177,36 @@ class Calibration:
         names: tuple[str, ...] = ()
         covariance, prior = np.zeros((0, 0)), np.zeros(0)
         if extra.is_file():
+            _check_size(extra)
             with np.load(extra) as data:
                 names = tuple(str(name) for name in data["names"])
                 covariance, prior = data["covariance"], data["prior_deviation"]
         return cls(document, names, covariance, prior, np.zeros((0, 1 + 2 * len(names))))
+
+
+def _check_size(archive: Path) -> None:
+    """Raise an error for arrays that are far larger than those of a result, before they are read."""
+    try:
+        with zipfile.ZipFile(archive) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+    except zipfile.BadZipFile as error:
+        raise RecordingError(f"not an archive of arrays ({error}); copy the result again", file=archive) from error
+    if size > _LARGEST_ARRAYS:
+        raise RecordingError(
+            f"arrays of {size} bytes, expected {_LARGEST_ARRAYS} at most; copy the result again", file=archive
+        )
+
+
+def _check_entries(document: object) -> None:
+    """Raise an error for more entries than a result can have: references to others may stand for any number."""
+    waiting, count = [document], 0
+    while waiting:
+        entry = waiting.pop()
+        parts = list(entry.values() if isinstance(entry, dict) else entry) if isinstance(entry, dict | list) else []
+        waiting += parts
+        count += len(parts)
+        if count > _MOST_ENTRIES:
+            raise ValueError(f"more than {_MOST_ENTRIES} entries")
 
 
 def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
@@ -179,4 +233,4 @@ def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
     )
 
 
-__all__ = ["FORMULA", "FRAMES", "SCHEMA", "Calibration", "sensor_parameters"]
+__all__ = ["FORMULA", "FRAMES", "RESULT_FILES", "SCHEMA", "Calibration", "sensor_parameters"]

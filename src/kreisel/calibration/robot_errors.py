@@ -12,10 +12,12 @@ import numpy as np
 
 from kreisel.calibration.parameters import RobotParameters
 from kreisel.errors import RobotError
-from kreisel.geometry.rotation import Array, Indices, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.recording import Finding, Recording, ReferencePoses
+from kreisel.recording.joint_checks import angles_at, distance, in_degrees, near
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm, parse_arm
+from kreisel.units import DEG
 
 LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
 """m and rad; how far a joint's placement is from the model, where the user does not say."""
@@ -26,9 +28,6 @@ _SAG_SD = 5e-4
 
 _MOST_WITHOUT = 0.01
 """Share of poses that may lie beyond the joint angles' ends."""
-
-_ANOTHER_FRAME = (5e-3, 5e-3)
-"""m and rad; reported poses this far from the nominal kinematics use another base or tool frame."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +99,13 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     if float(without.mean()) > _MOST_WITHOUT:
         said = f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles"
         return None, [Finding("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
-    angles = joints.angles
-    if not np.array_equal(stamps, joints.stamps_ns):
-        angles = np.column_stack([np.interp(stamps, joints.stamps_ns, column) for column in joints.angles.T])
-    far = _mismatch(arm, angles, reference)
-    if any(d > limit for d, limit in zip(far, _ANOTHER_FRAME, strict=True)):
+    findings: list[Finding] = []
+    angles = angles_at(joints, stamps)
+    far = distance(arm, angles, reference)
+    if not near(far) and near(distance(arm, DEG * angles, reference)):
+        joints, findings = in_degrees(joints)
+        angles = angles_at(joints, stamps)
+    elif not near(far):
         return None, [
             Finding(
                 "robot",
@@ -122,19 +123,7 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
         "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
     }
-    return RobotModel(arm, angles, covariance), []
-
-
-def _mismatch(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float, float]:
-    """Return the median distance of reported poses from the nominal kinematics, m and rad."""
-    some = slice(None, None, max(1, len(angles) // 500))
-    p, q = kinematics.poses(arm, angles[some])
-    apart, turned = 0.0, 0.0
-    if reference.positions is not None:
-        apart = float(np.median(np.linalg.norm(p - reference.positions[some], axis=1)))
-    if reference.quaternions is not None:
-        turned = float(np.median(np.linalg.norm(log(multiply(conjugate(q), reference.quaternions[some])), axis=1)))
-    return apart, turned
+    return RobotModel(arm, angles, covariance), findings
 
 
 NOT_SEPARABLE = 0.9

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from kreisel.calibration.parameters import GROUPS
+import numpy as np
+
+from kreisel.calibration.parameters import GROUPS, held_value, shaped
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.estimation.sigma_points import WEIGHTS
+from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SizeEffect
 
 ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
@@ -31,7 +36,12 @@ class CalibrationSettings:
     polynomial_order
         N of equations (1) and (2); 1 is offset and scale, 2 adds a quadratic term.
     fixed
-        Groups of parameters that are not estimated.
+        Groups of parameters that are not estimated: their names, or a mapping of names to the values they are held
+        at, in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
+        offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset` and
+        `time_skew`. A group without value, or with None, is held at its first value.
+    held_at
+        What `fixed` said of values, as flat tuples; filled from it.
     estimated
         Groups of `BY_CHOICE` that are estimated too.
     skew
@@ -46,11 +56,12 @@ class CalibrationSettings:
     sigma_points: str | None = None
     update_interval: float | None = None
     polynomial_order: int = 1
-    fixed: tuple[str, ...] = ()
-    estimated: tuple[str, ...] = ()
+    fixed: Collection[str] | Mapping[str, Any] = ()
+    estimated: Collection[str] = ()
     skew: bool | None = None
     size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
     passes: int | None = None
+    held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
@@ -60,20 +71,41 @@ class CalibrationSettings:
         if self.size_effect not in list(SizeEffect):
             raise SettingsError(unknown_name("size effect", str(self.size_effect), [form.value for form in SizeEffect]))
         object.__setattr__(self, "size_effect", SizeEffect(self.size_effect))
-        for group in self.fixed:
-            if group not in GROUPS:
-                raise SettingsError(unknown_name("group", group, GROUPS))
-        for group in self.estimated:
-            if group not in BY_CHOICE:
-                raise SettingsError(unknown_name("group that is estimated by choice", group, BY_CHOICE))
         if not 1 <= self.polynomial_order <= 5:
             raise SettingsError(f"polynomial order {self.polynomial_order}; expected 1 to 5")
         if self.update_interval is not None and not 0.005 <= self.update_interval <= 10.0:
             raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
         if self.passes is not None and not 1 <= self.passes <= 10:
             raise SettingsError(f"{self.passes} passes; expected 1 to 10")
+        self._check_groups()
+
+    def _check_groups(self) -> None:
+        values: dict[str, Any] = {group: shaped(group, value, self.polynomial_order) for group, value in self.held_at}
+        if isinstance(self.fixed, Mapping):
+            values |= {group: value for group, value in self.fixed.items() if value is not None}
+        object.__setattr__(self, "fixed", _names(self.fixed, "fixed", "group", GROUPS))
+        chosen = _names(self.estimated, "estimated", "group that is estimated by choice", BY_CHOICE)
+        object.__setattr__(self, "estimated", chosen)
+        held = [(g, held_value(g, values[g], self.polynomial_order)) for g in self.fixed if g in values]
+        object.__setattr__(self, "held_at", tuple((group, tuple(value.tolist())) for group, value in held))
+
+    def value_of(self, group: str) -> Array | None:
+        """Return the value a group is held at, as a flat array; None where none was given."""
+        value = dict(self.held_at).get(group)
+        return None if value is None else np.array(value)
 
     @property
     def weights(self) -> str:
         """Name of the sigma points' weights."""
         return self.sigma_points or ESTIMATORS[self.estimator]
+
+
+def _names(given: object, argument: str, kind: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Return names of groups, each once; one name alone is no collection of letters."""
+    names = (given,) if isinstance(given, str) else given
+    if not isinstance(names, Iterable):
+        raise SettingsError(f"{argument} = {given!r}; expected names of groups: {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise SettingsError(unknown_name(kind, str(name), known))
+    return tuple(dict.fromkeys(names))

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.calibration.calibrate import Outcome, run_calibration
 from kreisel.calibration.filter_run import FilterRun, named, run_filter, stored_state
 from kreisel.calibration.halves import part_of, run_part
-from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.parameters import GROUPS, SENSOR_GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
 from kreisel.calibration.run import Estimate
 from kreisel.estimation.state import StateLayout
@@ -92,7 +92,10 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
         accelerations=(imu.accelerations + errors.accel_offset) * (1.0 + errors.accel_scale),
     )
     problem, base = outcome.estimate.problem, outcome.estimate.run.parameters
-    again = run_calibration(replace(outcome.recording, imu=changed), problem.settings, progress)
+    injected = replace(base, sensors=errors.apply(base.sensors))
+    known = {g: tuple(injected.stored(g).tolist()) if g in SENSOR_GROUPS else v for g, v in problem.settings.held_at}
+    settings = replace(problem.settings, held_at=tuple(known.items()))  # what is known changes with the readings
+    again = run_calibration(replace(outcome.recording, imu=changed), settings, progress)
     n = len(problem.parameter_names)
     zero = stored_state(problem, base)
 
@@ -101,7 +104,7 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
 
     return Injection(
         problem.parameter_names,
-        moved(replace(base, sensors=errors.apply(base.sensors))),
+        moved(injected),
         moved(again.estimate.run.parameters),
         outcome.estimate.run.belief.standard_deviation[:n],
     )

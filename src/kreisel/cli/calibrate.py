@@ -77,10 +77,13 @@ def _save(
     cross: CrossValidation | None,
     injection: Injection | None,
 ) -> None:
+    from kreisel.calibration.result import RESULT_FILES
+    from kreisel.files import replaced_together
     from kreisel.report import write_report
 
-    outcome.calibration.save(output)
-    write_report(outcome, output / "report.html", cross=cross, injection=injection)
+    with replaced_together(output, RESULT_FILES) as writing:
+        outcome.calibration.write(writing)
+        write_report(outcome, writing / "report.html", cross=cross, injection=injection)
 
 
 def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, as_json: bool) -> None:

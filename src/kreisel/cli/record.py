@@ -12,7 +12,8 @@ from kreisel.cli.watch import DASHBOARD, PORT, page_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kreisel.acquisition.record import Status
+    from kreisel.acquisition.record import Place, Status
+    from kreisel.devices.address import Address
     from kreisel.recording.settings import RecordingSettings
 
 
@@ -39,6 +40,7 @@ def record(
     import signal
     import sys
 
+    from kreisel.acquisition.record import Place
     from kreisel.acquisition.record import record as record_streams
     from kreisel.devices.address import IMUS, ROBOTS, parse_address
     from kreisel.recording.settings import RecordingSettings, read_settings
@@ -57,10 +59,12 @@ def record(
             of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()
         )
 
+    place = Place.of(output)
     with page_of(output, port, wanted=dashboard):
         status = asyncio.run(until_told())
     if sys.stderr.isatty():
         typer.echo(err=True)
+    _check_complete(status, of_imu, of_robot, place)
     poses = f", {status.robot.count} poses at {status.robot.rate:.1f} Hz" if robot is not None else ""
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples at {status.imu.rate:.1f} Hz{poses}; missing "
@@ -68,6 +72,28 @@ def record(
         f"next: kreisel calibrate {output} -o OUT"
     )
     _check_settings(known, status)
+
+
+def _check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:
+    """Raise an error if no reading came of a device; what came of the other one is kept aside.
+
+    Raises
+    ------
+    DeviceError
+        With what was last said of the device.
+    """
+    from kreisel.errors import DeviceError
+
+    if status.complete(with_robot=robot is not None):
+        return
+    counts = ((imu, "readings", status.imu.count), (robot, "poses", status.robot.count))
+    missing = [(address, what) for address, what, count in counts if address is not None and not count]
+    said = []
+    for address, what in missing:
+        notes = [note.removeprefix(f"{address}: ") for note in status.notes if note.startswith(f"{address}: ")]
+        said.append(f"no {what} came from {address}{f': {notes[-1]}' if notes else ''}".removesuffix("; trying again"))
+    kept = "nothing was recorded" if status.empty else place.kept_aside()
+    raise DeviceError(f"{'; '.join(said)}; {kept}")
 
 
 def _check_settings(known: RecordingSettings, status: Status) -> None:
@@ -81,9 +107,10 @@ def _check_settings(known: RecordingSettings, status: Status) -> None:
 
 def _description(path: Path) -> str:
     from kreisel.errors import SettingsError
+    from kreisel.files import read_text
 
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path}: cannot be read as a robot's description: {error}") from error
 

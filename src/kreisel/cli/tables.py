@@ -31,10 +31,12 @@ def _console() -> Console:
 
 
 def _pair(value: float, deviation: float) -> str:
-    """Return a value with its standard deviation, rounded to two digits of the latter."""
+    """Return a value with its standard deviation, rounded to two digits of the latter; without one it was held."""
     from math import floor, log10
 
-    digits = 2 if deviation <= 0.0 else max(0, min(6, 1 - floor(log10(deviation))))
+    if not deviation > 0.0:
+        return f"held at {value:.6g}"
+    digits = max(0, min(6, 1 - floor(log10(deviation))))
     return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
@@ -50,17 +52,22 @@ def print_result(outcome: Outcome) -> None:
     derived, deviations = document["derived"], document["standard_deviation"]["derived"]
     for title, key, unit, _ in _ROWS:
         table.add_row(title, unit, *(_pair(v, s) for v, s in zip(derived[key], deviations[key], strict=True)))
+    held = {*document["estimator"]["fixed"], *document["estimator"]["held"]}
     for j, axis in enumerate("xyz"):
         arms = document["accelerometer"]["lever_arms"][j]
         sd = document["standard_deviation"]["accelerometer"]["lever_arms"][j]
+        sd = [0.0] * 3 if "lever_arms" in held else sd
         table.add_row(
             f"lever arm of accelerometer {axis}",
             "mm",
             *(_pair(1e3 * a, 1e3 * s) for a, s in zip(arms, sd, strict=True)),
         )
     timing, timing_sd = document["timing"], document["standard_deviation"]["timing"]
-    table.add_row("time offset", "ms", _pair(1e3 * timing["offset"], 1e3 * timing_sd["offset"]), "", "")
-    if timing_sd["skew"]:
+    offset_sd = 0.0 if "time_offset" in held else timing_sd["offset"]
+    table.add_row("time offset", "ms", _pair(1e3 * timing["offset"], 1e3 * offset_sd), "", "")
+    if timing_sd["skew"] is None and timing["skew"]:
+        table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 0.0), "", "")
+    elif timing_sd["skew"]:
         table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 1e6 * timing_sd["skew"]), "", "")
     console.print(table)
     _print_robot(console, document)
@@ -92,10 +99,8 @@ def _print_verdict(console: Console, document: dict[str, Any]) -> None:
     if verdict["unobservable"]:
         names = verdict["unobservable"]
         console.print(f"not shown by this motion, or too weakly: {', '.join(names)}", markup=False)
-    if verdict["accepted"]:
-        console.print("verdict: accepted", markup=False)
-    else:
-        console.print(f"verdict: rejected: {'; '.join(verdict['reasons'])}", markup=False)
+    reasons = f" Reasons: {'; '.join(verdict['reasons'])}" if verdict["reasons"] else ""
+    console.print(f"verdict: {verdict['summary'][0].lower()}{verdict['summary'][1:]}{reasons}", markup=False)
 
 
 def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

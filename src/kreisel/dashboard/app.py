@@ -13,7 +13,7 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
@@ -134,6 +134,8 @@ def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None
         return token is None or secrets.compare_digest(given or "", token)
 
     async def page(request: Request) -> Response:
+        if not _is_own(request):
+            return PlainTextResponse("the request comes from another page: open the address that was printed", 403)
         if not may(request.query_params.get("token")):
             return PlainTextResponse("the token is missing or wrong: use the address that was printed", 403)
         text = resources.files("kreisel.dashboard").joinpath("page.html").read_text(encoding="utf-8")
@@ -141,8 +143,7 @@ def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None
         return HTMLResponse(text, headers={"Content-Security-Policy": policy})
 
     async def live(socket: WebSocket) -> None:
-        origin = socket.headers.get("origin", "").partition("//")[2]
-        if not may(socket.query_params.get("token")) or origin not in ("", socket.headers.get("host")):
+        if not _is_own(socket) or not may(socket.query_params.get("token")):
             await socket.close(1008)
             return
         await socket.accept()
@@ -171,6 +172,16 @@ def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None
     guard = [Middleware(TrustedHostMiddleware, allowed_hosts=[*_LOOPBACK])] if token is None else []
     routes = [Route("/", page), WebSocketRoute("/live", live)]
     return Starlette(routes=routes, middleware=guard, lifespan=lifespan), token
+
+
+def _is_own(connection: HTTPConnection) -> bool:
+    """Return whether a request has no `Origin`, or exactly that of the address it is sent to: scheme, host, port.
+
+    Sandboxed pages and files send `Origin: null`, which is nobody's own.
+    """
+    scheme = {"ws": "http", "wss": "https"}.get(connection.url.scheme, connection.url.scheme)
+    own = f"{scheme}://{connection.headers.get('host', '')}"
+    return all(origin == own for origin in connection.headers.getlist("origin"))
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ElementTree
 
 from kreisel.errors import ProtocolError
 from kreisel.geometry.kuka import from_abc, to_abc
+from kreisel.markup import screened
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
 LARGEST = 8192
@@ -105,10 +106,14 @@ def parse_xml(data: bytes, protocol: str, root: str) -> ElementTree.Element:
     """
     if len(data) > LARGEST:
         raise ProtocolError(protocol, f"telegram of {len(data)} bytes, expected {LARGEST} at most")
-    if b"<!" in data:
+    try:
+        text = screened(data)
+    except ValueError as error:
+        raise ProtocolError(protocol, f"telegram: {error}: {data[:60]!r}") from error
+    if "<!" in text:
         raise ProtocolError(protocol, "the telegram has a declaration or comment ('<!'), which no controller sends")
     try:
-        element = ElementTree.fromstring(data)
+        element = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise ProtocolError(protocol, f"telegram is not well-formed XML ({error}): {data[:60]!r}") from error
     if element.tag != root:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,13 @@ from pydantic import ValidationError
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import LARGEST_YAML, read_text
 from kreisel.geometry.rotation import Array
+from kreisel.recording.bounds import Budget, bounded, check_files, unpack, unzstd
 from kreisel.recording.folder import description_beside
 from kreisel.recording.mcap import (
     IMU_TOPIC,
@@ -197,15 +202,43 @@ def _read(path: Path) -> Contents:
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if [file.name for file in files] == [RECORDED]:
         return read_mcap(files[0], WANTED)
-    if files and not (path / "metadata.yaml").is_file():
-        return _read_each(path, files, "no metadata.yaml, as where a recorder was stopped; read its .mcap files")
+    findings: list[Finding] = []
+    if files and (mode := _compression(path, findings)) is not None:
+        return _read_each(path, files, findings, packed=mode == "message")
+    zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
+    if zipped:
+        with TemporaryDirectory() as folder:
+            with _translated(path, _RECOVER):
+                files = [unpack(file, Path(folder) / file.stem) for file in zipped]
+            return _read_each(path, files, findings, packed=False)
+    with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
+        return _read_with_rosbags(path)
+
+
+def _compression(folder: Path, findings: list[Finding]) -> str | None:
+    """Return how the .mcap files of a ROS 2 bag are compressed besides; None where they are not what it is made of."""
+    file = folder / "metadata.yaml"
+    if not file.is_file():
+        said = "no metadata.yaml, as where a recorder was stopped; read its .mcap files"
+        findings.append(Finding(folder.name, said))
+        return "none"
     try:
-        with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
-            return _read_with_rosbags(path)
-    except RecordingError as error:
-        if not files:
-            raise
-        return _read_each(path, files, f"{error.message}; read its .mcap files one by one")
+        facts = YAML(typ="safe").load(read_text(file, LARGEST_YAML))["rosbag2_bagfile_information"]
+        mode = str(facts.get("compression_mode") or "none").lower()
+        return mode if facts["storage_identifier"] == "mcap" and mode in ("none", "message") else None
+    except (
+        OSError,
+        UnicodeDecodeError,
+        YAMLError,
+        AttributeError,
+        KeyError,
+        TypeError,
+        ValueError,
+        RecursionError,
+    ) as error:
+        said = f"metadata.yaml cannot be read ({reason(error)}); read its .mcap files one by one"
+        findings.append(Finding(folder.name, said))
+        return "none"
 
 
 _REINDEX = "if its recorder was stopped, `rosbag reindex` may repair it; otherwise copy it again"
@@ -225,24 +258,36 @@ def _read_with_rosbags(path: Path) -> Contents:
     is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
     messages: dict[tuple[str, str], list[tuple[int, bytes]]] = defaultdict(list)
     counts: dict[tuple[str, str], int] = defaultdict(int)
+    check_files(path)
+    budget = Budget(sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path])))
     with Ros1Reader(path) if is_ros1 else Ros2Reader(path) as reader:
+        unpack = bounded(reader)
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
         wanted = [connection for connection in reader.connections if connection.msgtype in WANTED]
         # An empty list would mean all connections.
         for connection, log_time, payload in reader.messages(wanted) if wanted else ():
-            messages[connection.topic, connection.msgtype].append((log_time, payload))
+            content = unpack(payload)
+            budget.take(len(content))
+            messages[connection.topic, connection.msgtype].append((log_time, content))
     encoding = "ros1" if is_ros1 else "cdr"
     topics = [in_log_order(*key, encoding, count, messages[key]) for key, count in counts.items()]
     return Contents(path, tuple(topics))
 
 
-def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
-    """Return the contents of several MCAP files as if they were one."""
+def _read_each(path: Path, files: list[Path], said: list[Finding], *, packed: bool) -> Contents:
+    """Return the contents of several MCAP files as if they were one.
+
+    Parameters
+    ----------
+    packed
+        Whether each message is compressed by itself.
+    """
     parts = [read_mcap(file, WANTED) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
     urdf = None
+    budget = Budget(sum(file.stat().st_size for file in files))
     for part in parts:
         settings.update(part.settings)
         urdf = urdf or part.urdf
@@ -251,9 +296,18 @@ def _read_each(path: Path, files: list[Path], finding: str) -> Contents:
     topics = []
     for key, group in groups.items():
         messages = [m for topic in group for m in zip(topic.log_times_ns, topic.payloads, strict=True)]
+        if packed:
+            with _translated(path, _RECOVER, f"a message on {key[0]}"):
+                messages = [(log_time, _taken_out(payload, budget)) for log_time, payload in messages]
         topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
-    findings = [Finding(path.name, finding), *(f for part in parts for f in part.findings)]
+    findings = [*said, *(f for part in parts for f in part.findings)]
     return Contents(path, tuple(topics), settings, tuple(findings), urdf)
+
+
+def _taken_out(payload: bytes, budget: Budget) -> bytes:
+    content = unzstd(payload)
+    budget.take(len(content))
+    return content
 
 
 # Settings

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from kreisel.recording.imu_checks import check_finite, check_imu
-from kreisel.recording.pose_checks import check_poses
-from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses
+from kreisel.recording.imu_checks import check_imu
+from kreisel.recording.joint_checks import check_joints, joint_stamp_findings, joints_in_radians
+from kreisel.recording.pose_checks import check_poses, stamped_poses
+from kreisel.recording.recording import Recording
 from kreisel.recording.sampling import regularly_sampled
 from kreisel.recording.stamp_checks import (
     LONG_GAP,
     SHORTEST,
+    Stamped,
     check_duration,
     check_rate,
     check_stamps,
@@ -36,29 +36,22 @@ def check_streams(recording: Recording) -> Recording:
         For the first fault that would make results wrong.
     """
     imu, sampling = regularly_sampled(recording.imu)
-    reference = recording.reference
+    reference, joints = recording.reference, recording.joints
     check_stamps(imu.stamps_ns, imu.source, "IMU")
-    check_rate(imu.stamps_ns, imu.source, "samples", 20.0, 20e3)
-    check_duration(imu.stamps_ns, imu.source)
+    stamped = Stamped(imu.stamps_ns, imu.source, "samples", 20.0, 20e3, imu.units.time)
+    check_rate(stamped, None if reference is None else stamped_poses(reference))
+    check_duration(stamped)
     findings = sampling + gap_findings(imu.stamps_ns, imu.source, LONG_GAP)
     imu, told = check_imu(imu, moved=reference is not None)
     findings += told
-    if recording.joints is not None:
-        findings += _check_joints(recording.joints, reference)
+    if joints is not None:
+        check_joints(joints)
     if reference is not None:
-        reference, told = check_poses(reference, (imu.source.parent.name, float(imu.seconds[-1])))
+        reference, told = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
         findings += told
-    return replace(recording, imu=imu, reference=reference).with_findings(*findings)
-
-
-def _check_joints(joints: JointAngles, reference: ReferencePoses | None) -> list[Finding]:
-    check_stamps(joints.stamps_ns, joints.source, "joint angle")
-    names = tuple(f"q_{k + 1}" for k in range(joints.angles.shape[1]))
-    check_finite(joints.angles, names, joints.source)
-    if reference is None:
-        return []
-    missing = int(np.sum(~np.isin(reference.stamps_ns, joints.stamps_ns)))
-    if not missing:
-        return []
-    said = f"{missing} of {reference.stamps_ns.size} poses have no joint angles of the same stamp"
-    return [Finding("joints", f"{joints.source.parent.name}: {said}")]
+    if joints is not None:
+        joints, told = joints_in_radians(replace(recording, reference=reference))
+        findings += told
+        if reference is not None:
+            findings += joint_stamp_findings(joints, reference)
+    return replace(recording, imu=imu, reference=reference, joints=joints).with_findings(*findings)

@@ -205,15 +205,18 @@ def _check_storage(block: _Block) -> None:
 
 
 def _values(file: Path, blocks: list[_Block], length: int) -> Array:
+    sample = _REAL64.itemsize * len(blocks)
     try:
-        data = file.read_bytes()
+        size = file.stat().st_size
+        if size == length * sample:
+            data = file.read_bytes()
+            size = len(data)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}; copy it again", file=file) from error
-    sample = _REAL64.itemsize * len(blocks)
-    if len(data) != length * sample:
-        state = "it is cut" if len(data) < length * sample else "they are not of one trace"
+    if size != length * sample:
+        state = "it is cut" if size < length * sample else "they are not of one trace"
         raise RecordingError(
-            f"holds {len(data)} bytes, {len(data) / sample:.10g} samples of {len(blocks)} channels; {blocks[0].source} "
+            f"holds {size} bytes, {size / sample:.10g} samples of {len(blocks)} channels; {blocks[0].source} "
             f"says {length} samples, {length * sample} bytes: {state}; copy both files again, once the controller has "
             "ended the trace",
             file=file,

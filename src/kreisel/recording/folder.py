@@ -11,6 +11,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import LARGEST_YAML, read_bytes, read_text
+from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.recording.table import Column, Table, read_table
@@ -77,8 +79,15 @@ def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
     gyro, accel = _imu_columns(table)
     rates = table.take(gyro, "rate")
     accelerations = table.take(accel, "acceleration")
-    _note_conversion(table, (*gyro, *accel), ("rad s^-1", "rad/s", "rads^-1", "m s^-2", "m/s^2"), findings)
-    return ImuSamples(table.stamps_ns, rates, accelerations, table.source)
+    units = _header_units(table, rate=gyro, acceleration=accel)
+    _note_conversion(table, {"rate": gyro, "acceleration": accel}, findings)
+    return ImuSamples(table.stamps_ns, rates, accelerations, table.source, units)
+
+
+def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:
+    """Return what a header states of a stream's stamps, and of groups of columns by their quantity."""
+    stated = {quantity: table.with_units(columns)[0].unit for quantity, columns in groups.items() if columns}
+    return HeaderUnits(table.columns[0].unit, **stated)
 
 
 def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
@@ -115,12 +124,16 @@ def _meaning(name: str) -> tuple[str, str]:
     return ("another quantity", "") if re.match(r"temp|mag|m_?[xyz]$|press|baro|time|q_|p_", plain) else ("", "")
 
 
-def _note_conversion(
-    table: Table, columns: tuple[Column, ...], usual: tuple[str, ...], findings: list[Finding]
-) -> None:
-    units = sorted({str(column.unit) for column in columns if column.unit not in (*usual, None)})
-    if units:
-        findings.append(Finding(_short_name(table), f"converted from {', '.join(f'[{unit}]' for unit in units)} to SI"))
+def _note_conversion(table: Table, groups: dict[str, list[Column]], findings: list[Finding]) -> None:
+    found = {
+        str(column.unit)
+        for quantity, columns in groups.items()
+        for column in table.with_units(columns)
+        if column.unit is not None and UNITS[quantity][column.unit] != 1.0
+    }
+    if found:
+        units = ", ".join(f"[{unit}]" for unit in sorted(found))
+        findings.append(Finding(_short_name(table), f"converted from {units} to SI"))
 
 
 def _short_name(table: Table) -> str:
@@ -154,13 +167,13 @@ def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
         raise _not_poses(table, "; --reference picks another folder")
     if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
         raise _not_poses(table, "; angles are not read: convert them to quaternions")
-    _note_conversion(table, tuple(positions), ("m",), findings)
     if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
         order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
         findings.append(Finding(_short_name(table), f"quaternions stand as {order}; read by these names"))
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
-    return ReferencePoses(name, table.stamps_ns, p, q, table.source)
+    _note_conversion(table, {"length": positions}, findings)
+    return ReferencePoses(name, table.stamps_ns, p, q, table.source, _header_units(table, length=positions))
 
 
 def _not_poses(table: Table, remedy: str) -> RecordingError:
@@ -199,7 +212,10 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
             file=path,
             line=1,
         )
-    return JointAngles(table.stamps_ns, table.take(list(table.columns[1:]), "angle"), path)
+    columns = list(table.columns[1:])
+    angles = table.take(columns, "angle")
+    _note_conversion(table, {"angle": columns}, findings)
+    return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
 
 
 def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding], *, needed: bool) -> str | None:
@@ -221,10 +237,12 @@ def description_beside(folder: Path, settings: RecordingSettings) -> str | None:
     if not _stands(file):
         return None
     try:
-        return file.read_text(encoding="utf-8-sig")
+        return read_text(file)
     except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise RecordingError(
-            "cannot be read as text; expected a robot's description (URDF): copy it again, or delete robot.urdf",
+            f"cannot be read as text ({why}); expected a robot's description (URDF): copy it again, or delete "
+            "robot.urdf",
             file=file,
         ) from error
 
@@ -249,12 +267,12 @@ def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
 
 def _parse_datasheet(path: Path) -> Datasheet | None:
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = read_bytes(path, LARGEST_YAML).decode("utf-8", errors="replace").splitlines()
         text = "\n".join(line for line in lines if not line.startswith("%"))  # OpenCV's first line is not YAML
         content: dict[str, Any] = YAML(typ="safe").load(text) or {}
         densities = [float(content[f"{name}_noise_density"]) for name in ("gyroscope", "accelerometer")]
         walks = [float(content.get(f"{name}_random_walk", 0.0)) for name in ("gyroscope", "accelerometer")]
-    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError):
+    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return None
     figures = np.array([*densities, *walks])
     if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():

@@ -17,6 +17,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.recording.header import UNITS
 from kreisel.recording.place import and_more, fault, is_table, rows, wrong_unit
 from kreisel.recording.recording import Finding, ImuSamples, Stamps, excerpt, pieces
 from kreisel.recording.stamp_checks import runs
@@ -171,9 +172,10 @@ def _check_gravity(imu: ImuSamples) -> None:
     if 4.0 < length < 25.0:
         return
     got = f"accelerations have a median length of {length:.4g}, expected {STANDARD_GRAVITY:.4g} m/s^2 and a little"
-    for unit, size in (("g", 1.0), ("mg", 1e3)):
-        if 0.6 * size < length < 1.6 * size:
-            raise wrong_unit(imu.source, got, unit, "m/s^2")
+    for unit in ("g", "mg", "m s^-2"):
+        factor = UNITS["acceleration"][unit] / imu.units.size("acceleration")
+        if factor != 1.0 and 0.6 * STANDARD_GRAVITY < length * factor < 1.6 * STANDARD_GRAVITY:
+            raise wrong_unit(imu, got, "acceleration", factor)
     if 4.0 < _usual_length(imu.rates) < 25.0:
         advice = "the rates seem to stand in their place: put rates first, accelerations behind them"
     elif length < 4.0:

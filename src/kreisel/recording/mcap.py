@@ -21,12 +21,12 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
+from kreisel.recording.bounds import LARGEST_CHUNK, Budget, chunk_content, within
 from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings
 
@@ -365,7 +365,10 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
         # A zero is no opcode, but what a file system leaves after a loss of power.
         if opcode == 0 or end > size:
             raise _BrokenRecordError(start, opcode, stream.read(16))
-        yield start, opcode, stream.read(length) if opcode in _READ else b""
+        if opcode in _READ:
+            yield start, opcode, stream.read(min(length, LARGEST_CHUNK + 1))
+        else:
+            yield start, opcode, b""
         stream.seek(end)
 
 
@@ -384,9 +387,11 @@ class McapScan:
         self._counts: dict[int, int] = defaultdict(int)
         self._announced: int | None = None
         self._lost: list[str] = []
+        self._budget = Budget(0)
 
     def read(self, stream: BinaryIO, size: int) -> None:
         """Take all records up to the footer, or to where the file breaks."""
+        self._budget = Budget(size)
         try:
             for offset, opcode, content in _records(stream, size):
                 if opcode == Opcode.FOOTER:
@@ -402,6 +407,7 @@ class McapScan:
 
         For a file that is still being written.
         """
+        self._budget = Budget(size - offset)
         stream.seek(offset)
         try:
             for start, opcode, content in _records(stream, size):
@@ -416,9 +422,9 @@ class McapScan:
         """Take a record, or note that it is damaged: the library raises whatever it stumbles over."""
         try:
             if opcode == Opcode.CHUNK:
-                self._take_chunk(content)
+                self._take_chunk(within(content))
             else:
-                self._take(opcode, content)
+                self._take(opcode, within(content))
         except Exception as error:
             name = Opcode(opcode).name.lower()
             span = _span(content[:16]) if opcode == Opcode.CHUNK else ""
@@ -426,10 +432,8 @@ class McapScan:
 
     def _take_chunk(self, content: bytes) -> None:
         chunk = Chunk.read(record_stream(content))
-        data, length = get_chunk_data_stream(chunk, validate_crc=True)
-        if length != chunk.uncompressed_size:
-            raise ValueError(f"{length} bytes, expected {chunk.uncompressed_size}")
-        for _, opcode, inner in _records(BytesIO(data.read(length)), length):
+        data = chunk_content(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
+        for _, opcode, inner in _records(BytesIO(data), len(data)):
             self._take(opcode, inner)
 
     def _take(self, opcode: int, content: bytes) -> None:
@@ -456,6 +460,7 @@ class McapScan:
         if self.begun_ns is None or log_time < self.begun_ns:
             self.begun_ns = log_time
         if self._type(channel) in self._kept:
+            self._budget.take(len(content))
             self._messages[channel].append((log_time, content[_MESSAGE_HEAD.size :]))
 
     def _type(self, number: int) -> str | None:

@@ -3,8 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 from kreisel.errors import RecordingError
+from kreisel.recording.header import HeaderUnits, named
+
+
+class Stream(Protocol):
+    """Part of a recording: the file it came from, and the units its header states."""
+
+    @property
+    def source(self) -> Path:
+        """File, or bag and topic."""
+
+    @property
+    def units(self) -> HeaderUnits:
+        """What the file's header states."""
 
 
 def is_table(source: Path) -> bool:
@@ -21,12 +35,32 @@ def fault(source: Path, message: str, row: int | None = None) -> RecordingError:
     return RecordingError(f"message {row + 1}: {message}", file=source)
 
 
-def wrong_unit(source: Path, message: str, unit: str, si: str) -> RecordingError:
-    """Return the error for numbers that look like another unit than the one they are read in."""
-    if is_table(source):
-        remedy = f"write [{unit}] into the header, or convert to {si}"
-        return RecordingError(f"{message}: they look like [{unit}]; {remedy}", file=source, line=1)
-    return RecordingError(f"{message}: they look like [{unit}]; ROS messages are in {si}: convert them", file=source)
+def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, otherwise: str = "") -> RecordingError:
+    """Return the error for numbers that look like another unit than the one they are read in.
+
+    Parameters
+    ----------
+    factor
+        What the numbers, as read into SI, must be multiplied by to be right.
+    otherwise
+        The unit they seem to be in, where it is none that a header may state.
+    """
+    source, stated = stream.source, getattr(stream.units, quantity)
+    si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
+    unit = named(quantity, size * factor)
+    if not is_table(source):
+        remedy = f"they look like [{unit or otherwise}]; ROS messages are in {si}: convert them"
+        return RecordingError(f"{message}: {remedy}", file=source)
+    if stated is None:
+        known = f"write [{unit}] into the header, or convert to {si}" if unit else f"convert them to {si}"
+        return RecordingError(f"{message}: they look like [{unit or otherwise}]; {known}", file=source, line=1)
+    seem = f"they look like [{unit or otherwise}]" if unit or (otherwise and size == 1.0) else (
+        f"the numbers look {1.0 / factor if factor < 1.0 else factor:.4g} times too "
+        f"{'large' if factor < 1.0 else 'small'} for it"
+    )  # fmt: skip
+    return RecordingError(
+        f"{message}: the header says [{stated}], but {seem}; correct the header or the numbers", file=source, line=1
+    )
 
 
 def rows(source: Path) -> str:

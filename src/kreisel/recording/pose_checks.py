@@ -10,7 +10,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.imu_checks import check_finite, first_of_each
 from kreisel.recording.place import and_more, fault, rows, wrong_unit
 from kreisel.recording.recording import Finding, ReferencePoses, angles_over
-from kreisel.recording.stamp_checks import check_duration, check_rate, check_stamps, gaps, runs
+from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
 MOST_OUTLIERS = 0.1
 """Share of poses that may jump away and back before the reference is refused."""
@@ -20,13 +20,18 @@ _MOST_IN_A_ROW = 3
 _FAST = 20.0
 
 
-def check_poses(reference: ReferencePoses, imu: tuple[str, float]) -> tuple[ReferencePoses, list[Finding]]:
+def stamped_poses(reference: ReferencePoses) -> Stamped:
+    """Return the poses' stamps, with the rates at which poses come."""
+    return Stamped(reference.stamps_ns, reference.source, "poses", 0.5, 20e3, reference.units.time)
+
+
+def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[Finding]]:
     """Return the poses with unit quaternions, without stale ones and outliers, and what to say of them.
 
     Parameters
     ----------
     imu
-        Name and seconds of the IMU's stream.
+        The IMU's stamps.
 
     Raises
     ------
@@ -35,8 +40,8 @@ def check_poses(reference: ReferencePoses, imu: tuple[str, float]) -> tuple[Refe
     """
     source = reference.source
     check_stamps(reference.stamps_ns, source, "pose")
-    check_rate(reference.stamps_ns, source, "poses", 0.5, 20e3)
-    check_duration(reference.stamps_ns, source, imu)
+    check_rate(stamped_poses(reference), imu)
+    check_duration(stamped_poses(reference), imu)
     findings: list[Finding] = []
     if reference.positions is not None:
         check_finite(reference.positions, ("p_x", "p_y", "p_z"), source)
@@ -245,4 +250,4 @@ def _check_metres(reference: ReferencePoses) -> None:
     speed = _Steps.of(reference).shift / (np.diff(reference.stamps_ns) * 1e-9)
     usual = _percentile(speed, 50.0)
     if np.isfinite(usual) and usual > _FAST:
-        raise wrong_unit(reference.source, f"the body would move at {usual:.4g} m/s", "mm", "m")
+        raise wrong_unit(reference, f"the body would move at {usual:.4g} m/s", "length", 1e-3)

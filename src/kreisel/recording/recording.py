@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.recording.header import NO_UNITS, HeaderUnits
 from kreisel.recording.settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
@@ -64,6 +65,8 @@ class ImuSamples:
         The file they came from, for messages.
     lateness
         How far stamps that were put right may all be late, s; 0 where they are as recorded.
+    units
+        What its header states.
     """
 
     stamps_ns: Stamps
@@ -71,6 +74,7 @@ class ImuSamples:
     accelerations: Array
     source: Path
     lateness: float = 0.0
+    units: HeaderUnits = NO_UNITS
 
     @cached_property
     def seconds(self) -> Array:
@@ -101,6 +105,7 @@ class ReferencePoses:
     positions: Array | None
     quaternions: Array | None
     source: Path
+    units: HeaderUnits = NO_UNITS
 
     @property
     def seconds(self) -> Array:
@@ -133,6 +138,7 @@ class JointAngles:
     stamps_ns: Stamps
     angles: Array
     source: Path
+    units: HeaderUnits = NO_UNITS
 
 
 @dataclass(frozen=True)

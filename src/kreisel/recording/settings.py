@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import read_text
 from kreisel.inertial.noise import GRADES
 
 
@@ -96,14 +97,14 @@ def read_settings(path: Path) -> RecordingSettings:
         If it is not TOML, has an unknown key (the known ones are listed) or an impossible value.
     """
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = tomllib.loads(read_text(path))
     except OSError as error:
         raise RecordingError(
             f"cannot be read: {error.strerror}; mend it, or remove it and take the defaults", file=path
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"not UTF-8 text (byte {error.start}); save it in UTF-8", file=path) from error
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise RecordingError(
             f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
         ) from error
@@ -126,4 +127,9 @@ def what_is_wrong(error: ValidationError) -> str:
     """Return which setting is not accepted, and why, on one line."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
-    return f"{place} = {first['input']!r} is not accepted: {first['msg'].removeprefix('Value error, ')}"
+    return f"{place} = {_short(first['input'])} is not accepted: {first['msg'].removeprefix('Value error, ')}"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"

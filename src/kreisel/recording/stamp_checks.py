@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
+from kreisel.recording.header import UNITS
 from kreisel.recording.place import and_more, at, fault, is_table, rows
 from kreisel.recording.recording import Finding, Stamps
 
@@ -18,7 +20,7 @@ SHORTEST = 5.0
 LONG_GAP = 0.05
 """Seconds without IMU samples up to which the motion is bridged, at least five sampling intervals."""
 
-_UNITS = (("us", 1e3), ("ms", 1e6), ("s", 1e9))
+_LEAST, _MOST = 1.0, 1e7  # seconds a recording may last in any unit that is proposed
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Indices, Indices]:
@@ -90,75 +92,125 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
         )
 
 
-def check_rate(stamps: Stamps, source: Path, what: str, slowest: float, fastest: float) -> None:
+@dataclass(frozen=True)
+class Stamped:
+    """Stamps of a stream with what is known of it.
+
+    Attributes
+    ----------
+    what
+        What is stamped, for messages.
+    slowest, fastest
+        Hz; rates at which such a stream comes.
+    unit
+        Unit of the stamps that the header states, None where it states none.
+    """
+
+    stamps: Stamps
+    source: Path
+    what: str
+    slowest: float
+    fastest: float
+    unit: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the stream's folder, or of its topic."""
+        return self.source.parent.name if is_table(self.source) else self.source.name
+
+    @property
+    def seconds(self) -> float:
+        """From the first to the last stamp, as read."""
+        return float(self.stamps[-1] - self.stamps[0]) * 1e-9
+
+    @property
+    def step(self) -> float:
+        """Usual step between stamps as read, ns."""
+        return float(np.median(np.diff(self.stamps)))
+
+    def comes_at_such_a_rate(self, factor: float = 1.0) -> bool:
+        """Return whether the rate is possible once stamps are multiplied by a factor."""
+        return self.slowest <= 1e9 / max(self.step * factor, 1e-300) <= self.fastest
+
+    def error(self, message: str) -> RecordingError:
+        """Return the error for the stream's header."""
+        return RecordingError(message, file=self.source, line=1 if is_table(self.source) else None)
+
+
+def check_rate(stream: Stamped, other: Stamped | None = None) -> None:
     """Raise an error if stamps come at a rate that no such device has.
 
     Parameters
     ----------
-    slowest, fastest
-        Hz.
+    other
+        The stream recorded beside it, as evidence of the unit.
 
     Raises
     ------
     RecordingError
         With the unit the stamps seem to be in, or that they come in bursts.
     """
-    steps = np.diff(stamps)
-    usual = float(np.median(steps))
+    steps = np.diff(stream.stamps)
+    usual = stream.step
     short = (steps > 1.6 * usual) & (steps < 100.0 * float(np.mean(steps)))
     lost = float(np.sum(steps[short] / usual - 1.0))
-    if lost > 0.5 * stamps.size and np.count_nonzero(short) > 0.02 * stamps.size:
+    if lost > 0.5 * steps.size and np.count_nonzero(short) > 0.02 * steps.size:
         raise RecordingError(
             f"stamps come in bursts: the usual step is {usual * 1e-6:.4g} ms, the mean {np.mean(steps) * 1e-6:.4g} ms. "
             "They seem to be times of arrival; record the sensor's own stamps, or look for lost samples",
-            file=source,
+            file=stream.source,
         )
-    rate = 1e9 / usual
-    if not slowest <= rate <= fastest:
-        raise RecordingError(
-            f"stamps say {rate:.6g} {what} a second, expected {slowest:g} to {fastest:g}"
-            f"{_unit_guess(usual, 1e9 / fastest, 1e9 / slowest, source) or '; record at such a rate'}",
-            file=source,
-            line=1 if is_table(source) else None,
+    if not stream.comes_at_such_a_rate():
+        raise stream.error(
+            f"stamps say {1e9 / usual:.6g} {stream.what} a second, expected {stream.slowest:g} to {stream.fastest:g}"
+            f"{_unit_remedy(stream, other)}"
         )
 
 
-def _unit_guess(value: float, low: float, high: float, source: Path) -> str:
-    """Return the unit in which a number of nanoseconds would be between two others, as a remedy."""
-    fitting = [unit for unit, factor in _UNITS if low <= value * factor <= high]
-    if fitting and not is_table(source):
-        return f"; they look like [{fitting[0]}]: write seconds and nanoseconds into the messages' headers"
-    if fitting:
-        return f"; they look like [{fitting[0]}]: write '#timestamp [{fitting[0]}]' into the header"
-    smaller = [factor for _, factor in _UNITS if low <= value / factor <= high]
-    if smaller and is_table(source):
-        return f"; they look {smaller[0]:,.0f} times too long: write the unit they are in, such as '#timestamp [ns]'"
-    return ""
-
-
-def check_duration(stamps: Stamps, source: Path, other: tuple[str, float] | None = None) -> None:
-    """Raise an error if a stream is too short to be used.
-
-    Parameters
-    ----------
-    other
-        Name and seconds of the stream recorded beside it, which may betray a wrong unit.
+def check_duration(stream: Stamped, other: Stamped | None = None) -> None:
+    """Raise an error if a stream is too short to be used, or far from as long as the one recorded beside it.
 
     Raises
     ------
     RecordingError
         With the unit the stamps seem to be in.
     """
-    seconds = float(stamps[-1] - stamps[0]) * 1e-9
-    if other is not None and not 1e-2 < seconds / other[1] < 1e2:
-        guess = _unit_guess(seconds, 0.2 * other[1], 5.0 * other[1], source)
-        if guess:
-            line = 1 if is_table(source) else None
-            raise RecordingError(f"lasts {seconds:.4g} s, {other[0]} {other[1]:.4g} s{guess}", file=source, line=line)
-    if seconds < SHORTEST:
-        raise RecordingError(
-            f"lasts {seconds:.2f} s; a calibration needs {SHORTEST:g} s and more of motion: record longer", file=source
+    if other is not None and not 1e-2 < stream.seconds / other.seconds < 1e2 and _fitting_units(stream, other):
+        raise stream.error(
+            f"lasts {stream.seconds:.4g} s, {other.name} {other.seconds:.4g} s{_unit_remedy(stream, other)}"
         )
+    if stream.seconds < SHORTEST:
+        raise RecordingError(
+            f"lasts {stream.seconds:.2f} s; a calibration needs {SHORTEST:g} s and more of motion: record longer",
+            file=stream.source,
+        )
+
+
+def _fitting_units(stream: Stamped, other: Stamped | None) -> list[str]:
+    """Return the units in which a stream's rate, its duration, and that of the stream beside it all are possible."""
+    if other is not None and (other.stamps.size < 10 or other.seconds <= 0.0 or not other.comes_at_such_a_rate()):
+        other = None  # its own unit is in question
+    fitting = []
+    for unit, size in UNITS["time"].items():
+        factor = size / UNITS["time"][stream.unit or "ns"]
+        seconds = stream.seconds * factor
+        alike = other is None or 0.2 <= seconds / other.seconds <= 5.0
+        if factor != 1.0 and stream.comes_at_such_a_rate(factor) and _LEAST <= seconds <= _MOST and alike:
+            fitting.append(unit)
+    return fitting
+
+
+def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
+    """Return what to do about stamps of a wrong unit: the end of a sentence."""
+    fitting = _fitting_units(stream, other)
+    units = " or ".join(f"[{unit}]" for unit in fitting)
+    if not fitting:
+        beside = "" if other is None else f" and {other.name}"
+        return f"; no unit of stamps fits their rate, their duration{beside}: look how the stamps are made"
+    if not is_table(stream.source):
+        return f"; they look like {units}: write seconds and nanoseconds into the messages' headers"
+    says = "" if stream.unit is None else f"the header says [{stream.unit}], but "
+    return f"; {says}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
 
 
 def gap_findings(stamps: Stamps, source: Path, longest: float) -> list[Finding]:

@@ -13,25 +13,14 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
+from kreisel.recording.header import UNITS
 from kreisel.recording.place import fault
 from kreisel.recording.recording import Finding, Stamps
-from kreisel.units import DEG, STANDARD_GRAVITY
 
-_UNITS = {
-    "time": {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9},
-    "rate": {
-        "rad s^-1": 1.0, "rad/s": 1.0, "rads^-1": 1.0, "deg s^-1": DEG, "deg/s": DEG, "°/s": DEG, "dps": DEG,
-        "mdps": 1e-3 * DEG, "deg/h": DEG / 3600.0,
-    },
-    "acceleration": {
-        "m s^-2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "ms^-2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY,
-    },
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "quaternion": {"": 1.0, "-": 1.0, "1": 1.0},
-    "angle": {"rad": 1.0, "deg": DEG},
-}  # fmt: skip
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
 _BLOCK = 1 << 23  # bytes read at once
+_LONGEST_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
+_MOST_COLUMNS = 1000
 _LARGEST_STAMP = 9.0e18  # ns; a little below what 64 bits hold
 
 
@@ -55,13 +44,14 @@ class Table:
     findings: tuple[Finding, ...]
 
     def take(self, columns: list[Column], quantity: str) -> Array:
-        """Return the named columns (n, k), converted to SI by the unit the header gives.
+        """Return columns of one group (n, k), converted to SI by the units the header gives; see `with_units`.
 
         Raises
         ------
         RecordingError
-            If a unit is none of the quantity's.
+            If a unit is none of the quantity's, or it is not clear which unit a column is in.
         """
+        columns = self.with_units(columns)
         factors = np.array([self._factor(column, quantity) for column in columns])
         out = np.empty((self.stamps_ns.size, len(columns)))
         with np.errstate(over="ignore"):  # an infinity is found and told by the checks
@@ -69,8 +59,31 @@ class Table:
                 np.multiply(self.values[:, column.index], factors[i], out=out[:, i])
         return out
 
+    def with_units(self, columns: list[Column]) -> list[Column]:
+        """Return the columns of one group, each with its unit: one that is stated only once holds for all.
+
+        Raises
+        ------
+        RecordingError
+            If units differ and one column has none.
+        """
+        stated = list(dict.fromkeys(column.unit for column in columns if column.unit is not None))
+        if not stated or all(column.unit is not None for column in columns):
+            return columns
+        if len(stated) > 1:
+            said = ", ".join(
+                f"'{column.name}' {'without unit' if column.unit is None else f'[{column.unit}]'}" for column in columns
+            )
+            raise RecordingError(
+                f"the columns {said} belong together, and it is not clear in which unit each is; write the unit of "
+                "each, or one for all",
+                file=self.source,
+                line=1,
+            )
+        return [Column(column.index, column.name, stated[0]) for column in columns]
+
     def _factor(self, column: Column, quantity: str) -> float:
-        known = _UNITS[quantity]
+        known = UNITS[quantity]
         if column.unit is None:
             return 1.0
         if column.unit not in known:
@@ -84,7 +97,7 @@ class Table:
 
 
 def _listed(quantity: str) -> str:
-    return ", ".join(f"[{unit}]" for unit in _UNITS[quantity])
+    return ", ".join(f"[{unit}]" for unit in UNITS[quantity])
 
 
 def read_table(path: Path, what: str) -> Table:
@@ -154,6 +167,7 @@ def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tup
             while data := file.read(_BLOCK):
                 _check_text(data, done + len(left), line, left, path)
                 data = left + data
+                _check_lines(data, line, path)
                 # a line may end in two bytes, of which this may be the first
                 end = len(data) - 1 if data.endswith(b"\r") else len(data)
                 cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
@@ -183,6 +197,21 @@ def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> 
         file=path,
         line=line + left.count(b"\n") + data.count(b"\n", 0, where),
     )
+
+
+def _check_lines(data: bytes, line: int, path: Path) -> None:
+    """Raise an error for a line that is longer than any row: read as one, it would take memory without bounds."""
+    begin = 0
+    while len(data) - begin > _LONGEST_LINE:
+        end = max(data.rfind(mark, begin, begin + _LONGEST_LINE) for mark in (b"\n", b"\r"))
+        if end < 0:
+            raise RecordingError(
+                f"a line of more than {_LONGEST_LINE} bytes, expected one row of numbers in each; is it another kind "
+                "of file? Otherwise repair or delete the line",
+                file=path,
+                line=line + data.count(b"\n", 0, begin),
+            )
+        begin = end + 1
 
 
 def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
@@ -233,6 +262,12 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
             file=path,
             line=1,
         )
+    if header.count(",") >= _MOST_COLUMNS:
+        raise RecordingError(
+            f"{header.count(',') + 1} columns, expected {_MOST_COLUMNS} at most; keep those of one stream",
+            file=path,
+            line=1,
+        )
     columns: list[Column] = []
     for i, part in enumerate(header.strip().rstrip(",").split(",")):
         match = _COLUMN.match(part.strip().strip("\"'"))
@@ -244,18 +279,13 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
             )
         unit = match.group(2)
         columns.append(Column(i, match.group(1), None if unit is None else re.sub(r"\s+", " ", unit)))
-    # A unit that stands only on the first column of a group holds for the rest of the group.
-    for i in range(2, len(columns)):
-        before, here = columns[i - 1], columns[i]
-        if here.unit is None and before.unit is not None and here.name[:2].lower() == before.name[:2].lower():
-            columns[i] = Column(i, here.name, before.unit)
     return tuple(columns)
 
 
 def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -> tuple[Stamps, Array]:
     """Return stamps and all columns (n, columns) of rows whose first stands in a line of the file."""
     unit = columns[0].unit or "ns"
-    if unit not in _UNITS["time"]:
+    if unit not in UNITS["time"]:
         raise RecordingError(
             f"stamps are in [{unit}]; kreisel reads {_listed('time')}. Convert them, or correct the header",
             file=path,
@@ -276,14 +306,24 @@ def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -
 
 
 def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
-    factor = _UNITS["time"][unit]
+    factor = UNITS["time"][unit]
     bad = np.flatnonzero(~(np.abs(stamps) < _LARGEST_STAMP / factor))
     if bad.size:
-        guess = "is the unit right? [ns] perhaps" if bad.size == stamps.size else "repair or delete the row"
+        guess = (
+            f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
+        )
         raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is no possible time; {guess}", int(bad[0]))
     whole = np.floor(stamps)
     # in two parts, for seconds since 1970 times 1e9 leave no digits behind the point
     return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
+
+
+def _likely(stamps: Array) -> str:
+    """Return the unit in which stamps come at a rate that devices have, or units."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = float(np.median(np.diff(stamps))) if stamps.size > 1 else np.nan
+    fitting = [unit for unit, size in UNITS["time"].items() if 0.5 <= 1e9 / max(step * size, 1e-300) <= 20e3]
+    return " or ".join(f"[{unit}]" for unit in fitting or ["ns"])
 
 
 def _bad_row(

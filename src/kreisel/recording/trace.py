@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
+from kreisel.files import read_bytes
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
 from kreisel.recording.channels import JOINTS, ORIENTATION, POSITION, Channel, choose, factor, meaning
@@ -26,6 +27,9 @@ SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")
 
 _NO_VALUE = 1e30
 """DIAdem marks what is missing by 9.9e34."""
+
+_LARGEST_TRACE = 1 << 28
+"""Bytes of a trace as text, 256 MiB: hours of it."""
 
 _TURNED = 2.0 * np.pi
 """Degrees that all angles of a robot stay within only if they are radians."""
@@ -141,7 +145,7 @@ def _text(path: Path) -> str:
     if suffix == ".r64":
         raise RecordingError("holds the values alone; give the .dat beside it, which names them", file=path)
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, _LARGEST_TRACE)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}; give a trace's .dat or text", file=path) from error
     if b"\0" in data:

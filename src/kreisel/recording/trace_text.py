@@ -14,6 +14,7 @@ from kreisel.recording.channels import Channel, is_unit
 from kreisel.recording.recording import Finding
 from kreisel.recording.table import is_number
 
+_LONGEST_LINE = 1 << 16
 _NAME = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*")
 
 
@@ -29,6 +30,7 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
     """
     findings: list[Finding] = []
     lines = _whole_lines(text, findings)
+    _check_lengths(path, lines)
     delimiter = next((d for d in "\t;," if any(d in line for line in lines[:20])), None)
     if delimiter is None:
         raise RecordingError(
@@ -54,6 +56,16 @@ def _whole_lines(text: str, findings: list[Finding]) -> list[str]:
     if lines[-1].strip():
         findings.append(Finding("trace", f"the last line has no end ('{lines[-1][-40:]}'): it was left out"))
     return lines[:-1]
+
+
+def _check_lengths(path: Path, lines: list[str]) -> None:
+    long = next((k for k, line in enumerate(lines) if len(line) > _LONGEST_LINE), None)
+    if long is not None:
+        raise RecordingError(
+            f"a line of {len(lines[long])} characters, expected {_LONGEST_LINE} at most; give the text of a trace",
+            file=path,
+            line=long + 1,
+        )
 
 
 def _with_points(path: Path, lines: list[str], delimiter: str) -> list[str]:

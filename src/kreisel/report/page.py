@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from kreisel._version import __version__
 from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.summary import summarise
 from kreisel.calibration.validation import CrossValidation, Injection
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -22,16 +22,6 @@ from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
 from kreisel.report.figures import Figure
 from kreisel.report.plots import PALETTES
-
-
-@dataclass(frozen=True)
-class Summary:
-    """The verdict in a headline and a sentence."""
-
-    accepted: bool
-    headline: str
-    sentence: str
-    reasons: tuple[str, ...] = ()
 
 
 def write_report(
@@ -59,7 +49,7 @@ def render(data: ReportData) -> str:
         [f for part in drawn.values() for f in part],
         document=data.outcome.calibration.document,
         findings=data.outcome.findings,
-        summary=summarise(data.outcome),
+        summary=summarise(data.outcome.verdict, data.outcome.observability.unobservable),
         unobservable=tables.unobservable_by_group(data.outcome),
         not_estimated=tables.not_estimated(data.outcome),
         figures=drawn,
@@ -84,22 +74,6 @@ def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
         palettes=_script(PALETTES),
         **values,
     )
-
-
-def summarise(outcome: Outcome) -> Summary:
-    """Return the verdict in plain words."""
-    accepted, lost = outcome.verdict.accepted, len(outcome.observability.unobservable)
-    if not accepted:
-        return Summary(False, "Rejected", "Do not use this calibration. The reasons:", outcome.verdict.reasons)
-    if lost:
-        which = "one parameter" if lost == 1 else f"{lost} parameters"
-        sentence = (
-            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be "
-            "of use. Do not rely on those:"
-        )
-        return Summary(True, "Accepted, with gaps", sentence)
-    sentence = "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
-    return Summary(True, "Accepted", sentence)
 
 
 def _figures(data: ReportData) -> dict[str, list[Figure]]:

@@ -90,6 +90,11 @@ def pair(value: float | None, deviation: float | None) -> str:
     return f"{_minus(f'{value:.{places}f}')} ± {deviation:.{places}f}"
 
 
+def held(value: float | None) -> str:
+    """Return a value that was not estimated."""
+    return NOTHING if value is None or not math.isfinite(value) else f"held at {number(value, 4)}"
+
+
 def _minus(text: str) -> str:
     return "−" + text[1:] if text.startswith("-") and text.strip("-0.") else text.removeprefix("-")
 
@@ -183,8 +188,8 @@ def key_table(outcome: Outcome) -> Table:
 
 
 def _key_row(title: str, unit: str, values: Sequence[Any], deviations: Sequence[Any], word: str) -> Row:
-    bare = word.startswith("no: ")
-    cells = [pair(v, None if bare else s) for v, s in zip(values, deviations, strict=True)]
+    bare = word in ("no: fixed", "no: held at nominal")  # of several groups one may be estimated
+    cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in zip(values, deviations, strict=True)]
     return Row((title, unit, *cells, word), weak=word != "yes")
 
 
@@ -195,12 +200,16 @@ def _scaled(values: Sequence[Any], unit: float) -> list[float | None]:
 def _timing_rows(document: dict[str, Any], support: Support) -> list[Row]:
     timing, sd = document["timing"], document["standard_deviation"]["timing"]
     word = support.word(("time_offset",))
-    offset = pair(timing["offset"] / MS, None if word.startswith("no: ") else (sd["offset"] or 0.0) / MS)
+    size = timing["offset"] / MS
+    offset = held(size) if word.startswith("no: ") else pair(size, (sd["offset"] or 0.0) / MS)
     rows = [Row(("Time offset of the reference", "ms", offset, "", "", word), weak=word != "yes")]
     if sd["skew"]:
         word = support.word(("time_skew",))
         skew = pair(timing["skew"] / PPM, sd["skew"] / PPM)
         rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=word != "yes"))
+    elif timing["skew"]:
+        skew, word = held(timing["skew"] / PPM), "no: fixed"
+        rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=True))
     return rows
 
 
@@ -391,7 +400,8 @@ def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the groups that were not estimated, each with why."""
     settings = outcome.problem.settings
     out = [(g, "held at its nominal value: the motion does not show it") for g in outcome.problem.held]
-    out += [(g, "fixed by the user") for g in GROUPS if g in settings.fixed]
+    at = dict(settings.held_at)
+    out += [(g, f"fixed by the user{', at the value given' if g in at else ''}") for g in GROUPS if g in settings.fixed]
     return out
 
 

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RobotError, unknown_name
+from kreisel.files import read_text
 from kreisel.geometry.rotation import Array, from_matrix, matrix
+from kreisel.markup import screened
 
 MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
@@ -103,7 +105,7 @@ def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
     if path.suffix.lower() not in (".urdf", ".xml"):
         raise RobotError(f"{unknown_name('robot', str(source), MODELS)}; or give a .urdf file")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise RobotError(f"{path}: cannot be read: {reason}; expected a robot's description (URDF)") from error
@@ -147,8 +149,8 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
 def _plain(urdf: str, source: str) -> str:
     """Return the description without meshes, its endless joints with (wide) limits."""
     try:
-        root = ElementTree.fromstring(urdf)
-    except ElementTree.ParseError as error:
+        root = ElementTree.fromstring(screened(urdf))
+    except (ElementTree.ParseError, ValueError) as error:
         raise RobotError(f"{source}: not XML: {error}; expected a robot's description (URDF)") from error
     for link in root.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):

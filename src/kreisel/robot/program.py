@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RobotError, SettingsError, unknown_name
+from kreisel.files import read_text
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
 from kreisel.robot.excitation import home
@@ -54,7 +55,7 @@ def read_program(path: Path, arm: Arm) -> Program:
         If a pose is out of reach or range; names the move, the joint and the limit.
     """
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = tomllib.loads(read_text(path))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from kreisel.geometry.rotation import Array
+from kreisel.markup import screened
 from kreisel.robot.kinematics import Arm, pinocchio
 
 
@@ -17,7 +18,7 @@ def calibrated_urdf(arm: Arm, placement: Array) -> str:
     new one where it hangs on none. Comments and everything else stay as they are.
     """
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    root = ElementTree.fromstring(arm.urdf, parser=parser)
+    root = ElementTree.fromstring(screened(arm.urdf), parser=parser)
     joints = {joint.get("name"): joint for joint in root.iter("joint")}
     for name, error in zip(arm.joints, placement[:-1], strict=True):
         _move(joints[name], error)

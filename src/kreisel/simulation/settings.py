@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from kreisel.errors import SettingsError, unknown_name
+from kreisel.files import read_text
 from kreisel.inertial.noise import GRADES
 from kreisel.recording.settings import what_is_wrong
 
@@ -131,7 +132,7 @@ def read_cell(path: Path) -> Cell:
         If it cannot be read, has an unknown key (the known ones are listed) or an impossible value.
     """
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = tomllib.loads(read_text(path))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

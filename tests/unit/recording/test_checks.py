@@ -15,6 +15,10 @@ from kreisel.geometry import exp
 from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording import recording as module
 from kreisel.recording.checks import check_streams
+from kreisel.recording.header import UNITS, HeaderUnits
+from kreisel.recording.joint_checks import angles_at
+from kreisel.robot import kinematics
+from kreisel.units import DEG, STANDARD_GRAVITY
 
 IMU, POSE = Path("run/imu0/data.csv"), Path("run/pose0/data.csv")
 RATE, POSE_RATE, SECONDS = 200.0, 80.0, 12.0
@@ -166,7 +170,45 @@ def test_stamps_of_other_units_are_recognised(stream: str, factor: int, unit: st
     r = recording()
     part = getattr(r, stream)
     broken = replace(r, **{stream: replace(part, stamps_ns=part.stamps_ns // factor)})
-    assert f"they look like [{unit}]" in message(broken)
+    assert f"they look like [{unit}]: write '#timestamp [{unit}]' into the header" in message(broken)
+
+
+SIZES = UNITS["time"]
+CONFUSED = [(a, b) for a in SIZES for b in SIZES if a != b and 1e-6 <= SIZES[a] / SIZES[b] <= 1e3]
+"""Units stated and true; of others stamps repeat, or leap, and that is said first."""
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+@pytest.mark.parametrize(("stated", "true"), CONFUSED)
+@pytest.mark.parametrize("stream", ["imu", "reference"])
+def test_one_unit_is_proposed_that_fits_all_whatever_the_header_says(
+    stream: str, stated: str, true: str, every: int
+) -> None:
+    """Stamps that are in one unit and read in another, at rates at which the rate alone leaves two to choose from."""
+    r = recording()
+    s = r.imu
+    r = with_imu(r, stamps_ns=s.stamps_ns[::every], rates=s.rates[::every], accelerations=s.accelerations[::every])
+    part = getattr(r, stream)
+    step = float(np.median(np.diff(part.stamps_ns))) * SIZES[stated] / SIZES[true]
+    stamps = np.arange(part.stamps_ns.size) * round(step)
+    broken = replace(part, stamps_ns=stamps, units=HeaderUnits(time=stated))
+    said = message(replace(r, **{stream: broken}))
+    assert f"the header says [{stated}], but they look like [{true}]: write '#timestamp [{true}]'" in said
+
+
+def test_rate_and_duration_propose_the_same() -> None:
+    """Poses so slow that their rate is possible either way."""
+    r = recording()
+    part = r.reference.part(slice(None, None, 40))
+    slow = replace(part, stamps_ns=part.stamps_ns // 1000, units=HeaderUnits(time="us"))
+    assert "lasts 0.01" in message(replace(r, reference=slow))
+    assert "the header says [us], but they look like [ms]" in message(replace(r, reference=slow))
+
+
+def test_stamps_that_no_unit_makes_right_are_not_given_one() -> None:
+    r = recording()
+    said = message(with_imu(r, stamps_ns=r.imu.stamps_ns // 50_000))
+    assert "no unit of stamps fits their rate, their duration and pose0: look how the stamps are made" in said
 
 
 def test_slow_poses_in_microseconds_show_by_their_length() -> None:
@@ -177,13 +219,100 @@ def test_slow_poses_in_microseconds_show_by_their_length() -> None:
     assert "they look like [us]" in message(broken)
 
 
-def test_joints_at_other_stamps_are_told() -> None:
+def test_what_the_header_says_already_is_not_proposed() -> None:
     r = recording()
-    joints = JointAngles(
-        r.reference.stamps_ns + 1, np.zeros((r.reference.stamps_ns.size, 6)), Path("run/joint0/data.csv")
+    far = with_poses(r, positions=1e3 * r.reference.positions)
+    assert "they look like [mm]; write [mm] into the header" in message(far)
+    assert message(with_poses(far, units=HeaderUnits(length="mm"))).endswith(
+        "the header says [mm], but the numbers look 1000 times too large for it; correct the header or the numbers"
     )
-    (finding,) = check_streams(replace(r, joints=joints)).findings
-    assert str(finding) == "joints: joint0: 960 of 960 poses have no joint angles of the same stamp"
+    for factor, stated, likely in (
+        (STANDARD_GRAVITY, "g", "they look like [m s^-2]"), (1e3, "g", "they look like [mg]"),
+        (1e-3, "mg", "they look like [g]"), (1.0 / STANDARD_GRAVITY, "m/s^2", "they look like [g]"),
+    ):  # fmt: skip
+        other = factor if stated != "mg" else 1e-3
+        wrong = with_imu(r, accelerations=other * r.imu.accelerations, units=HeaderUnits(acceleration=stated))
+        assert f"the header says [{stated}], but {likely}; correct the header or the numbers" in message(wrong)
+
+
+JOINT = Path("run/joint0/data.csv")
+SMALL_ARM = (
+    '<robot name="two"><link name="base"/><link name="upper"/><link name="lower"/>'
+    '<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.4"/>'
+    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="10"/></joint>'
+    '<joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.5 0 0"/>'
+    '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="2" effort="10"/></joint></robot>'
+)
+
+
+def armed(unit: float = 1.0, stated: str | None = None, size: float = 2.0, source: Path = JOINT) -> Recording:
+    """Return a recording of an arm of two joints, its angles in some unit."""
+    r = recording()
+    angles = size * course(r.reference.seconds)[:, :2]
+    p, q = kinematics.poses(kinematics.parse_arm(SMALL_ARM), angles)
+    joints = JointAngles(r.reference.stamps_ns, angles / unit, source, HeaderUnits(angle=stated))
+    return replace(with_poses(r, positions=p, quaternions=q), joints=joints, urdf=SMALL_ARM)
+
+
+def shifted(shift: int, keep: slice = slice(None)) -> Recording:
+    r = armed()
+    joints = replace(r.joints, stamps_ns=r.joints.stamps_ns[keep] + shift, angles=r.joints.angles[keep])
+    return replace(r, joints=joints)
+
+
+@pytest.mark.parametrize("shift", [1, 1000, -1000, 100_000])
+def test_joints_whose_stamps_are_rounded_are_of_the_same_instant(shift: int) -> None:
+    r = check_streams(shifted(shift))
+    assert r.findings == ()
+    np.testing.assert_array_equal(angles_at(r.joints, r.reference.stamps_ns), r.joints.angles)
+
+
+def test_joints_at_other_stamps_are_interpolated_and_it_is_said() -> None:
+    r = check_streams(shifted(3_000_000))
+    (finding,) = r.findings
+    assert str(finding) == "joints: joint0: 960 of 960 poses have no joint angles of the same stamp; interpolated there"
+    between = angles_at(r.joints, r.reference.stamps_ns)[1:]
+    share = 3.0 * POSE_RATE / 1000.0
+    np.testing.assert_allclose(between, share * r.joints.angles[:-1] + (1.0 - share) * r.joints.angles[1:], atol=1e-12)
+    (finding,) = check_streams(shifted(0, slice(None, None, 2))).findings
+    assert "480 of 960 poses" in str(finding)
+
+
+def test_angles_in_degrees_are_converted_where_the_poses_prove_it() -> None:
+    want, got = check_streams(armed()), check_streams(armed(DEG))
+    assert want.findings == ()
+    np.testing.assert_allclose(got.joints.angles, want.joints.angles, rtol=1e-14)
+    (finding,) = got.findings
+    assert str(finding) == (
+        "joints: joint0: joint angles are in degrees, as the poses show, and were converted; write q_1 [deg] into the "
+        "header"
+    )
+    (finding,) = check_streams(armed(DEG, source=Path("run.mcap/robot/joint_states"))).findings
+    assert "ROS messages are in rad" in str(finding)
+
+
+def test_angles_in_degrees_that_the_header_says_are_radians_are_refused() -> None:
+    said = message(armed(DEG, "rad"))
+    assert said == (
+        "run/joint0/data.csv, line 1: the poses fit the joint angles as degrees: joint angles look like degrees; the "
+        "header says [rad]: correct it, or the numbers"
+    )
+
+
+@pytest.mark.parametrize("without", ["urdf", "reference", "frames"])
+def test_angles_that_look_like_degrees_are_refused_where_nothing_proves_it(without: str) -> None:
+    r = armed(DEG)
+    moved = with_poses(r, positions=r.reference.positions + 0.1)
+    said = message(moved if without == "frames" else replace(r, **{without: None}))
+    assert "run/joint0/data.csv, line 1: joint angles reach" in said
+    assert said.endswith("joint angles look like degrees; write q_1 [deg] into the header")
+
+
+def test_angles_of_axes_without_end_are_no_degrees() -> None:
+    r = armed()
+    endless = r.joints.angles * [1.0, 100.0]
+    for joints in (replace(r.joints, angles=endless), replace(r.joints, angles=100.0 * endless, source=Path("a/b"))):
+        assert check_streams(replace(r, joints=joints, urdf=None)).findings == ()
 
 
 def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:

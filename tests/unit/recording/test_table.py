@@ -39,7 +39,8 @@ def test_a_table_as_euroc_writes_it(tmp_path: Path) -> None:
     got = table(tmp_path, f"{HEADER}\n10,1,2,3,4,5,6\n20,-1e-3,2.5,3,4,5,6\n")
     np.testing.assert_array_equal(got.stamps_ns, [10, 20])
     np.testing.assert_array_equal(numbers(got), [[1, 2, 3, 4, 5, 6], [-1e-3, 2.5, 3, 4, 5, 6]])
-    assert [column.unit for column in got.columns] == ["ns", *3 * ["rad s^-1"], *3 * ["m s^-2"]]
+    assert [column.unit for column in got.columns] == ["ns", "rad s^-1", None, None, "m s^-2", None, None]
+    assert [column.unit for column in got.with_units(list(got.columns[4:7]))] == 3 * ["m s^-2"]
     assert got.findings == ()
 
 
@@ -59,6 +60,67 @@ def test_a_table_as_euroc_writes_it(tmp_path: Path) -> None:
 def test_units_are_converted(tmp_path: Path, unit: str, quantity: str, factor: float) -> None:
     got = table(tmp_path, f"t,x {unit}\n1,2\n2,4\n")
     np.testing.assert_allclose(got.take([got.columns[1]], quantity), [[2 * factor], [4 * factor]], rtol=1e-15)
+
+
+def readings(tmp_path: Path, header: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Rates and accelerations of a folder whose rows are ones, and what is said."""
+    (tmp_path / "imu0").mkdir(exist_ok=True)
+    (tmp_path / "imu0" / "data.csv").write_text(f"#timestamp [ns],{header}\n1,1,1,1,1,1,1\n")
+    got = load_folder(tmp_path)
+    return got.imu.rates[0], got.imu.accelerations[0], [finding.message for finding in got.findings]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("gx", "gy", "gz", "ax", "ay", "az"),
+        ("wx", "wy", "wz", "fx", "fy", "fz"),
+        ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z"),
+        ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z"),
+        ("omega x", "omega y", "omega z", "force x", "force y", "force z"),
+        ("rate", "pitch rate", "yaw rate", "first", "second", "third"),
+    ],
+)
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_unit_stated_once_holds_for_its_group(tmp_path: Path, names: tuple[str, ...], place: int) -> None:
+    columns = [f"{name} [{'g' if k > 2 else 'deg/s'}]" if k % 3 == place else name for k, name in enumerate(names)]
+    rates, accelerations, said = readings(tmp_path, ",".join(columns))
+    np.testing.assert_allclose(rates, DEG, rtol=1e-15)
+    np.testing.assert_allclose(accelerations, STANDARD_GRAVITY, rtol=1e-15)
+    assert said == ["converted from [deg/s], [g] to SI"]
+
+
+def test_a_unit_of_one_group_is_none_of_the_next(tmp_path: Path) -> None:
+    rates, accelerations, _ = readings(tmp_path, "x [deg/s],y,z,ax,ay,az")
+    np.testing.assert_allclose(rates, DEG, rtol=1e-15)
+    np.testing.assert_array_equal(accelerations, 1.0)
+
+
+def test_each_column_may_state_its_own_unit(tmp_path: Path) -> None:
+    rates, _, _ = readings(tmp_path, "gx [deg/s],gy [rad/s],gz [mdps],ax,ay,az")
+    np.testing.assert_allclose(rates, [DEG, 1.0, 1e-3 * DEG], rtol=1e-15)
+
+
+@pytest.mark.parametrize("header", ["gx [deg/s],gy [rad/s],gz,ax,ay,az", "gx,gy [deg/s],gz [rad/s],ax,ay,az"])
+def test_units_that_differ_where_one_is_missing_are_refused(tmp_path: Path, header: str) -> None:
+    with pytest.raises(RecordingError, match=r"data\.csv, line 1: the columns .* belong together, and it is not clear"):
+        readings(tmp_path, header)
+
+
+def test_units_of_poses_and_joints_hold_for_their_groups(tmp_path: Path) -> None:
+    readings(tmp_path, "w_x,w_y,w_z,a_x,a_y,a_z")
+    for name, header, row in (
+        ("pose0", "z [mm],x,y,q_w [],q_x,q_y,q_z", "1,2,3,1,0,0,0"), ("joint0", "A1 [deg],A2,axis 3", "1,2,3"),
+    ):  # fmt: skip
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "data.csv").write_text(f"t,{header}\n1,{row}\n")
+    got = load_folder(tmp_path)
+    np.testing.assert_allclose(got.reference.positions, [[2e-3, 3e-3, 1e-3]], rtol=1e-15)
+    np.testing.assert_allclose(got.joints.angles, [[DEG, 2 * DEG, 3 * DEG]], rtol=1e-15)
+    assert (got.reference.units.length, got.joints.units.angle) == ("mm", "deg")
+    assert [str(finding) for finding in got.findings] == [
+        "pose0/data.csv: converted from [mm] to SI", "joint0/data.csv: converted from [deg] to SI"
+    ]  # fmt: skip
 
 
 def test_an_unknown_unit_is_refused_with_the_known_ones(tmp_path: Path) -> None:
@@ -140,7 +202,7 @@ def test_settings_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.Monke
     def forbidden(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr(Path, "open", forbidden)
     with pytest.raises(RecordingError, match=r"recording\.toml: cannot be read: Permission denied"):
         read_settings(tmp_path / "recording.toml")
 

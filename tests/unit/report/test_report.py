@@ -159,6 +159,7 @@ def test_what_is_held_or_fixed_carries_no_deviation(recording: Recording, tmp_pa
     row = next(line for line in own.splitlines() if ">Position of accelerometer x in b<" in line)
     assert "no: fixed" in row
     assert "±" not in row
+    assert row.count("held at ") == 3
     assert "<code>lever_arms</code> (fixed by the user)" in own
 
 

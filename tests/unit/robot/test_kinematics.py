@@ -525,3 +525,24 @@ def test_without_pinocchio_the_message_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(RobotError, match=r"pip install 'kreisel\[robot\]'"):
         load_arm("kr125")
+
+
+@pytest.mark.parametrize(
+    "head", ['<!DOCTYPE robot [<!ENTITY a "two">]>', '<?xml version="1.0"?>\n<!doctype robot>', '<!ENTITY a "b">', "\0"]
+)
+def test_descriptions_with_declarations_are_refused(tmp_path, head):
+    """By them a short description can stand for a long one, or for another file."""
+    with pytest.raises(RobotError, match=r"robot\.urdf: not XML: (declaration|zero at character 0)"):
+        parse_arm(head + PLAIN)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32", "cp037"])
+def test_descriptions_in_other_encodings_are_refused(tmp_path, encoding):
+    file = tmp_path / "two.urdf"
+    file.write_bytes(f'<!DOCTYPE robot [<!ENTITY a "two">]>{PLAIN}'.encode(encoding))
+    with pytest.raises(RobotError, match=r"two\.urdf: (cannot be read: not UTF-8|not XML: zero at character 1)"):
+        load_arm(file)
+
+
+def test_comments_stay(tmp_path):
+    assert parse_arm(f"<!-- an arm -->{PLAIN}").joints == ("shoulder", "elbow")

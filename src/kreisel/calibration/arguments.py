@@ -1,0 +1,94 @@
+"""Arrays a user gives: checked, with the argument's name in every message."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array
+
+_LEAST = 6
+"""Samples that rates are differentiated and integrated over."""
+
+_SLOWEST = 1.0
+"""Seconds between samples from which floats are no seconds of an IMU."""
+
+_FASTEST = 1e-6
+"""Seconds between samples below which integers are no nanoseconds of an IMU."""
+
+
+def triads(values: ArrayLike, name: str) -> Array:
+    """Return readings of three axes (n, 3) as float64.
+
+    Parameters
+    ----------
+    name
+        Of the argument, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If they are of another shape, no numbers, or not finite.
+    """
+    try:
+        out = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{name}: not an array of numbers ({error}); expected the shape (n, 3)") from error
+    if out.ndim != 2 or out.shape[1] != 3 or len(out) < _LEAST:
+        raise RecordingError(f"{name}: got the shape {out.shape}, expected (n, 3) with n = {_LEAST} or more")
+    _check_finite(out, name)
+    return out
+
+
+def _check_finite(values: Array, name: str) -> None:
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        place = ", ".join(map(str, bad[0]))
+        raise RecordingError(f"{name}[{place}] is {values[tuple(bad[0])]}; expected finite numbers: leave it out")
+
+
+def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
+    """Return the seconds since the first timestamp, (n,).
+
+    Parameters
+    ----------
+    timestamps : (n,)
+        Integers are nanoseconds and lose no digit; floats are seconds.
+    size
+        How many there must be.
+    name
+        Of the argument, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If they are of another shape, no numbers, do not ascend, or are plainly in another unit.
+    """
+    stamps = np.asarray(timestamps)
+    if stamps.shape != (size,):
+        raise RecordingError(f"{name}: got the shape {stamps.shape}, expected ({size},), one for each reading")
+    if stamps.dtype.kind not in "iuf":
+        raise RecordingError(
+            f"{name}: got values of type {stamps.dtype}, expected seconds as floats or nanoseconds as integers"
+        )
+    whole = stamps.dtype.kind in "iu"
+    if not whole:
+        stamps = stamps.astype(float)
+        _check_finite(stamps, name)
+    back = np.flatnonzero(stamps[1:] <= stamps[:-1])  # a difference of unsigned integers would run over
+    if back.size:
+        k = int(back[0])
+        raise RecordingError(
+            f"{name}[{k + 1}] = {stamps[k + 1]} does not follow {name}[{k}] = {stamps[k]}; expected ascending stamps"
+        )
+    seconds = (stamps - stamps[0]) * 1e-9 if whole else stamps - stamps[0]
+    step = float(np.median(np.diff(seconds)))
+    if whole and step < _FASTEST:
+        raise RecordingError(
+            f"{name}: integers are nanoseconds, but the usual step is {step * 1e9:.4g} ns; give seconds as floats"
+        )
+    if not whole and step > _SLOWEST:
+        guess = "they look like nanoseconds: give those as integers" if step > 1e3 else "give seconds"
+        raise RecordingError(f"{name}: floats are seconds, but the usual step is {step:.4g} s; {guess}")
+    return np.asarray(seconds)

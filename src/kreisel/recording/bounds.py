@@ -1,0 +1,154 @@
+"""Compressed data taken out only as far as they may be long: a few bytes can stand for gigabytes."""
+
+from __future__ import annotations
+
+import bz2
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+
+import lz4.frame
+import zstandard
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag2 import Reader as Ros2Reader
+
+from kreisel.files import LARGEST_YAML, read_text
+
+LARGEST_CHUNK = 1 << 26
+"""Bytes of one chunk or message once it is taken out: 64 MiB; recorders write chunks of 1 to 4 MiB."""
+
+MOST_TIMES = 100
+"""How many times larger than its file the messages of a recording may be; readings shrink by ten at most."""
+
+_OF_A_MESSAGE = 128  # bytes Python takes for each beside its content
+
+
+class TooLargeError(ValueError):
+    """More than may be taken into memory."""
+
+
+class Budget:
+    """How much may still be kept of a file.
+
+    Parameters
+    ----------
+    size
+        Bytes of the file.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._most = self._left = LARGEST_CHUNK + MOST_TIMES * size
+
+    def take(self, size: int) -> None:
+        """Count a message of so many bytes.
+
+        Raises
+        ------
+        TooLargeError
+            If the messages are more than they can be.
+        """
+        self._left -= size + _OF_A_MESSAGE
+        if self._left < 0:
+            raise TooLargeError(
+                f"messages of more than {self._most} bytes, over {MOST_TIMES} times the file: more than real ones"
+            )
+
+
+def within(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+    """Return data of at most so many bytes; `TooLargeError` if it is more."""
+    if len(data) > most:
+        raise TooLargeError(f"more than {most} bytes, the most kreisel reads at once")
+    return data
+
+
+def unzstd(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+    """Return what a zstd frame holds, at most so many bytes; `TooLargeError` if it is more."""
+    with zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(BytesIO(data)) as reader:
+        return within(reader.read(most + 1), most)
+
+
+def unlz4(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+    """Return what an lz4 frame holds; see `unzstd`."""
+    return within(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1), most)
+
+
+def unbz2(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+    """Return what a bz2 stream holds; see `unzstd`."""
+    return within(bz2.BZ2Decompressor().decompress(data, max_length=most + 1), most)
+
+
+_TAKE_OUT: dict[str, Callable[[bytes, int], bytes]] = {"zstd": unzstd, "lz4": unlz4, "": within}
+
+
+def chunk_content(data: bytes, compression: str, size: int, crc: int) -> bytes:
+    """Return the content of an MCAP chunk.
+
+    Parameters
+    ----------
+    size, crc
+        Bytes it is said to have, and their CRC-32; 0 where there is none.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, of another size, or larger than `LARGEST_CHUNK`.
+    """
+    if compression not in _TAKE_OUT:
+        raise ValueError(f"compressed by '{compression[:20]}', expected zstd, lz4 or nothing")
+    if size > LARGEST_CHUNK:
+        raise TooLargeError(f"said to have {size} bytes once taken out, expected {LARGEST_CHUNK} at most")
+    content = _TAKE_OUT[compression](data, size)
+    if len(content) != size:
+        raise ValueError(f"{len(content)} bytes, expected {size}")
+    if crc and zlib.crc32(content) != crc:
+        raise ValueError("its checksum does not fit")
+    return content
+
+
+def unpacked(path: Path) -> Iterator[bytes]:
+    """Yield what a zstd file holds, piece by piece.
+
+    Raises
+    ------
+    TooLargeError
+        Once it is more than such a file can hold.
+    """
+    left = LARGEST_CHUNK + MOST_TIMES * path.stat().st_size
+    with path.open("rb") as file:
+        reader = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(file, read_across_frames=True)
+        while part := reader.read(1 << 20):
+            left -= len(part)
+            if left < 0:
+                raise TooLargeError(f"{path.name} becomes more than {MOST_TIMES} times as large: more than a real one")
+            yield part
+
+
+def unpack(file: Path, target: Path) -> Path:
+    """Return the file that a compressed one is unpacked into."""
+    with target.open("wb") as stream:
+        for part in unpacked(file):
+            stream.write(part)
+    return target
+
+
+def check_files(folder: Path) -> None:
+    """Raise an error for files of a bag that are too large to be taken out, before the library does so."""
+    if (folder / "metadata.yaml").is_file():
+        read_text(folder / "metadata.yaml", LARGEST_YAML)
+        for file in folder.glob("*.zstd"):
+            for _ in unpacked(file):
+                pass
+
+
+def bounded(reader: Ros1Reader | Ros2Reader) -> Callable[[bytes], bytes]:
+    """Have a library's reader take out no more than may be; return how messages are taken out behind it."""
+    if isinstance(reader, Ros1Reader):
+        out = {decompressors["bz2"]: unbz2, decompressors["lz4"]: unlz4}
+        for place, chunk in reader.chunks.items():
+            reader.chunks[place] = chunk._replace(decompressor=out.get(chunk.decompressor, chunk.decompressor))
+    elif reader.compression_mode == "message":
+        reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+        return unzstd
+    return bytes

@@ -1,0 +1,157 @@
+"""What can be wrong with joint angles: degrees that are read as radians, and stamps that are not the poses' own."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.errors import RecordingError, RobotError
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
+from kreisel.recording.imu_checks import check_finite
+from kreisel.recording.place import is_table
+from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.stamp_checks import check_stamps
+from kreisel.robot import kinematics
+from kreisel.robot.kinematics import Arm, parse_arm
+from kreisel.units import DEG
+
+SAME_FRAME = (5e-3, 5e-3)
+"""m and rad; reported poses this near to the nominal kinematics are of the same base and tool frame."""
+
+_SAME_STAMP = 0.01
+"""Share of the joint angles' interval by which a pose's stamp may differ, as where one of them was rounded."""
+
+_WHOLE_TURNS = 4.0 * np.pi
+"""rad; angles that only axes without end reach."""
+
+_MARGIN = 0.5
+"""rad; how far beyond a joint's limits an angle cannot be."""
+
+
+def check_joints(joints: JointAngles) -> None:
+    """Raise an error unless stamps ascend and angles are numbers.
+
+    Raises
+    ------
+    RecordingError
+        With the first place where they do not.
+    """
+    check_stamps(joints.stamps_ns, joints.source, "joint angle")
+    names = tuple(f"q_{k + 1}" for k in range(joints.angles.shape[1]))
+    check_finite(joints.angles, names, joints.source)
+
+
+def joint_stamp_findings(joints: JointAngles, reference: ReferencePoses) -> list[Finding]:
+    """Return what to say of poses whose stamp no joint angles have: they are interpolated there."""
+    _, same = _nearest(joints.stamps_ns, reference.stamps_ns)
+    missing = int(np.sum(~same))
+    if not missing:
+        return []
+    said = f"{missing} of {reference.stamps_ns.size} poses have no joint angles of the same stamp; interpolated there"
+    return [Finding("joints", f"{joints.source.parent.name}: {said}")]
+
+
+def angles_at(joints: JointAngles, stamps: Stamps) -> Array:
+    """Return the joint angles at stamps (m,), (m, joints): those of the same instant, else interpolated ones."""
+    nearest, same = _nearest(joints.stamps_ns, stamps)
+    between = np.column_stack([np.interp(stamps, joints.stamps_ns, column) for column in joints.angles.T])
+    return np.where(same[:, None], joints.angles[nearest], between)
+
+
+def _nearest(own: Stamps, stamps: Stamps) -> tuple[Indices, Mask]:
+    """Return the index of the nearest of one's own stamps, and whether it is the same instant."""
+    right = np.clip(np.searchsorted(own, stamps), 1, own.size - 1)
+    nearest = np.where(stamps - own[right - 1] < own[right] - stamps, right - 1, right)
+    return nearest, np.asarray(np.abs(own[nearest] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
+
+
+def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[Finding]]:
+    """Return the joint angles, converted where the poses prove that they are degrees without a unit.
+
+    They are compared with the poses only if some are beyond a full turn, or a joint's limits; smaller ones are judged
+    where the robot's errors are estimated.
+
+    Raises
+    ------
+    RecordingError
+        If they look like degrees and the poses do not prove it, or the header says otherwise.
+    """
+    joints = recording.joints
+    assert joints is not None  # noqa: S101 - for the type checker; the caller looked
+    arm = None
+    if recording.urdf is not None and float(np.abs(joints.angles).max()) > np.pi:
+        with suppress(RobotError):  # what is wrong with it is said where it is needed
+            arm = parse_arm(recording.urdf, recording.settings.robot.tcp)
+        if arm is not None and len(arm.joints) != joints.angles.shape[1]:
+            arm = None
+    if not _look_like_degrees(joints, arm):
+        return joints, []
+    if arm is not None and recording.reference is not None:
+        angles = angles_at(joints, recording.reference.stamps_ns)
+        if near(distance(arm, angles, recording.reference)):
+            return joints, []
+        if near(distance(arm, DEG * angles, recording.reference)):
+            return in_degrees(joints)
+    raise looks_like_degrees(joints, f"joint angles reach {np.abs(joints.angles).max():.4g}")
+
+
+def _look_like_degrees(joints: JointAngles, arm: Arm | None) -> bool:
+    """Return whether several angles are beyond two turns, or one is, and beyond its limits, which fit degrees.
+
+    Several may be where the unit is stated, or a message of ROS has it: wheels and turntables turn without end.
+    """
+    low, high = joints.angles.min(axis=0), joints.angles.max(axis=0)
+    far = np.maximum(-low, high) > _WHOLE_TURNS
+    if is_table(joints.source) and joints.units.angle is None and int(far.sum()) > 1:
+        return True
+    if arm is None:
+        return False
+    beyond = far & ((low < arm.lower - _MARGIN) | (high > arm.upper + _MARGIN))
+    within = (DEG * low > arm.lower - _MARGIN) & (DEG * high < arm.upper + _MARGIN)
+    return bool(beyond.any() and within.all())
+
+
+def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[Finding]]:
+    """Return angles that are degrees in radians, and what to say of it.
+
+    Raises
+    ------
+    RecordingError
+        If the header says that they are in another unit.
+    """
+    if joints.units.angle is not None:
+        raise looks_like_degrees(joints, "the poses fit the joint angles as degrees")
+    where = "write q_1 [deg] into the header" if is_table(joints.source) else "ROS messages are in rad: convert them"
+    said = f"joint angles are in degrees, as the poses show, and were converted; {where}"
+    return replace(joints, angles=DEG * joints.angles), [Finding("joints", f"{joints.source.parent.name}: {said}")]
+
+
+def looks_like_degrees(joints: JointAngles, evidence: str) -> RecordingError:
+    """Return the error for joint angles that look like degrees and are read in another unit."""
+    if not is_table(joints.source):
+        remedy = "ROS messages are in rad: convert them"
+    elif joints.units.angle is None:
+        remedy = "write q_1 [deg] into the header"
+    else:
+        remedy = f"the header says [{joints.units.angle}]: correct it, or the numbers"
+    line = 1 if is_table(joints.source) else None
+    return RecordingError(f"{evidence}: joint angles look like degrees; {remedy}", file=joints.source, line=line)
+
+
+def distance(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float, float]:
+    """Return the median distance of reported poses from the nominal kinematics at angles (m, joints), m and rad."""
+    some = slice(None, None, max(1, len(angles) // 500))
+    p, q = kinematics.poses(arm, angles[some])
+    apart, turned = 0.0, 0.0
+    if reference.positions is not None:
+        apart = float(np.median(np.linalg.norm(p - reference.positions[some], axis=1)))
+    if reference.quaternions is not None:
+        turned = float(np.median(np.linalg.norm(log(multiply(conjugate(q), reference.quaternions[some])), axis=1)))
+    return apart, turned
+
+
+def near(far: tuple[float, float]) -> bool:
+    """Return whether reported poses are of the same base and tool frame as the kinematics."""
+    return all(d <= limit for d, limit in zip(far, SAME_FRAME, strict=True))

@@ -1,0 +1,95 @@
+"""A calibration applied to arrays: units of timestamps, and what is no possible argument."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError
+
+N = 400
+STEP_NS = 2_500_000
+EPOCH_NS = 1_700_000_000_123_456_789
+T = 1e-9 * STEP_NS * np.arange(N)
+RATES = np.sin(np.outer(T, [3.0, 5.0, 7.0]))
+FORCES = np.add(np.cos(np.outer(T, [2.0, 4.0, 6.0])), [0.0, 0.0, 9.8])
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    table = {"cross_coupling": np.diag([1.1, 0.9, 1.0]).tolist(), "offset": [0.1, 0.2, 0.3]}
+    arms = {"lever_arms": [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]]}
+    document: dict[str, Any] = {"estimator": {}, "gyroscope": table, "accelerometer": table | arms}
+    return Calibration(document, (), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 1)))
+
+
+def refusal(calibration: Calibration, rates: Any = RATES, accelerations: Any = FORCES, timestamps: Any = T) -> str:
+    with pytest.raises(RecordingError) as error:
+        calibration.correct(rates, accelerations, timestamps)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint64])
+@pytest.mark.parametrize("first", [0, EPOCH_NS])
+def test_integers_are_nanoseconds_taken_exactly(calibration: Calibration, kind: type, first: int) -> None:
+    want = calibration.correct(RATES, FORCES, T)
+    got = calibration.correct(RATES, FORCES, first + STEP_NS * np.arange(N).astype(kind))
+    for a, b in zip(got, want, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+def test_lists_and_integers_of_32_bits_are_taken_too(calibration: Calibration) -> None:
+    want = calibration.correct(RATES, FORCES, T)
+    stamps = STEP_NS * np.arange(N, dtype=np.int32)
+    for got in (calibration.correct(RATES.tolist(), FORCES.tolist(), T.tolist()),
+                calibration.correct(RATES, FORCES, stamps)):  # fmt: skip
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
+
+
+def test_floats_since_1970_keep_a_fraction_of_a_microsecond(calibration: Calibration) -> None:
+    want = calibration.correct(RATES, FORCES, T)
+    got = calibration.correct(RATES, FORCES, 1.7e9 + T)
+    np.testing.assert_allclose(got[1], want[1], rtol=0, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "said"),
+    [
+        (1e9 * T, "timestamps: floats are seconds, but the usual step is 2.5e+06 s; they look like nanoseconds"),
+        (EPOCH_NS + 1e9 * T, "timestamps: floats are seconds, but the usual step is 2.5e+06 s"),
+        (1e3 * T, "timestamps: floats are seconds, but the usual step is 2.5 s; give seconds"),
+        (np.arange(N), "timestamps: integers are nanoseconds, but the usual step is 1 ns; give seconds as floats"),
+        (T[:-1], "timestamps: got the shape (399,), expected (400,), one for each reading"),
+        (T[:, None], "timestamps: got the shape (400, 1), expected (400,)"),
+        (T[::-1], "timestamps[1] = 0.995 does not follow timestamps[0] = 0.9975; expected ascending stamps"),
+        (np.where(T[7] == T, T[6], T), "timestamps[7] = 0.015 does not follow timestamps[6] = 0.015"),
+        (np.array([5, 3, *range(6, 404)], dtype=np.uint64), "timestamps[1] = 3 does not follow timestamps[0] = 5"),
+        (np.where(T[7] == T, np.nan, T), "timestamps[7] is nan; expected finite numbers"),
+        (T.astype(str), "timestamps: got values of type <U"),
+        (T.astype("M8[s]"), "timestamps: got values of type datetime64[s]"),
+    ],
+)
+def test_timestamps_that_cannot_be_are_refused(calibration: Calibration, stamps: Any, said: str) -> None:
+    assert refusal(calibration, timestamps=stamps).startswith(said)
+
+
+@pytest.mark.parametrize("name", ["rates", "accelerations"])
+def test_readings_that_cannot_be_are_refused(calibration: Calibration, name: str) -> None:
+    good = {"rates": RATES, "accelerations": FORCES}[name]
+    holed = good.copy()
+    holed[5, 2] = np.inf
+    for values, said in (
+        (good[:, :2], "got the shape (400, 2), expected (n, 3) with n = 6 or more"),
+        (good.T, "got the shape (3, 400)"),
+        (good[:5], "got the shape (5, 3)"),
+        ([[1.0], [1.0, 2.0]], "not an array of numbers"),
+        ("none", "not an array of numbers"),
+    ):  # fmt: skip
+        assert refusal(calibration, **{name: values}).startswith(f"{name}: {said}")
+    assert refusal(calibration, **{name: holed}).startswith(f"{name}[5, 2] is inf; expected finite numbers")
+
+
+def test_arrays_of_different_lengths_are_refused(calibration: Calibration) -> None:
+    said = refusal(calibration, accelerations=FORCES[:-1])
+    assert said == "accelerations: got the shape (399, 3), expected (400, 3) as of rates"

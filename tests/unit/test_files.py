@@ -1,0 +1,122 @@
+"""Files that are of one result, written while the process may be killed at any moment."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kreisel
+from kreisel.calibration.result import RESULT_FILES, Calibration
+from kreisel.files import finish_replacing, read_bytes, replaced_together
+
+NAMES = ("a.yaml", "b.html", "c.urdf")
+WRITE = """
+import os, signal, sys
+from pathlib import Path
+from kreisel.files import replaced_together
+
+folder, last = Path(sys.argv[1]), int(sys.argv[2])
+seen = 0
+
+def kill(event, arguments):
+    global seen
+    if event in ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir") and ".kreisel" in str(arguments) or (
+        event == "os.remove"
+    ):
+        seen += 1
+        if seen > last:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+sys.addaudithook(kill)
+with replaced_together(folder, ("a.yaml", "b.html", "c.urdf")) as writing:
+    (writing / "a.yaml").write_text("new")
+    (writing / "b.html").write_text("new")
+print("done")
+"""
+"""Writes a result and kills itself before its n-th step."""
+
+
+def write(folder: Path, text: str) -> None:
+    for name in NAMES:
+        (folder / name).write_text(text)
+
+
+def found(folder: Path) -> dict[str, str]:
+    return {name: (folder / name).read_text() for name in NAMES if (folder / name).exists()}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+def test_killed_at_any_step_one_whole_result_is_left(tmp_path: Path) -> None:
+    old, new = dict.fromkeys(NAMES, "old"), {"a.yaml": "new", "b.html": "new"}
+    seen, steps = set(), 0
+    while steps < 100:
+        folder = tmp_path / str(steps)
+        (folder / "own").mkdir(parents=True)
+        (folder / "own" / "notes.txt").write_text("mine")
+        (folder / "data.csv").write_text("mine")
+        write(folder, "old")
+        done = subprocess.run([sys.executable, "-c", WRITE, folder, str(steps)], capture_output=True, text=True)
+        left = found(folder)
+        assert len(set(left.values())) <= 1, f"of two results after {steps} steps: {left}"
+        finish_replacing(folder, NAMES)
+        assert found(folder) in (old, new), f"not whole after {steps} steps: {found(folder)}"
+        seen.add(found(folder)["a.yaml"])
+        assert (folder / "own" / "notes.txt").read_text() == (folder / "data.csv").read_text() == "mine"
+        with replaced_together(folder, NAMES) as writing:
+            (writing / "c.urdf").write_text("again")
+        assert found(folder) == {"c.urdf": "again"}
+        assert {path.name for path in folder.iterdir()} == {"own", "data.csv", "c.urdf"}
+        if done.stdout:
+            break
+        steps += 1
+    assert steps > 8
+    assert seen == {"old", "new"}
+
+
+def test_what_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    write(tmp_path, "old")
+    with pytest.raises(ZeroDivisionError), replaced_together(tmp_path, NAMES) as writing:
+        (writing / "a.yaml").write_text(str(1 / 0))
+    assert found(tmp_path) == dict.fromkeys(NAMES, "old")
+    assert {path.name for path in tmp_path.iterdir()} == set(NAMES)
+    (tmp_path / "b.html").unlink()
+    (tmp_path / "b.html").mkdir()
+    with pytest.raises(IsADirectoryError), replaced_together(tmp_path, NAMES):
+        pass
+    assert (tmp_path / "a.yaml").read_text() == "old"
+
+
+def calibration(urdf: str | None) -> Calibration:
+    table = {"cross_coupling": np.eye(3).tolist(), "offset": [0.0] * 3, "lever_arms": np.zeros((3, 3)).tolist()}
+    document = {"schema": "kreisel/calibration/1", "gyroscope": table, "accelerometer": table, "verdict": {}}
+    return Calibration(document, ("a",), np.eye(1), np.ones(1), np.zeros((2, 3)), urdf)
+
+
+def test_a_result_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
+    calibration("<robot/>").save(tmp_path)
+    (tmp_path / "report.html").write_text("of the first")
+    (tmp_path / "notes.txt").write_text("mine")
+    assert {path.name for path in tmp_path.iterdir()} == {*RESULT_FILES, "notes.txt"}
+    calibration(None).save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "calibration.yaml", "estimates.csv", "covariance.npz", "notes.txt"
+    }  # fmt: skip
+    assert kreisel.Calibration.load(tmp_path).names == ("a",)
+
+
+def test_loading_finishes_what_was_cut_short(tmp_path: Path) -> None:
+    calibration(None).save(tmp_path)
+    other = Calibration.load(tmp_path)
+    (tmp_path / ".kreisel-written").mkdir()
+    Calibration(other.document, ("b",), np.eye(1), np.ones(1), np.zeros((2, 3))).write(tmp_path / ".kreisel-written")
+    assert Calibration.load(tmp_path / "calibration.yaml").names == ("b",)
+    assert not (tmp_path / ".kreisel-written").exists()
+
+
+def test_a_file_is_read_as_far_as_it_may_be_long(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(bytes(10))
+    assert read_bytes(tmp_path / "a", 10) == bytes(10)
+    with pytest.raises(OSError, match="longer than 9 bytes"):
+        read_bytes(tmp_path / "a", 9)
