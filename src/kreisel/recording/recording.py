@@ -63,18 +63,18 @@ class ImuSamples:
         rad/s and m/s^2, as read: not corrected in any way.
     source
         The file they came from, for messages.
-    lateness
-        How far stamps that were put right may all be late, s; 0 where they are as recorded.
     units
         What its header states.
+    lateness
+        How far stamps that were put right may all be late, s; 0 where they are as recorded.
     """
 
     stamps_ns: Stamps
     rates: Array
     accelerations: Array
     source: Path
-    lateness: float = 0.0
     units: HeaderUnits = NO_UNITS
+    lateness: float = 0.0
 
     @cached_property
     def seconds(self) -> Array:

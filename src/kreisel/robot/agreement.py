@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
-from kreisel.protocols.samples import RobotSample
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
 
@@ -34,6 +34,19 @@ _MOST = 60
 _AGAIN = 2  # poses in a row that must disagree
 
 
+class Reported(Protocol):
+    """What a controller reports at a moment: stamp (ns), joint angles (rad), position (m) and attitude of its tool."""
+
+    @property
+    def stamp_ns(self) -> int: ...
+    @property
+    def joints(self) -> tuple[float, ...]: ...
+    @property
+    def position(self) -> tuple[float, float, float] | None: ...
+    @property
+    def quaternion(self) -> tuple[float, float, float, float] | None: ...
+
+
 @dataclass(frozen=True)
 class Tool:
     """The tool that explains one reported pose, for the better of two bases: the model's, or turned by 180 deg about z.
@@ -51,7 +64,7 @@ class Tool:
     turned: bool
 
 
-def tool_of(arm: Arm, sample: RobotSample) -> Tool | None:
+def tool_of(arm: Arm, sample: Reported) -> Tool | None:
     """Return the tool that explains a reported pose; None where the robot reports no whole pose."""
     if sample.position is None or sample.quaternion is None:
         return None
@@ -80,12 +93,12 @@ class Agreement:
         self.complaint: str | None = None
         self.turned = 0.0
         self._arm = arm
-        self._before: RobotSample | None = None
-        self._taken: list[RobotSample] = []
+        self._before: Reported | None = None
+        self._taken: list[Reported] = []
         self._model: list[tuple[Array, Array]] = []
         self._wrong = 0
 
-    def take(self, sample: RobotSample) -> None:
+    def take(self, sample: Reported) -> None:
         """Compare a pose with those before, where the arm is slow and has moved on."""
         before, self._before = self._before, sample
         if before is None or sample.position is None or sample.quaternion is None or self.complaint is not None:
@@ -102,7 +115,7 @@ class Agreement:
         if len(self._taken) > _MOST:
             del self._taken[1], self._model[1]
 
-    def _compare(self, sample: RobotSample, p: Array, q: Array) -> str | None:
+    def _compare(self, sample: Reported, p: Array, q: Array) -> str | None:
         if not self._taken:
             return None
         p_all, q_all = (np.array(part) for part in zip(*self._model, strict=True))
@@ -132,10 +145,10 @@ def _motions(p_before: Array, q_before: Array, p: Array, q: Array) -> tuple[Arra
     return angle, np.einsum("ni,ni->n", theta, t) / np.maximum(angle, 1e-12)
 
 
-def _apart(a: RobotSample, b: RobotSample) -> float:
+def _apart(a: Reported, b: Reported) -> float:
     return max(abs(x - y) for x, y in zip(a.joints, b.joints, strict=True))
 
 
-def _rate(a: RobotSample, b: RobotSample) -> float:
+def _rate(a: Reported, b: Reported) -> float:
     seconds = (b.stamp_ns - a.stamp_ns) * 1e-9
     return _apart(a, b) / seconds if seconds > 0.0 else math.inf
