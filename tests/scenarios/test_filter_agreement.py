@@ -13,6 +13,7 @@ from kreisel.calibration.settings import CalibrationSettings
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.recording import ReferencePoses
+from kreisel.synchronization import Clock
 
 from ..oracle import plain_filter
 from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings
@@ -96,7 +97,7 @@ def _turn(q, v):
 
 def problem_and_belief(case, weights):
     """Return the case as our problem, and the belief its prior is."""
-    settings = CalibrationSettings(sigma_points=weights)
+    settings = CalibrationSettings(sigma_points=weights, fixed=("gravity",))
     layout = build_layout(settings, latitude=True, skew=False, rest_error=False)
     noise = np.repeat(np.array([GYRO**2, ACCEL**2, 0.0, 0.0])[:, None], 3, axis=1)
     readings = Readings(case.t, case.rates, case.forces, ((0, case.t.size - 1),), noise=noise)
@@ -121,6 +122,7 @@ def problem_and_belief(case, weights):
         reference=ReferencePoses("oracle", np.arange(case.tau.size), case.positions, case.quaternions, Path("oracle")),
         attitude=np.tile(s["q_rb"], (case.samples.size, 1)),
         tau=case.tau,
+        clock=Clock(0.0),
         settings=settings,
         site=Site(GRAVITY, 0.0, EARTH_N),
         noise=noise,
@@ -129,6 +131,7 @@ def problem_and_belief(case, weights):
         offset_walk={},
         layout=layout,
         start=start,
+        start_covariance={name: np.diag(sd**2) for name, sd in DEVIATION.items()},
         prior=start,
         prior_covariance={name: np.diag(sd**2) for name, sd in DEVIATION.items()},
         prior_width=DEVIATION,

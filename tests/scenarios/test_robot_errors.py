@@ -13,6 +13,7 @@ from kreisel.calibration.robot_errors import pose_regressor
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RobotError, SettingsError
 from kreisel.geometry.rotation import conjugate, exp, log, multiply
+from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording.settings import RobotTable
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import load_arm, parse_arm, with_placement_errors
@@ -38,7 +39,7 @@ def test_every_group_is_honest(inaccurate):
 
 def test_taken_for_noise_they_are_not(inaccurate):
     truth, recording, _ = inaccurate
-    settings = recording.settings.model_copy(update={"robot": RobotTable()})
+    settings = recording.settings.model_copy(update={"robot": RobotTable(length_sd=0.0, angle_sd=0.0)})
     recording = replace(recording, settings=settings)
     outcome = run_calibration(recording, CalibrationSettings(fixed=("robot_placement",)))
     assert outcome.problem.robot is None
@@ -170,20 +171,26 @@ def test_stated_errors_without_joint_angles_are_not_forgotten(inaccurate):
     """Base and tool may lie elsewhere by what the owner says: K, lever arms and gravity stay honest."""
     truth, recording, _ = inaccurate
     outcome = run_calibration(replace(recording, joints=None, urdf=None), CalibrationSettings())
-    assert any("not estimated" in str(finding) for finding in outcome.findings)
+    assert any("cannot be estimated" in str(finding) for finding in outcome.findings)
     errors = group_errors(outcome.calibration, truth)
     for name in ("gyro_cross_coupling", "accel_cross_coupling", "lever_arms", "alignment"):
         assert errors[name].ratio < 2.2, name
 
 
-def test_without_a_latitude_the_earths_rotation_is_doubt():
+def test_without_a_latitude_the_earths_rotation_is_found():
     cell = Cell.model_validate({"seed": 6, "seconds": 100.0, "imu": {"grade": "ring-laser"}})
     truth, recording = simulate(cell, Path("cell"))
     settings = recording.settings.model_copy(update={"site": type(recording.settings.site)(gravity=9.81)})
     outcome = run_calibration(replace(recording, settings=settings), CalibrationSettings())
     errors = group_errors(outcome.calibration, truth)
-    assert errors["gyro_offset"].believed > 5.0  # deg/h
-    assert errors["gyro_offset"].ratio < 2.2
+    for name in ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling"):
+        assert errors[name].ratio < 2.2, name
+    assert errors["gyro_offset"].believed < 1.0  # deg/h
+    alignment = outcome.calibration.document["alignment"]
+    sd = outcome.calibration.document["standard_deviation"]["alignment"]["earth_rate"]
+    off = np.array(alignment["earth_rate"]) - truth.earth_rate_r
+    assert np.abs(off / sd).max() < 4.0
+    assert np.linalg.norm(alignment["earth_rate"]) == pytest.approx(EARTH_RATE, rel=0.05)
     assert any("latitude" in str(finding) for finding in outcome.findings)
 
 

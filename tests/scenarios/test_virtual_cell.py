@@ -5,6 +5,7 @@ from nothing but the reported poses: differentiated numerically, with gravity, E
 written out anew in plain NumPy.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -210,8 +211,15 @@ def test_seeds_and_trials_are_different_cells():
 
 @pytest.mark.parametrize(("seed", "joints"), [(1, True), (4, True), (1, False)])
 def test_a_faultless_minute_is_calibrated_without_error(seed, joints):
-    """What is left is integration between samples, 400 a second: some hundredths of a millionth."""
+    """What is left is integration between samples, 400 a second: some hundredths of a millionth.
+
+    Gravity is stated as known; by latitude and height alone it is uncertain, and K_a with it.
+    """
     truth, recording = run(60.0, seed, reference={"interval": 0.012, "clock_offset": 0.0371, "joints": joints})
+    site = recording.settings.site.model_copy(
+        update={"gravity": float(np.linalg.norm(truth.gravity_r)), "gravity_sd": 1e-7}
+    )
+    recording = replace(recording, settings=recording.settings.model_copy(update={"site": site}))
     calibration = kreisel.calibrate(recording)
     found, true = calibration.sensors, truth.sensors
     assert np.abs(found.k_a - true.k_a).max() < 1e-5  # m/s^2

@@ -10,7 +10,7 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.validation import cross_validate, inject, split_halves
+from kreisel.calibration.validation import cross_validate, inject
 from kreisel.report import write_report
 
 from ..small_cell import simulate
@@ -29,7 +29,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     outcome = run_calibration(simulate(np.random.default_rng(7), 60.0, folder / "small")[1], CalibrationSettings())
     found = outcome.estimate
     path = folder / "report.html"
-    write_report(outcome, path, cross=cross_validate(found), halves=split_halves(found), injection=inject(outcome))
+    write_report(outcome, path, cross=cross_validate(found), injection=inject(outcome))
     return path
 
 

@@ -374,17 +374,17 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
     gates : (10,)
         Bound of the normalised innovation squared for every number of degrees.
     most
-        Measurements set aside in a row after which to stop.
+        Measurements rejected in a row after which to stop.
     mean, upper : (size,), (n, n)
         The belief, its factor transposed.
     record : Record
     rejected : (1,)
-        Measurements set aside in a row.
+        Measurements rejected in a row.
 
     Returns
     -------
     int
-        The update it stopped before: less than `end` if too many measurements were set aside in a row, or the
+        The update it stopped before: less than `end` if too many measurements were rejected in a row, or the
         state is no longer finite.
     """
     n, size, at = upper.shape[0], mean.size, model.stored

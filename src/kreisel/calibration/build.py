@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.calibration.first_values import USUAL_SD, nominal_parameters, starting_point, stated_prior
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.calibration.problem import MIN_UPDATES, PoseError, Problem, build_layout, schedule
+from kreisel.calibration.problem import MIN_UPDATES, REACH, PoseError, Problem, build_layout, schedule
 from kreisel.calibration.robot_errors import ANGLE_SD, LENGTH_SD
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.setup import Preparation, first_attitudes
@@ -23,7 +23,7 @@ INTERVALS = {"robot": 0.48, "mocap": 0.24}
 second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
 
 _HALF_A_CHAIN = math.sqrt(2.0)
-_REACH, _POSTURE, _POSTURE_TIMES = 1.0, 0.5, (1.0, 100.0)  # m, rad, s
+_POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
 
 def _frame_sd(preparation: Preparation) -> tuple[float, float]:
@@ -57,7 +57,7 @@ def _with_held_values(start: CellParameters, preparation: Preparation, settings:
 def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
     """Return the error of poses that another base and another tool frame leave of a robot's geometric errors.
 
-    It is taken to be as large as that of the frames; an angle acts on positions over `_REACH`. It changes as the
+    It is taken to be as large as that of the frames; an angle acts on positions over `REACH`. It changes as the
     posture does: much, once the tool has turned by `_POSTURE`.
     """
     length, angle = frame_sd
@@ -69,7 +69,7 @@ def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> Pos
         turned = float(np.sum(angles_over(reference.quaternions, stride)[::stride]))
     seconds = float(reference.seconds[-1])
     time = float(np.clip(_POSTURE * seconds / max(turned, 1e-9), *_POSTURE_TIMES))
-    return PoseError(math.hypot(length, _REACH * angle), angle, time)
+    return PoseError(math.hypot(length, REACH * angle), angle, time)
 
 
 def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.calibration.build import build_problem
 from kreisel.calibration.document import document
-from kreisel.calibration.halves import SplitHalves, split_halves
+from kreisel.calibration.halves import SplitHalves, split_halves, with_disagreement
 from kreisel.calibration.kernels import compile_kernels
 from kreisel.calibration.latitude import check_latitude
 from kreisel.calibration.observability import Observability, observability
@@ -79,9 +79,10 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
         progress=progress,
     )
     seconds = time.perf_counter() - began
+    halves = split_halves(found, progress)
+    found = with_disagreement(found, halves)
     seen = observability(found.problem, found.run)
     facts = consistency(found)
-    halves = split_halves(found, progress)
     latitude = check_latitude(found.problem, found.run)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))
     findings = (*recording.findings, *preparation.findings, *found.findings)

@@ -21,10 +21,10 @@ from kreisel.inertial.strapdown import SensorColumns
 from kreisel.recording import ReferencePoses
 
 GATE = 1e-6
-"""A measurement less probable than one in a million is set aside."""
+"""A measurement less probable than one in a million is rejected."""
 
 MOST_IN_A_ROW = 6
-"""After so many set aside in a row the estimate, not the measurement, is taken to be wrong."""
+"""After so many rejected in a row the estimate, not the measurement, is taken to be wrong."""
 
 _FIRST_ATTITUDE, _FIRST_POSITION, _FIRST_VELOCITY = 0.02, 0.02, 0.3
 """Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
@@ -91,12 +91,23 @@ class History:
 
 @dataclass(frozen=True)
 class FilterRun:
-    """Result of one run: what it started from, final belief, parameters in it, history."""
+    """Result of one run: what it started from, final belief, parameters in it, history.
+
+    `fitted` is the number of parameters that were fitted to the same data before the run began: the innovations are
+    smaller by so many degrees of freedom.
+    """
 
     start: CellParameters
     belief: Belief
     parameters: CellParameters
     history: History
+    fitted: float = 0.0
+
+    @property
+    def excess(self) -> float:
+        """Factor on normalised innovations squared for the degrees of freedom fitted before; 1 where none were."""
+        degrees = float(np.sum(self.history.degrees[self.history.used]))
+        return degrees / max(degrees - self.fitted, 0.3 * degrees, 1.0) if degrees > 0.0 else 1.0
 
 
 def named(progress: Callable[[str, float], None] | None, name: str) -> Progress | None:

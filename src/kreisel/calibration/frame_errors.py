@@ -14,11 +14,17 @@ from kreisel.geometry.rotation import Array, skew
 from kreisel.recording import Finding
 
 
-def with_frame_errors(problem: Problem, run: FilterRun, belief: Belief) -> tuple[Belief, list[Finding]]:
-    """Return the belief with what is added for errors that are not estimated, and what to say of it."""
+def with_frame_errors(problem: Problem, run: FilterRun, belief: Belief, others: Array) -> tuple[Belief, list[Finding]]:
+    """Return the belief with what is added for errors that are not estimated, and what to say of it.
+
+    Parameters
+    ----------
+    others : (degrees, k)
+        What further such errors do to the state, one deviation each.
+    """
     findings: list[Finding] = []
     if max(problem.frame_sd) > 0.0:
-        columns = frame_columns(problem, run.parameters)
+        columns = np.hstack([frame_columns(problem, run.parameters), others])
         belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
         length, angle = (1e3 * sd for sd in problem.frame_sd)
         said = (

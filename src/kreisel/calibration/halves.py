@@ -9,10 +9,16 @@ import numpy as np
 
 from kreisel.calibration.filter_run import FilterRun, first_belief, named, run_filter
 from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.parameters import SENSOR_GROUPS
 from kreisel.calibration.prior import narrowed_belief, with_stated_prior
 from kreisel.calibration.problem import MIN_UPDATES, Problem
 from kreisel.calibration.run import Estimate
+from kreisel.estimation.filter import Belief
 from kreisel.geometry.rotation import Array
+from kreisel.recording import Finding
+
+MAX_RMS = 2.0
+"""Root mean square of a group's scores from which the halves count as different; chance makes it so in one of 200."""
 
 Progress = Callable[[str, float], None]
 
@@ -66,6 +72,34 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + _walk(problem)
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
     return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
+
+
+def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
+    """Return the estimate with the deviations of groups widened by which the halves disagree.
+
+    Where the scores of a group are larger than chance makes them, something changed or erred that is not modelled,
+    and the result is as uncertain as its halves show.
+    """
+    if halves is None:
+        return found
+    layout, belief = found.problem.layout, found.run.belief
+    scale, said = np.ones(layout.degrees), []
+    for group in SENSOR_GROUPS:
+        if group not in layout:
+            continue
+        size = float(np.sqrt(np.mean(halves.score[layout[group]] ** 2)))
+        if size > MAX_RMS:
+            scale[layout[group]] = size
+            said.append(f"{group} {size:.1f}")
+    if not said:
+        return found
+    finding = Finding(
+        "halves",
+        "the two halves of the recording differ by more than their standard deviations; these were multiplied: "
+        f"{', '.join(said)}",
+    )
+    belief = Belief(belief.mean, scale[:, None] * belief.factor)
+    return replace(found, run=replace(found.run, belief=belief), findings=(*found.findings, finding))
 
 
 def _walk(problem: Problem) -> Array:

@@ -15,7 +15,7 @@ from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
 
-SEEN = 0.3
+SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot tell the latitude."""
 
 

@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.filter_run import History
+from kreisel.calibration.filter_run import FilterRun
 from kreisel.calibration.problem import Problem
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.geometry.rotation import Array
@@ -50,7 +50,7 @@ class NoiseFactors:
         )
 
 
-def noise_factors(history: History, *, lasting: bool = False) -> NoiseFactors:
+def noise_factors(run: FilterRun, *, lasting: bool = False) -> NoiseFactors:
     """Return how far believed and shown noise differ.
 
     Where the reference's errors last, innovations and what is left of them no longer tell their size: the
@@ -62,23 +62,26 @@ def noise_factors(history: History, *, lasting: bool = False) -> NoiseFactors:
     expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
     velocity against the variance the filter expected of them. The largest two per cent are left out.
     """
+    history, excess = run.history, run.excess**0.5
     settled = np.arange(history.nis.size) >= history.nis.size // 10
     path = settled & ~history.at_rest & history.used
 
     def reference(rows: slice) -> float:
         product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
-        return _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
+        return excess * _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
 
     def imu(rows: slice) -> float:
         size = np.sum(history.correction[path, rows] ** 2, axis=1)
-        return _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
+        return excess * _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
 
     at_rest = settled & history.at_rest
     standstill = 1.0
     if at_rest.sum() >= 6:
-        ratio = float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
+        ratio = run.excess * float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
         standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
-    size = float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path]))) if lasting and path.any() else None
+    size = None
+    if lasting and path.any():
+        size = excess * float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path])))
     return NoiseFactors(
         position=reference(slice(0, 3)) if size is None else size,
         orientation=reference(slice(3, 6)) if size is None else size,

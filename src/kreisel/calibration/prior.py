@@ -71,12 +71,14 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
     )
     to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
     information = I_run - I_begun + I_prior
+    fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
     noise = _information_of_noise(problem, run, scale)
     damped = _at_most(0.5, noise, information)
     step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
     noise = _at_most(0.9, noise, information)
     P_new = np.linalg.inv(information - noise)
-    return _moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
+    moved = _moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
+    return replace(moved, fitted=fitted)
 
 
 def _information_of_noise(problem: Problem, run: FilterRun, scale: Array) -> Array:

@@ -36,6 +36,9 @@ REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
 PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 """The part of the reference's error on the path that lasts from one update to the next."""
 
+REACH = 1.0
+"""m; over which angles of a robot's chain act on positions, and its lengths on the scale of these."""
+
 MIN_UPDATES = 20
 """Updates without which nothing is estimated."""
 

@@ -10,7 +10,6 @@ import numpy as np
 from kreisel.calibration.filter_run import (
     GATE,
     FilterRun,
-    History,
     first_belief,
     look_back,
     named,
@@ -28,9 +27,11 @@ from kreisel.calibration.noise_factors import (
 )
 from kreisel.calibration.observability import unshown_groups
 from kreisel.calibration.prior import narrowed_belief, with_stated_prior
-from kreisel.calibration.problem import Problem, hold, rescheduled, with_lasting_errors
+from kreisel.calibration.problem import REACH, Problem, hold, rescheduled, with_lasting_errors
+from kreisel.calibration.site import gravity_limit
 from kreisel.estimation.consistency import correlation_time, gate, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
+from kreisel.geometry.rotation import Array
 from kreisel.recording import Finding
 
 FIRST_GATE = 100.0
@@ -90,13 +91,13 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
     given = problem
     problem, run, done, changed, moved = _passes(problem, 0, reference_given, imu_given, progress)
     problem, run, done = _lasting_errors(problem, run, done, progress)
-    factor = correlation_factor(run.history)
+    factor = correlation_factor(run)
     unshown = unshown_groups(problem, factor * run.belief.standard_deviation)
     findings: list[Finding] = []
     if unshown:
         problem, run, done, again, moved = _passes(hold(problem, unshown), done, reference_given, imu_given, progress)
         changed |= again
-        factor = correlation_factor(run.history)
+        factor = correlation_factor(run)
         findings.append(
             Finding(
                 "motion", f"does not show {', '.join(unshown)}: held at nominal values (--fix does the same at once)"
@@ -107,8 +108,8 @@ def estimate(problem: Problem, *, reference_given: bool, imu_given: bool, progre
     findings += _whiteness(problem, factor)
     contradiction = _contradiction(given, problem, reference=reference_given, imu=imu_given)
     belief = Belief(run.belief.mean, factor * run.belief.factor)
-    belief, said = with_frame_errors(problem, run, belief)
-    findings += said
+    belief, said = with_frame_errors(problem, run, belief, position_scale_column(problem, run))
+    findings += [*said, *gravity_limit(problem, run)]
     return Estimate(problem, replace(run, belief=belief), done, factor, contradiction, moved / factor, tuple(findings))
 
 
@@ -147,7 +148,7 @@ def _passes(
     run = with_stated_prior(problem, run, begun)
     done, changed = done + 1, False
     while True:
-        factors = noise_factors(run.history, lasting=problem.correlation_time > 0.0).contradicted(
+        factors = noise_factors(run, lasting=problem.correlation_time > 0.0).contradicted(
             reference=reference_given, imu=imu_given
         )
         factors = within_bounds(problem, factors)
@@ -178,6 +179,25 @@ def _further_pass(
     return with_stated_prior(problem, again, begun)
 
 
+def position_scale_column(problem: Problem, run: FilterRun) -> Array:
+    """Return what an error of the positions' scale does to the state, one deviation of it, (degrees, 1).
+
+    A chain of links that are all a little too long moves the tool too far throughout. That is no error that averages
+    out; it enters the accelerometers' scale factors, as far as these come from motion and not from gravity.
+    """
+    columns = np.zeros((problem.layout.degrees, 1))
+    reference, scale = problem.reference, problem.frame_sd[0] / REACH
+    if scale == 0.0 or reference.positions is None:
+        return columns
+    middle = reference.positions.mean(axis=0)
+    stretched = middle + (1.0 + scale) * (reference.positions - middle)
+    moved = _further_pass(replace(problem, reference=replace(reference, positions=stretched)), run, gate=np.inf)
+    base = _further_pass(problem, run, gate=np.inf)
+    n = len(problem.parameter_names)
+    columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
+    return columns
+
+
 def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
     """Return the largest change of a parameter between two results, in standard deviations."""
     n = len(problem.parameter_names)
@@ -192,7 +212,7 @@ def _lasting_errors(
 
     How long they last is found by likelihood, doubling it from the update interval as long as that pays.
     """
-    if problem.settings.passes is not None or correlation_factor(run.history) == 1.0:
+    if problem.settings.passes is not None or correlation_factor(run) == 1.0:
         return problem, run, done
     best, best_run = problem, run
     reference = _further_pass(problem, run)
@@ -264,15 +284,18 @@ def _bent(problem: Problem, run: FilterRun) -> bool:
     )
 
 
-def correlation_factor(history: History) -> float:
+def correlation_factor(run: FilterRun) -> float:
     """Return the factor on standard deviations that correlated innovations call for; 1 where they are white.
 
     Errors of the reference that last over several updates are counted as often as they are seen. Their
     number is effectively divided by the correlation time of the innovations, the larger of those of
     position and orientation. Innovations smaller than believed already leave room for that.
     """
+    history = run.history
     path = history.used & ~history.at_rest
-    size = min(mean_normalised(history.nis[path], history.degrees[path]), 1.0) if path.any() else 1.0
+    size = 1.0
+    if path.any():
+        size = min(run.excess * mean_normalised(history.nis[path], history.degrees[path]), 1.0)
     times = []
     for rows in (slice(0, 3), slice(3, 6)):
         series = history.whitened[path, rows]

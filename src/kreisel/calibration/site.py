@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import math
 
-from kreisel.calibration.problem import Site
+import numpy as np
+
+from kreisel.calibration.filter_run import FilterRun
+from kreisel.calibration.problem import Problem, Site
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.recording import Finding, Recording
 from kreisel.recording.settings import SiteTable
@@ -97,3 +100,24 @@ def _textbook_finding(table: SiteTable, instead: float | None = None) -> list[Fi
     )  # fmt: skip
     said = f"the stated gravity {table.gravity:g} m/s^2 looks like a textbook value, not one of this place; {used}"
     return [Finding("site", f"{said} (site.gravity_sd states how well it is known)")]
+
+
+def gravity_limit(problem: Problem, run: FilterRun) -> list[Finding]:
+    """Return what gravity's uncertainty costs the accelerometers' scale factors, where it costs much."""
+    layout = problem.layout
+    if "gravity" not in layout or "accel_cross_coupling" not in layout:
+        return []
+    P = run.belief.covariance
+    g, K = layout["gravity"].start, layout["accel_cross_coupling"]
+    # the mean relative change of the three scale factors, as a function of the entries of K_a
+    mean_scale = np.linalg.inv(run.parameters.sensors.K_a).T.ravel() / 3.0
+    with_gravity = float(mean_scale @ P[K, K] @ mean_scale)
+    known = with_gravity - float(mean_scale @ P[K, g]) ** 2 / float(P[g, g])
+    if known > 0.25 * with_gravity:
+        return []
+    said = (
+        f"gravity is known to {problem.site.gravity_sd:.2g} m/s^2 only and limits the accelerometers' scale factors: "
+        f"{1e6 * with_gravity**0.5:.0f} ppm instead of {1e6 * max(known, 0.0) ** 0.5:.0f} ppm "
+        "(state site.latitude_deg and site.height_m, or site.gravity with site.gravity_sd, in recording.toml)"
+    )
+    return [Finding("site", said)]

@@ -59,7 +59,7 @@ def consistency(estimate: Estimate) -> Consistency:
     """
     h = estimate.run.history
     bound = np.array([gate(GATE, int(m)) for m in h.degrees])
-    nis = np.minimum(h.nis, bound)
+    nis = estimate.run.excess * np.minimum(h.nis, bound)
     path, rest = ~h.at_rest, h.at_rest
     return Consistency(
         nis_path=mean_normalised(nis[path], h.degrees[path]),

@@ -93,7 +93,7 @@ def _print_verdict(console: Console, document: dict[str, Any]) -> None:
     console.print(
         f"normalised innovation squared (expected 1): path {facts['nis_path']:.2f}"
         + ("" if still is None else f", standstill {still:.2f}")
-        + f"; set aside {facts['rejected_updates']} of {facts['updates']} updates",
+        + f"; rejected {facts['rejected_updates']} of {facts['updates']} updates",
         markup=False,
     )
     if verdict["unobservable"]:

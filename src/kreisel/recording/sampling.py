@@ -30,7 +30,8 @@ _BLOCK = 2.0
 _STRAIGHT = 2e-4
 """s; what these averages may leave a straight line by, their scatter apart."""
 
-_MOST_SEARCHED = 2_000_000
+_MAX_SEARCHED = 2_000_000
+_LAG = 16  # samples over which the interval is measured: few enough to miss none of them, mostly
 _TRUE_STAMPS = 0.5
 
 
@@ -109,8 +110,7 @@ def _repeated_rows(imu: ImuSamples) -> bool:
 
 def _fitted(t: Array) -> _Line | None:
     """Return the line through the stamps of an unbroken part, or None where they follow none."""
-    half = t.size // 2
-    interval = float(np.median(t[half:] - t[: t.size - half])) / half
+    interval = float(np.median(t[_LAG:] - t[:-_LAG])) / _LAG
     if interval <= 0.0:
         return None
     one_by_one = np.arange(t.size)
@@ -130,7 +130,7 @@ def _by_envelope(t: Array, interval: float) -> Stamps | None:
     What is late comes back to the line; after a missing sample all stamps stay an interval later. So the earliest of
     the stamps to come tells how many are missing.
     """
-    if t.size > _MOST_SEARCHED:
+    if t.size > _MAX_SEARCHED:
         return None
     window = max(20, round(0.2 / interval))
     number = np.arange(t.size)

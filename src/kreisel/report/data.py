@@ -50,7 +50,7 @@ class ClockStep:
 
 @dataclass(frozen=True)
 class Excitation:
-    """Readings as they came (deg/s, m/s^2), rests (k, 2) and updates set aside in IMU seconds.
+    """Readings as they came (deg/s, m/s^2), rests (k, 2) and rejected updates in IMU seconds.
 
     `felt` and `seen` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
     """

@@ -64,7 +64,7 @@ class Figure:
 def excitation_figures(e: Excitation) -> list[Figure]:
     """Return the figures of section 1."""
     count = e.set_aside.size
-    aside = f" Updates set aside: {count}, marked by crosses at the top." if count else " No update was set aside."
+    aside = f" Rejected updates: {count}, marked by crosses at the top." if count else " No update was rejected."
     figures = [
         Figure(
             "rates",
@@ -282,7 +282,7 @@ def _axes_plot(curves: Curves, title: str) -> Plot:
 
 
 def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
-    """Return readings over time above the shaded rests, updates set aside marked at the top."""
+    """Return readings over time above the shaded rests, rejected updates marked at the top."""
     data = []
     if e.rests.size:
         a, b = e.rests[:, 0], e.rests[:, 1]
@@ -301,8 +301,8 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
     data += [plots.line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
     if e.set_aside.size:
-        marks = plots.markers(e.set_aside, np.full(e.set_aside.size, 0.97), "set aside", "alert", symbol="x", size=6)
-        data.append({**marks, "yaxis": "y2", "hovertemplate": "set aside at %{x:.2f} s"})
+        marks = plots.markers(e.set_aside, np.full(e.set_aside.size, 0.97), "rejected", "alert", symbol="x", size=6)
+        data.append({**marks, "yaxis": "y2", "hovertemplate": "rejected at %{x:.2f} s"})
     layout = plots.layout_of(_TIME, title, height=280)
     layout["yaxis"]["overlaying"] = "y2"
     layout["yaxis"]["side"] = "left"
@@ -323,7 +323,7 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
             ]
     if (~r.used).any():
         seconds, aside = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
-        data.append({**plots.markers(seconds, aside, "set aside", "alert", symbol="x", size=6)})
+        data.append({**plots.markers(seconds, aside, "rejected", "alert", symbol="x", size=6)})
     layout = plots.layout_of(_TIME, title)
     usual = np.abs(values[r.used])
     usual = usual[np.isfinite(usual)]
@@ -345,7 +345,7 @@ def _nis(r: Residuals) -> Plot:
     for name, which, colour, symbol in (
         ("path", ~r.at_rest & r.used, "x", "circle"),
         ("rest", r.at_rest & r.used, "y", "diamond-open"),
-        ("set aside", ~r.used, "alert", "x"),
+        ("rejected", ~r.used, "alert", "x"),
     ):
         if which.any():
             data.append(plots.markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))

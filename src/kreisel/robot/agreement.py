@@ -38,13 +38,24 @@ class Reported(Protocol):
     """What a controller reports at a moment: stamp (ns), joint angles (rad), position (m) and attitude of its tool."""
 
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """Stamp, ns."""
+        ...
+
     @property
-    def joints(self) -> tuple[float, ...]: ...
+    def joints(self) -> tuple[float, ...]:
+        """Joint angles, rad."""
+        ...
+
     @property
-    def position(self) -> tuple[float, float, float] | None: ...
+    def position(self) -> tuple[float, float, float] | None:
+        """Position of the tool, m."""
+        ...
+
     @property
-    def quaternion(self) -> tuple[float, float, float, float] | None: ...
+    def quaternion(self) -> tuple[float, float, float, float] | None:
+        """Attitude of the tool, scalar first."""
+        ...
 
 
 @dataclass(frozen=True)

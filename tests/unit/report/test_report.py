@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from kreisel.calibration.calibrate import Outcome, run_calibration
 from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.validation import CrossValidation, Injection, SplitHalves, cross_validate, inject, split_halves
+from kreisel.calibration.validation import CrossValidation, Injection, cross_validate, inject
 from kreisel.calibration.verdict import Verdict
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -36,7 +36,7 @@ SECTIONS = {
     "cross-validation": "5 Cross-validation",
 }
 LARGEST_PAGE = 8_000_000
-Parts = tuple[CrossValidation, SplitHalves, Injection]
+Parts = tuple[CrossValidation, Injection]
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +52,13 @@ def outcome(recording: Recording) -> Outcome:
 @pytest.fixture(scope="module")
 def parts(outcome: Outcome) -> Parts:
     found = outcome.estimate
-    return cross_validate(found), split_halves(found), inject(outcome)
+    return cross_validate(found), inject(outcome)
 
 
 @pytest.fixture(scope="module")
 def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(outcome, path, cross=parts[0], halves=parts[1], injection=parts[2])
+    write_report(outcome, path, cross=parts[0], injection=parts[1])
     assert path.stat().st_size < LARGEST_PAGE
     return path.read_text(encoding="utf-8")
 
@@ -130,12 +130,12 @@ def test_missing_parts_are_said_with_how_to_get_them(outcome: Outcome, parts: Pa
     }
     for sentence in sentences.values():
         assert sentence not in page
-    bare = written(outcome, tmp_path)
+    bare = written(replace(outcome, halves=None), tmp_path)
     for sentence in sentences.values():
         assert sentence in bare
-    for way in ("--no-validate", "--inject", "cross_validate(outcome.estimate)", "split_halves(outcome.estimate)"):
+    for way in ("--no-validate", "--inject", "cross_validate(outcome.estimate)"):
         assert way in bare
-    half = written(outcome, tmp_path, halves=parts[1])
+    half = written(outcome, tmp_path)
     assert sentences["halves"] not in half
     assert sentences["cross"] in half
 

@@ -1,0 +1,121 @@
+"""The narrow prior of a pass exchanged for the stated one: the result is that of a pass from the stated prior."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.build import build_problem
+from kreisel.calibration.filter_run import first_belief, run_filter, stored_state
+from kreisel.calibration.parameters import GROUPS, CellParameters
+from kreisel.calibration.prior import narrowed_belief, with_stated_prior
+from kreisel.calibration.settings import CalibrationSettings
+from kreisel.calibration.setup import prepare_recording
+
+from ...small_cell import simulate
+
+WIDTH = 2.0
+"""Deviations of the prior, in those of the result: so narrow that the model is linear, so wide that data matter."""
+
+
+@pytest.fixture(scope="module")
+def settled():
+    """A problem, and a run over it that has settled."""
+    recording = simulate(np.random.default_rng(3), 60.0, Path("small"), imu_rate=100.0)[1]
+    settings = CalibrationSettings()
+    problem = build_problem(prepare_recording(recording, settings), settings)
+    begun = first_belief(problem, problem.start)
+    run = with_stated_prior(problem, run_filter(problem, problem.start, belief=begun), begun)
+    for _ in range(2):
+        begun = narrowed_belief(problem, run)
+        run = with_stated_prior(problem, run_filter(problem, run.parameters, belief=begun), begun)
+    return problem, run
+
+
+def shifted(problem, parameters, change):
+    """Return parameters a change (n,) away."""
+    layout = problem.layout
+    wide = np.zeros(layout.degrees)
+    wide[: change.size] = change
+    state = layout.plus(stored_state(problem, parameters), wide[:, None])[:, 0]
+    values = {g: parameters.stored(g) for g in GROUPS} | {g: state[layout.stored(g)].copy() for g in problem.groups}
+    return CellParameters.from_stored(values)
+
+
+@pytest.fixture(scope="module")
+def stated(settled):
+    """The problem with a prior about another place, of known deviations."""
+    problem, run = settled
+    n = len(problem.parameter_names)
+    sd = run.belief.standard_deviation[:n]
+    centre = shifted(problem, run.parameters, sd * np.random.default_rng(0).normal(0.0, 1.0, n))
+    widths = {g: np.diag((WIDTH * run.belief.standard_deviation[problem.layout[g]]) ** 2) for g in problem.groups}
+    return replace(problem, prior=centre, prior_covariance=widths, start_covariance=widths, rate_scatter=0.0)
+
+
+@pytest.fixture(scope="module")
+def direct(stated):
+    """A run that begins with the stated prior itself."""
+    return run_filter(stated, stated.prior, gate=np.inf)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_the_beginning_of_a_pass_leaves_no_trace(settled, stated, direct, share):
+    problem, run = settled
+    n = len(problem.parameter_names)
+    factor = first_belief(stated, run.parameters, stated.prior_covariance).factor.copy()
+    factor[:n, :n] *= share
+    sd = direct.belief.standard_deviation[:n]
+    start = shifted(stated, run.parameters, 0.3 * sd * np.random.default_rng(1).normal(0.0, 1.0, n))
+    begun = replace(first_belief(stated, start), factor=factor)
+    exchanged = with_stated_prior(stated, run_filter(stated, start, gate=np.inf, belief=begun), begun)
+    off = stated.layout.minus(exchanged.belief.mean[:, None], direct.belief.mean)[:n, 0] / sd
+    assert np.abs(off).max() < 0.03
+    np.testing.assert_allclose(exchanged.belief.standard_deviation[:n], sd, rtol=0.01)
+
+
+def test_without_the_exchange_the_beginning_is_believed(settled, stated, direct):
+    """The test above could not fail if the beginning made no difference."""
+    _, run = settled
+    n = len(stated.parameter_names)
+    belief = first_belief(stated, run.parameters, stated.prior_covariance)
+    factor = belief.factor.copy()
+    factor[:n, :n] *= 0.5
+    plain = run_filter(stated, run.parameters, gate=np.inf, belief=replace(belief, factor=factor))
+    ratio = plain.belief.standard_deviation[:n] / direct.belief.standard_deviation[:n]
+    assert ratio.min() < 0.8
+
+
+def test_noise_of_the_rates_is_no_information_on_the_clocks(settled):
+    problem, run = settled
+    begun = narrowed_belief(problem, run)
+    raw = run_filter(problem, run.parameters, belief=begun)
+    i = problem.layout["time_offset"].start
+    quiet, noisy = (
+        with_stated_prior(replace(problem, rate_scatter=scatter), raw, begun).belief.standard_deviation[i]
+        for scatter in (0.0, 0.3)
+    )
+    assert noisy > 1.3 * quiet
+
+
+def test_a_walking_offset_keeps_a_proper_covariance(settled):
+    problem, run = settled
+    walking = replace(problem, offset_walk={"gyro_offset": 1e-5, "accel_offset": 1e-4})
+    begun = narrowed_belief(walking, run)
+    found = with_stated_prior(walking, run_filter(walking, run.parameters, belief=begun), begun)
+    d = problem.layout["gyro_offset"]
+    assert np.all(found.belief.standard_deviation[d] > run.belief.standard_deviation[d])
+    assert np.isfinite(found.belief.factor).all()
+
+
+def test_the_number_of_parameters_fitted_before_is_counted(settled):
+    problem, run = settled
+    n = len(problem.parameter_names)
+    begun = narrowed_belief(problem, run)
+    narrow = with_stated_prior(problem, run_filter(problem, run.parameters, belief=begun), begun)
+    wide = first_belief(problem, problem.start)
+    first = with_stated_prior(problem, run_filter(problem, problem.start, belief=wide), wide)
+    assert 0.5 * n < narrow.fitted < n
+    assert first.fitted < 0.2 * n
+    assert narrow.excess > first.excess >= 1.0

@@ -1,0 +1,128 @@
+"""Stamps of regular sampling put back; samples taken unevenly left as they are."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.recording import ImuSamples
+from kreisel.recording.sampling import regularly_sampled
+
+INTERVAL = 5e-3
+COUNT = 6000
+
+
+def signal(t):
+    """Return rates of a lively motion, (n, 3)."""
+    return np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t + 1.0), np.sin(1.3 * t) * np.cos(4.0 * t)])
+
+
+def samples(taken, stamped, seed=0, noise=1e-3):
+    rng = np.random.default_rng(seed)
+    rates = signal(taken) + rng.normal(0.0, noise, (taken.size, 3))
+    stamps = 1_700_000_000_000_000_000 + np.round(stamped * 1e9).astype(np.int64)
+    return ImuSamples(stamps, rates, np.tile([0.0, 0.0, 9.8], (taken.size, 1)), Path("imu0/data.csv"))
+
+
+def regular(number=None):
+    return INTERVAL * (np.arange(COUNT) if number is None else number)
+
+
+def assert_recovered(imu, taken, tolerance):
+    """The stamps found must be those of sampling, but for one shift of all."""
+    off = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9 - (taken - taken[0])
+    assert np.ptp(off) < tolerance
+
+
+def late(seed):
+    """Return lateness of a PC, s: 0.3 ms on average, 16 ms one time in two hundred."""
+    rng = np.random.default_rng(seed)
+    return rng.exponential(3e-4, COUNT) + 16e-3 * (rng.random(COUNT) < 0.005)
+
+
+def test_even_stamps_stay_as_they_are():
+    imu = samples(regular(), regular())
+    assert regularly_sampled(imu) == (imu, [])
+    gap = np.r_[0:3000, 3002:4000, 4500:COUNT]
+    imu = samples(INTERVAL * gap, INTERVAL * gap)
+    assert regularly_sampled(imu)[0] is imu
+
+
+@pytest.mark.parametrize("jitter", [1e-4, 3e-4, 1e-3])
+def test_jitter_is_taken_out(jitter):
+    stamped = regular() + np.random.default_rng(1).normal(0.0, jitter, COUNT)
+    found, (finding,) = regularly_sampled(samples(regular(), stamped))
+    assert_recovered(found, regular(), 4.0 * jitter / COUNT**0.5)
+    assert "sampled every 5 ms" in str(finding)
+    assert f"scatter about that by {1e3 * jitter:.2g} ms" in str(finding)
+
+
+def test_stamps_of_arrival_are_taken_back_and_the_lateness_is_kept():
+    arrival = np.maximum.accumulate(regular() + late(2))
+    found, (finding,) = regularly_sampled(samples(regular(), arrival))
+    assert_recovered(found, regular(), 5e-5)
+    shift = (found.stamps_ns[0] - 1_700_000_000_000_000_000) * 1e-9
+    assert 0.0 <= shift < 3.0 * found.lateness
+    assert "late" in str(finding)
+
+
+def test_bursts_are_spread():
+    arrival = np.repeat(regular()[3::4], 4) + np.tile([0.0, 1e-4, 2e-4, 3e-4], COUNT // 4)
+    found, _ = regularly_sampled(samples(regular(), arrival))
+    assert_recovered(found, regular(), 1e-4)
+
+
+@pytest.mark.parametrize("lateness", [0.0, 1.0])
+def test_missing_samples_stay_missing(lateness):
+    rng = np.random.default_rng(3)
+    number = np.flatnonzero(rng.random(COUNT) > 0.01)
+    scatter = lateness * rng.exponential(1e-3, number.size) + rng.normal(0.0, 1e-4, number.size)
+    stamped = np.maximum.accumulate(INTERVAL * number + scatter) + 1e-8 * np.arange(number.size)
+    found, (finding,) = regularly_sampled(samples(INTERVAL * number, stamped))
+    off = (found.stamps_ns - found.stamps_ns[0]) * 1e-9 - INTERVAL * (number - number[0])
+    assert np.mean(np.abs(off - np.median(off)) < 0.02 * INTERVAL) > 0.99
+    assert "missing" in str(finding)
+
+
+def test_rounding_is_taken_out():
+    found, _ = regularly_sampled(samples(regular(), np.round(regular() + 2.2e-4, 3)))
+    assert found.stamps_ns.size == COUNT  # every fifth millisecond: even already
+    fast = 2.5e-3 * np.arange(COUNT)
+    found, _ = regularly_sampled(samples(fast, np.round(fast, 3)))
+    assert_recovered(found, fast, 1e-5)
+
+
+def test_a_long_gap_divides_the_line():
+    number = np.r_[0:3000, 3400:COUNT]
+    taken = INTERVAL * number + np.where(number > 3000, 1.7e-3, 0.0)  # the timer began anew
+    stamped = taken + np.random.default_rng(4).normal(0.0, 2e-4, number.size)
+    found, _ = regularly_sampled(samples(taken, stamped))
+    assert_recovered(found, taken, 1e-4)
+
+
+def test_samples_that_were_taken_unevenly_are_left():
+    """A program that asks the sensor when it comes round to it, and stamps what it gets: the stamps are true."""
+    taken = regular() + np.random.default_rng(5).normal(0.0, 5e-4, COUNT)
+    imu = samples(taken, taken)
+    assert regularly_sampled(imu) == (imu, [])
+
+
+def test_a_clock_that_wanders_is_no_straight_line():
+    t = regular()
+    stamped = t + 5e-3 * np.sin(2.0 * np.pi * t / 20.0) + np.random.default_rng(6).normal(0.0, 1e-4, COUNT)
+    imu = samples(t, stamped)
+    assert regularly_sampled(imu) == (imu, [])
+
+
+def test_rows_written_twice_are_not_mended():
+    imu = samples(regular(), regular())
+    twice = np.sort(np.r_[np.arange(COUNT), np.arange(100, 200)])
+    imu = replace(imu, stamps_ns=imu.stamps_ns[twice], rates=imu.rates[twice], accelerations=imu.accelerations[twice])
+    assert regularly_sampled(imu) == (imu, [])
+
+
+@pytest.mark.parametrize("count", [0, 1, 50, 99])
+def test_a_few_samples_are_left_alone(count):
+    imu = samples(regular()[:count], regular()[:count])
+    assert regularly_sampled(imu) == (imu, [])
