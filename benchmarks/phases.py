@@ -27,12 +27,14 @@ def main(folder: Path | None) -> None:
         return now
 
     from kreisel.calibration.build import build_problem
+    from kreisel.calibration.halves import split_halves
     from kreisel.calibration.kernels import compile_kernels
+    from kreisel.calibration.latitude import check_latitude
     from kreisel.calibration.observability import observability
     from kreisel.calibration.run import estimate
     from kreisel.calibration.settings import CalibrationSettings
     from kreisel.calibration.setup import prepare_recording
-    from kreisel.calibration.verdict import consistency, judge
+    from kreisel.calibration.verdict import Evidence, consistency, judge
     from kreisel.recording import load
     from kreisel.recording.write import write
     from kreisel.simulation import Cell, simulate
@@ -54,7 +56,11 @@ def main(folder: Path | None) -> None:
         at = lap("build the problem", at)
         found = estimate(problem, reference_given=True, imu_given=True)
         at = lap(f"filter, {found.passes} pass(es)", at)
-        judge(found, observability(found.problem, found.run), consistency(found))
+        halves = split_halves(found)
+        at = lap("halves", at)
+        latitude = check_latitude(found.problem, found.run)
+        at = lap("latitude", at)
+        judge(found, Evidence(observability(found.problem, found.run), consistency(found), halves, latitude))
         lap("judge", at)
         unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
     total = sum(phases.values())

@@ -107,7 +107,8 @@ def test_flight(recordings):
     bias = -np.array(document["accelerometer"]["offset"])
     assert np.abs(bias - (-0.0133, 0.5495, 0.0684)).max() < 0.05
     assert document["timing"]["offset"] == pytest.approx(0.2e-3, abs=0.5e-3)
-    weak = [f"gyroscope.cross_coupling[{i},1]" for i in range(3)]
+    # y turns little; its coupling into x is known to 3e-3, as much as is of use
+    weak = [f"gyroscope.cross_coupling[{i},1]" for i in (1, 2)]
     assert set(weak) <= set(document["verdict"]["unobservable"])
 
 

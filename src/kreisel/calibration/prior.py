@@ -18,12 +18,17 @@ from kreisel.calibration.problem import Problem
 from kreisel.estimation.filter import Belief
 from kreisel.geometry.rotation import Array
 
-WIDENING = 0.3
-"""Deviations a further run begins with, in those of the result before it.
+WIDENINGS = (0.3, 10.0)
+"""Least and largest factor between the deviations a further run begins with and those of the result before it.
 
-The estimates then hardly move during the run. Were they to, the model would be linearised now here, now there, and what
-the motion does not show would seem to be shown by the difference.
+As wide as the model is linear over it. In a curved model the estimates must hardly move during the run: were they to,
+the model would be linearised now here, now there, and what the motion does not show would seem to be shown by the
+difference. In a linear one a wide beginning leaves room for offsets that walk, of whose beginning it is not known
+exactly how much is left at the end.
 """
+
+LINEAR = 0.02
+"""Curvature, in deviations of the result, over which the model counts as linear."""
 
 
 def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
@@ -33,7 +38,8 @@ def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
     if n == 0:
         return belief
     prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
-    found = WIDENING**2 * run.belief.covariance[:n, :n]
+    covariance = run.belief.covariance[:n, :n]
+    found = _widening(problem, covariance) ** 2 * covariance
     # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
     scale = np.sqrt(np.diag(prior))
     A, B = (M / np.outer(scale, scale) for M in (prior, found))
@@ -41,6 +47,28 @@ def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
     factor = belief.factor.copy()
     factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
     return Belief(belief.mean, factor)
+
+
+def _widening(problem: Problem, covariance: Array) -> float:
+    """Return the factor on the deviations of a result (n, n) over which the model is linear.
+
+    Turns bend it by their square, an offset and the matrix it is multiplied by by their product; see `run._bent`.
+    """
+    layout = problem.layout
+    deviation, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+
+    def usual(values: Array, group: str) -> float:
+        return float(np.median(values[layout[group]]))
+
+    factors = [WIDENINGS[1]]
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout:
+            factors.append((LINEAR / usual(deviation, matrix)) ** 0.5)
+        if matrix in layout and offset in layout:
+            bent = usual(deviation, matrix) * usual(deviation, offset)
+            factors.append((LINEAR * usual(alone, offset) / bent) ** 0.5)
+    return max(min(factors), WIDENINGS[0])
 
 
 def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> FilterRun:

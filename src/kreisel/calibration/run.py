@@ -167,7 +167,9 @@ def _passes(
         before, run = run, _further_pass(problem, run, named(progress, f"pass {done}"), gate=wide)
         moved = _distance(problem, before, run)
         if far:
-            far, moved = moved > NEAR, np.inf  # the usual gate is still to come
+            far = moved > NEAR
+            if _let_in(run):
+                moved = np.inf  # the usual gate is still to come
 
 
 def _further_pass(
@@ -244,12 +246,16 @@ def _another_pass(problem: Problem, run: FilterRun, moved: float, done: int) -> 
         return False
     if done > 1:
         return moved > SETTLED
-    bounds = {m: gate(GATE, int(m)) for m in np.unique(run.history.degrees)}
-    beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
-    let_in = bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-    if let_in or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
+    if _let_in(run) or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
         return True
     return _another_sample(problem, run) or _bent(problem, run)
+
+
+def _let_in(run: FilterRun) -> bool:
+    """Return whether a wide gate let in what the usual one would not: grossly, or often."""
+    bounds = {m: gate(GATE, int(m)) for m in np.unique(run.history.degrees)}
+    beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
+    return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
 
 
 def _another_sample(problem: Problem, run: FilterRun) -> bool:
@@ -262,26 +268,24 @@ def _bent(problem: Problem, run: FilterRun) -> bool:
     """Return whether the model is curved between the start of a run and its result.
 
     Angles bend it by the square of the way; an offset and the matrix it is multiplied by, by the product of theirs.
-    The way is counted with the deviations the run began with. What it bends is held against the result's deviation.
+    What they bend is held against the result's deviation, for offsets against that with all else known: a weak motion
+    tells them together to much less than each of them.
     """
-    layout, start = problem.layout, problem.start_covariance
+    layout, n = problem.layout, len(problem.parameter_names)
     way = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
     deviation = run.belief.standard_deviation
-
-    def largest(group: str) -> float:
-        return float(np.max(way[layout[group]] + np.sqrt(np.diag(start[group])))) if group in layout else 0.0
-
-    def least(group: str) -> float:
-        return float(np.median(deviation[layout[group]])) if group in layout else np.inf
-
-    angles = ("gyro_cross_coupling", "accel_cross_coupling", "alignment")
-    moved = max((float(np.max(way[layout[g]])) for g in angles if g in layout), default=0.0)
-    if moved**2 > CURVATURE * min(least(g) for g in angles):
+    alone = 1.0 / np.sqrt(np.diag(np.linalg.inv(run.belief.covariance[:n, :n])))
+    angles = [layout[g] for g in ("gyro_cross_coupling", "accel_cross_coupling", "alignment") if g in layout]
+    moved = max((float(np.max(way[part])) for part in angles), default=0.0)
+    if moved**2 > CURVATURE * min((float(np.median(deviation[part])) for part in angles), default=np.inf):
         return True
-    return any(
-        largest(f"{sensor}_cross_coupling") * largest(f"{sensor}_offset") > CURVATURE * least(f"{sensor}_offset")
-        for sensor in ("gyro", "accel")
-    )
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout and offset in layout:
+            product = float(np.max(way[layout[matrix]]) * np.max(way[layout[offset]]))
+            if product > CURVATURE * float(np.median(alone[layout[offset]])):
+                return True
+    return False
 
 
 def correlation_factor(run: FilterRun) -> float:
