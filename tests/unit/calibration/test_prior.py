@@ -109,9 +109,10 @@ def test_a_walking_offset_keeps_a_proper_covariance(settled):
     assert np.isfinite(found.belief.factor).all()
 
 
-def test_the_number_of_parameters_fitted_before_is_counted(settled):
+def test_the_number_of_parameters_fitted_before_is_counted(settled, monkeypatch):
     problem, run = settled
     n = len(problem.parameter_names)
+    monkeypatch.setattr("kreisel.calibration.prior.WIDENINGS", (0.3, 0.3))
     begun = narrowed_belief(problem, run)
     narrow = with_stated_prior(problem, run_filter(problem, run.parameters, belief=begun), begun)
     wide = first_belief(problem, problem.start)
@@ -119,3 +120,13 @@ def test_the_number_of_parameters_fitted_before_is_counted(settled):
     assert 0.5 * n < narrow.fitted < n
     assert first.fitted < 0.2 * n
     assert narrow.excess > first.excess >= 1.0
+
+
+def test_a_pass_begins_as_wide_as_the_model_is_linear(settled):
+    problem, run = settled
+    n = len(problem.parameter_names)
+    factor = narrowed_belief(problem, run).standard_deviation[:n] / run.belief.standard_deviation[:n]
+    assert 5.0 < factor.max() < 10.1
+    loose = replace(run, belief=replace(run.belief, factor=100.0 * run.belief.factor))
+    factor = narrowed_belief(problem, loose).standard_deviation[:n] / loose.belief.standard_deviation[:n]
+    assert factor.max() < 1.0
