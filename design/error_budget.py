@@ -1,6 +1,6 @@
 """What each error of a robot alone does to a calibration: rms errors over a few trials, ten minutes each.
 
-Run: python design/error_budget.py [GRADE [TRIALS]]. The arm is otherwise nearly perfect (0.02 mm, 0.02 mrad).
+Run: python design/error_budget.py [GRADE [TRIALS [SECONDS]]]. The arm is otherwise nearly perfect (0.02 mm, 0.02 mrad).
 """
 
 import sys
@@ -33,11 +33,12 @@ GROUPS = (("accelerometer.offset", 1 / 9.80665e-3), ("gyroscope.cross", 1e6), ("
           ("accelerometer.lever", 1e3))  # fmt: skip
 
 
-def main(grade: str = "fog", trials: str = "4") -> None:
+def main(grade: str = "fog", trials: str = "4", seconds: str = "600") -> None:
     print(f"{grade}: rms error (error over standard deviation)")
     print(f"{'error':34s} {'k_a0 mg':>16s} {'K_omega ppm':>16s} {'K_a ppm':>16s} {'lever mm':>16s}  verdicts")
     for name, errors in CASES.items():
-        cell = Cell.model_validate({"seed": 20, "imu": {"grade": grade}, "errors": {**NEARLY_PERFECT, **errors}})
+        content = {"seed": 20, "seconds": float(seconds), "imu": {"grade": grade}}
+        cell = Cell.model_validate(content | {"errors": {**NEARLY_PERFECT, **errors}})
         done = [run_trial(cell, CalibrationSettings(), k) for k in range(int(trials))]
         cells = []
         for stem, factor in GROUPS:

@@ -1,6 +1,6 @@
-"""Does another pass over the data pay? Errors of simulated small cells after one, two and three passes.
+"""Does another pass over the data pay? Errors in the virtual cell after one, two and three passes.
 
-Run: python design/passes.py [trials]
+Run: python design/passes.py [trials [seconds]]
 """
 
 import sys
@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 
 import kreisel
-from kreisel.simulation import simulate
+from kreisel.simulation import Cell, simulate
 from kreisel.units import MG, PPM
 
 
-def main(trials: int = 6) -> None:
+def main(trials: int = 6, seconds: int = 120) -> None:
+    """Print a line for every number of passes."""
+    cell = Cell.model_validate({"seconds": float(seconds)})
     for passes in (1, 2, 3, None):
         ratios, offsets, matrices, used = [], [], [], []
-        for seed in range(trials):
-            truth, recording = simulate(np.random.default_rng(seed), 120.0, Path("cell"))
+        for trial in range(trials):
+            truth, recording = simulate(cell, Path("cell"), trial=trial)
             result = kreisel.calibrate(recording, kreisel.CalibrationSettings(passes=passes))
             deviation = result.document["standard_deviation"]
             offset = result.sensors.k_a[0] - truth.sensors.k_a[0]

@@ -1,5 +1,6 @@
 """Documentation that runs, and commands that are documented."""
 
+import importlib
 import re
 import subprocess
 import sys
@@ -46,6 +47,33 @@ def test_links_lead_somewhere():
     for page in [*PAGES, DOCS.parent / "README.md"]:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_table_of_equations_is_true():
+    """Every equation has its row; what computes and what checks it is there."""
+    text = (DOCS / "explanation" / "model.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ((?:\(\d+\)(?:, )?)+) \| (.*?) \| (.*?) \|$", text, re.M)
+    numbers = [int(n) for row in rows for n in re.findall(r"\d+", row[0])]
+    assert sorted(numbers) == sorted(set(map(int, re.findall(r"\((\d+)\)", text.partition("## Where each")[0]))))
+    for _, computed, checked in rows:
+        for path in re.findall(r"`(kreisel[\w.]+)`", computed):
+            assert resolved(path) is not None, path
+        for path in re.findall(r"`(tests/[\w/.]+)`", checked):
+            assert (DOCS.parent / path).is_file(), path
+
+
+def resolved(path):
+    """Return what a dotted path names: a module's function, or a class's method."""
+    parts = path.split(".")
+    for split in range(len(parts) - 1, 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:split]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[split:]:
+            found = getattr(found, name)
+        return found
+    return None
 
 
 def test_help_answers_without_the_mathematics():

@@ -48,8 +48,8 @@ def environment(level, down, q_rn, north, vertical, magnitude, gravity, earth_ra
     for s in range(gravity.shape[1]):
         gravity[0, s] = 0.0
         gravity[1, s] = 0.0
-        gravity[2, s] = magnitude[s]
-        earth_rate[0, s] = level * north[0, s]
+        gravity[2, s] = magnitude[s]  # (6) of docs/explanation/model.md, where all numbers are
+        earth_rate[0, s] = level * north[0, s]  # (7)
         earth_rate[1, s] = level * north[1, s]
         earth_rate[2, s] = down * vertical[s]
     rotate(q_rn, gravity)
@@ -106,7 +106,7 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
     for i in range(3):
         for s in range(m):
             p[i, s] += y[i, s]
-    multiply(E, q, turned)
+    multiply(E, q, turned)  # (9)
     multiply(turned, dq_own, q)
 
 
@@ -156,6 +156,7 @@ def pose_at(
     for i in range(3):
         for s in range(m):
             a = accel[i, s] + gravity[i, own[s]] - 2.0 * coriolis[i, s]
+            # (12)
             p_out[i, s] = p[i, s] + moment[s] * (v[i, s] + moment[s] / 2.0 * (a + moment[s] / 3.0 * slope[i, s]))
     place(q, 0, 0, q_out)
     turn(q_out, theta, 1.0)

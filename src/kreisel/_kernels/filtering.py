@@ -244,7 +244,7 @@ def process_noise(model, navigation, duration, points):
     row = 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         if at[name] >= 0:
-            kept = math.exp(-duration / model.lasting[0])
+            kept = math.exp(-duration / model.lasting[0])  # (15)
             for axis in range(3):
                 for s in range(points.shape[1]):
                     points[at[name] + axis, s] *= kept
@@ -295,7 +295,7 @@ def predicted_poses(model, motion, regressor, resting, t, before, after, points,
         rotation.plus(q, rows_from(points, of_attitude, 3), q)
     if regressor.shape[1] == 0:
         return q, p
-    # The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
+    # (13). The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
     turned, source, known = np.zeros((3, m)), model.robot.source, model.robot.known
     for axis in range(3):
         for e in range(source.size):
@@ -323,7 +323,7 @@ def observe(model, signal, steps, i, motion, points, noise):
     others = disturbed(model, column_of(points, 0), noise)
     t, t_centre = np.empty(sigma), np.empty(1)
     for s in range(sigma):
-        t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]
+        t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]  # (11)
     t_centre[0] = t[0]
     before, after = stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last]
     same = np.zeros(others.shape[1], dtype=np.int64)
@@ -351,7 +351,7 @@ def observe(model, signal, steps, i, motion, points, noise):
     if resting:
         at = model.stored[VELOCITY]
         for axis in range(3):
-            measured[row + axis, 0] = -points[at + axis, 0]
+            measured[row + axis, 0] = -points[at + axis, 0]  # (14)
         distances(points, at, points, at, seen, row)
         distances(others, at, points, at, seen_others, row)
     return seen, seen_others, column_of(measured, 0)

@@ -7,13 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.calibration.first_values import USUAL_SD, nominal_parameters, starting_point, stated_prior
+from kreisel.calibration.first_values import nominal_parameters, starting_point, stated_prior
+from kreisel.calibration.groups import REGISTRY
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.calibration.problem import MIN_UPDATES, REACH, PoseError, Problem, build_layout, schedule
 from kreisel.calibration.robot_errors import ANGLE_SD, LENGTH_SD
 from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.setup import Preparation, first_attitudes
 from kreisel.errors import SynchronizationError
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
 from kreisel.recording import ReferencePoses
 from kreisel.recording.recording import angles_over
 from kreisel.synchronization import Clock
@@ -22,6 +25,9 @@ INTERVALS = {"robot": 0.48, "mocap": 0.24}
 """Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
 second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
 
+NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
+"""How references are called that are no robot's, as in EuRoC recordings, where their kind is not stated."""
+
 _HALF_A_CHAIN = math.sqrt(2.0)
 _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
@@ -29,7 +35,8 @@ _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 def _frame_sd(preparation: Preparation) -> tuple[float, float]:
     """Return how far a robot's errors move base and tool, m and rad, where they cannot be estimated."""
     settings = preparation.recording.settings
-    if preparation.robot is not None or settings.reference.kind == "mocap":
+    kind = settings.reference.kind or ("mocap" if preparation.reference.name.startswith(NO_ROBOT) else "robot")
+    if preparation.robot is not None or kind == "mocap":
         return (0.0, 0.0)
     length, angle = settings.robot.length_sd, settings.robot.angle_sd
     # half of the chain's errors act like another base, half like another tool
@@ -52,6 +59,18 @@ def _with_held_values(start: CellParameters, preparation: Preparation, settings:
                 first = int(preparation.recording.imu.stamps_ns[0]), int(preparation.reference.stamps_ns[0])
                 stored[group] = value - Clock(0.0).offset(*first)
     return CellParameters.from_stored(stored)
+
+
+def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, Array]:
+    """Return the covariance of every group in a layout; that of usual devices where no other is known."""
+    out = {}
+    for group in REGISTRY:
+        if group.name not in layout:
+            continue
+        degrees = layout[group.name].stop - layout[group.name].start
+        usual = (group.usual_sd or 1.0) ** 2 * np.eye(degrees)
+        out[group.name] = covariance.get(group.name, usual)
+    return out
 
 
 def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
@@ -130,11 +149,11 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         offset_walk={"gyro_offset": preparation.imu_noise.gyro_walk, "accel_offset": preparation.imu_noise.accel_walk},
         layout=layout,
         start=start,
-        start_covariance={group: start_covariance[group] for group in GROUPS if group in layout},
+        start_covariance=_of_layout(start_covariance, layout),
         prior=prior,
-        prior_covariance={group: prior_covariance[group] for group in GROUPS if group in layout},
+        prior_covariance=_of_layout(prior_covariance, layout),
         prior_width={
-            **USUAL_SD,
+            **{g.name: np.array([g.usual_sd]) for g in REGISTRY if g.usual_sd is not None},
             **given,
             "gravity": np.array([site.gravity_sd]),
             **{g: np.sqrt(np.diag(prior_covariance[g])) for g in ROBOT_GROUPS if g in prior_covariance},

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.derived import derive
+from kreisel.calibration.groups import group_named
 from kreisel.calibration.noise_factors import imu_density
 from kreisel.calibration.observability import Observability
 from kreisel.calibration.parameters import (
@@ -16,6 +17,7 @@ from kreisel.calibration.parameters import (
     ROBOT_GROUPS,
     SENSOR_GROUPS,
     CellParameters,
+    other_groups,
     parameter_names,
 )
 from kreisel.calibration.problem import Problem
@@ -120,9 +122,20 @@ def _values(recording: Recording, found: Estimate) -> dict[str, Any]:
     tables["alignment"] = {"gravity": _list(gravity_r(p))}
     if "earth_down" not in found.problem.layout and "north" in found.problem.layout:
         tables["alignment"]["north"] = _list(north_r(p))
+    for group in other_groups():
+        if group in found.problem.layout:
+            _put(tables, group_named(group).path, _list(p.stored(group)))
     if "earth_down" in found.problem.layout:
         tables["alignment"]["earth_rate"] = _list(earth_rate_r(found.problem, p))
     return tables
+
+
+def _put(tree: dict[str, Any], path: str, value: Any) -> None:
+    """Put a value into a tree at a path of names with points between."""
+    *above, last = path.split(".")
+    for name in above:
+        tree = tree.setdefault(name, {})
+    tree[last] = value
 
 
 def _robot(found: Estimate) -> dict[str, Any]:
@@ -211,6 +224,9 @@ def _deviations(found: Estimate) -> dict[str, Any]:
     tree["accelerometer"]["lever_arms"] = _list(of("lever_arms", 9).reshape(3, 3))
     tree["timing"] = {"offset": _number(of("time_offset", 1)[0]), "skew": _number(of("time_skew", 1)[0]) or None}
     tree["alignment"] = {"gravity": _list(_gravity_deviation(found))}
+    for group in other_groups():
+        if group in problem.layout:
+            _put(tree, group_named(group).path, _list(deviation[problem.layout[group]]))
     if "earth_down" not in problem.layout and "north" in problem.layout:
         n = problem.layout["north"]
         P = found.run.belief.covariance[n, n]

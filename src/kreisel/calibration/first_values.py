@@ -39,22 +39,6 @@ _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 _LEVER_ARM_SD, _TILT_SD, _CLOCK_SD = 0.2, 0.3, 1.0
 """m, rad and s; lever arms, tilt of the reference against the fit's, offset of the clocks against the fit's."""
 
-USUAL_SD = {
-    "gyro_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
-    "gyro_offset": np.full(3, 0.02),
-    "gyro_polynomial": np.array([0.02]),
-    "accel_cross_coupling": np.full(9, _CROSS_COUPLING_SD),
-    "accel_offset": np.full(3, 0.6),
-    "accel_polynomial": np.array([0.005]),
-    "lever_arms": np.full(9, 0.1),
-    "alignment": np.full(2, 0.05),
-    "north": np.full(2, _NORTH_SD),
-    "earth_down": np.array([EARTH_SD]),
-    "time_offset": np.array([0.01]),
-    "time_skew": np.array([LARGEST_SKEW]),
-}
-"""Standard deviations of usual IMUs on usual mounts, SI: what the motion does not narrow down is not observable."""
-
 
 def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
     """Return the parameters the filter starts from, and a covariance for each group.

@@ -7,25 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.calibration.filter_run import FilterRun
-from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
+from kreisel.calibration.groups import REGISTRY
 from kreisel.calibration.problem import Problem
 from kreisel.geometry.rotation import Array
 
 UNSHOWN = 0.5
 """A standard deviation still above this share of the prior's counts as not shown."""
-
-USEFUL = {
-    "gyro_cross_coupling": 3e-3,
-    "gyro_offset": 5e-3,
-    "accel_cross_coupling": 5e-3,
-    "accel_offset": 0.1,
-    "lever_arms": 0.03,
-    "time_offset": 2e-3,
-}
-"""Standard deviations (SI) above which a value is of no use to anybody, whatever the prior was."""
-
-HELD_IF_UNSHOWN = ("accel_cross_coupling", "lever_arms", "gyro_polynomial", "accel_polynomial")
-"""Groups that do more harm than good when estimated from noise: they are held at their nominal values."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +39,7 @@ class Observability:
 
 
 def unshown_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
-    """Return the groups of `HELD_IF_UNSHOWN` of which the motion shows less than half.
+    """Return the groups to be held of which the motion shows less than half.
 
     Parameters
     ----------
@@ -60,7 +47,7 @@ def unshown_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
         Posterior standard deviations.
     """
     groups = []
-    for group in HELD_IF_UNSHOWN:
+    for group in (known.name for known in REGISTRY if known.held):
         if group == "lever_arms" and problem.reference.positions is None:
             continue  # nothing pulls them away, and what they might be belongs into the other deviations
         if group in problem.layout:
@@ -79,8 +66,8 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
     unobservable: list[str] = []
     unshown: list[str] = []
     order = problem.settings.polynomial_order
-    for group in GROUPS:
-        own = parameter_names(group, order, problem.joints)
+    for known in REGISTRY:
+        group, own = known.name, known.names(order, problem.joints)
         if group not in problem.layout:
             if group in problem.held:
                 unobservable += own
@@ -88,20 +75,16 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             continue
         d = problem.layout[group]
         size = d.stop - d.start
-        width = (
-            np.resize(problem.prior_width[group], size) if group != "alignment" else problem.prior_width[group][:size]
-        )
+        width = np.resize(problem.prior_width[group], size)
         for name, before, after in zip(own, width, deviation[d], strict=False):
             names.append(name)
             prior.append(float(before))
             posterior.append(float(after))
             lost = after > UNSHOWN * before
-            if group in ("alignment", "north", "earth_down", "gravity", *ROBOT_GROUPS) or (
-                lost and group in problem.given_priors
-            ):
-                lost = False  # believed from the start, and needed by nobody
+            if known.known_before or group in problem.given_priors:
+                lost = False
             if lost:
                 unshown.append(name)
-            if lost or after > USEFUL.get(group, np.inf):
+            if lost or after > known.useful_sd:
                 unobservable.append(name)
     return Observability(tuple(names), np.array(prior), np.array(posterior), tuple(unobservable), tuple(unshown))

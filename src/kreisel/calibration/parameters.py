@@ -3,50 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from kreisel.calibration.groups import REGISTRY, group_named
 from kreisel.errors import SettingsError
 from kreisel.estimation.state import Part
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.synchronization.clock import Clock
 
-GROUPS = {
-    "gyro_cross_coupling": "K_omega: scale, misalignment and mounting of the gyros",
-    "gyro_offset": "k_w0, rad/s",
-    "gyro_polynomial": "k_wi, i = 2 and above",
-    "accel_cross_coupling": "K_a: scale, misalignment and mounting of the accelerometers",
-    "accel_offset": "k_a0, m/s^2",
-    "accel_polynomial": "k_ai, i = 2 and above",
-    "lever_arms": "r_j: positions of the accelerometers in b, m",
-    "alignment": "tilt of the reference frame against the local level",
-    "north": "level part of the Earth's rotation: where north lies",
-    "earth_down": "downward part of the Earth's rotation, where the latitude is not given",
-    "gravity": "magnitude of gravity, as far as latitude or a stated value leave it open",
-    "time_offset": "offset of the reference's clock",
-    "time_skew": "ratio of the clocks, less one",
-    "robot_placement": "errors of the robot's joint placements: lengths and angles",
-    "robot_gears": "gear eccentricity: sine and cosine of each joint angle, rad",
-    "robot_compliance": "elastic sag: compliance of each joint against gravity's torque, rad/(N m)",
-}
+GROUPS = {group.name: group.meaning for group in REGISTRY}
 """All groups of parameters a calibration may estimate, as `--fix` names them."""
 
-SENSOR_GROUPS = (
-    "gyro_cross_coupling",
-    "gyro_offset",
-    "gyro_polynomial",
-    "accel_cross_coupling",
-    "accel_offset",
-    "accel_polynomial",
-    "lever_arms",
-)
+SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
 """Groups every sensor parameter belongs to. They come first in the state; see `estimation.filter`."""
 
-
-ROBOT_GROUPS = ("robot_placement", "robot_gears", "robot_compliance")
+ROBOT_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "robot")
 """Groups of the robot's errors. They enter what the reference shows, linearly, and move nothing."""
 
 
@@ -90,6 +65,13 @@ class RobotParameters:
         return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
 
 
+_OF_FIELDS = frozenset({
+    "gyro_cross_coupling", "gyro_offset", "gyro_polynomial", "accel_cross_coupling", "accel_offset", "accel_polynomial",
+    "lever_arms", "alignment", "north", "earth_down", "gravity", "time_offset", "time_skew", *ROBOT_GROUPS,
+})  # fmt: skip
+"""Groups whose values are fields of `CellParameters`; all others are among its `others`."""
+
+
 @dataclass(frozen=True)
 class CellParameters:
     """Everything a calibration estimates but the motion itself.
@@ -112,6 +94,8 @@ class CellParameters:
     earth_down
         Downward part of the Earth's rotation: 1 by the latitude given; in units of the Earth's rate where
         none is.
+    others
+        Values of groups of the registry that have no field here, as they are stored; nominal where they are missing.
     """
 
     sensors: SensorParameters
@@ -122,6 +106,7 @@ class CellParameters:
     skew: float
     robot: RobotParameters = field(default_factory=RobotParameters.none)
     earth_down: float = 1.0
+    others: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def clock(self) -> Clock:
@@ -149,7 +134,10 @@ class CellParameters:
             "robot_gears": self.robot.gears.ravel(),
             "robot_compliance": self.robot.compliance,
         }
-        return np.asarray(values[group], dtype=float)
+        if group in values:
+            return np.asarray(values[group], dtype=float)
+        order = s.k_w.shape[0]
+        return np.asarray(self.others.get(group, group_named(group).nominal(order, self.robot.joints)), dtype=float)
 
     @classmethod
     def from_stored(cls, values: dict[str, Array]) -> CellParameters:
@@ -174,40 +162,19 @@ class CellParameters:
                 values["robot_compliance"],
             ),
             float(values["earth_down"][0]),
+            {group: value for group, value in values.items() if group not in _OF_FIELDS},
         )
 
 
 def group_part(group: str, order: int, joints: int = 0) -> Part:
     """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints."""
-    degrees = {
-        "gyro_cross_coupling": 9,
-        "gyro_polynomial": 3 * (order - 1),
-        "accel_cross_coupling": 9,
-        "accel_polynomial": 3 * (order - 1),
-        "lever_arms": 9,
-        "alignment": 2,
-        "north": 2,
-        "earth_down": 1,
-        "gravity": 1,
-        "time_offset": 1,
-        "time_skew": 1,
-        "robot_placement": 6 * (joints + 1),
-        "robot_gears": 2 * joints,
-        "robot_compliance": joints,
-    }
-    return Part(group, degrees.get(group, 3), rotation=group == "alignment")
-
-
-_LIMITS = {"gravity": (9.7, 9.9), "time_skew": (-0.02, 0.02)}
+    known = group_named(group)
+    return Part(group, known.degrees(order, joints), rotation=known.rotation)
 
 
 def _shapes(order: int) -> dict[str, tuple[int, ...]]:
     """Return the shape in the result file of every group that may be given a value."""
-    return {
-        "gyro_cross_coupling": (3, 3), "gyro_offset": (3,), "gyro_polynomial": (order - 1, 3),
-        "accel_cross_coupling": (3, 3), "accel_offset": (3,), "accel_polynomial": (order - 1, 3),
-        "lever_arms": (3, 3), "gravity": (), "time_offset": (), "time_skew": (),
-    }  # fmt: skip
+    return {group.name: group.shape(order) for group in REGISTRY if group.shape is not None}
 
 
 def shaped(group: str, value: Sequence[float], order: int) -> Array:
@@ -243,9 +210,9 @@ def held_value(group: str, value: object, order: int) -> Array:
     if out.shape != shapes[group] or not out.size:
         hint = ", for which polynomial_order must be 2 or more" if group.endswith("polynomial") and order == 1 else ""
         raise SettingsError(f"fixed['{group}'] has the shape {out.shape}, expected {shapes[group]}{hint}")
-    low, high = _LIMITS.get(group, (-np.inf, np.inf))
+    low, high = group_named(group).limits
     if not (np.isfinite(out) & (low <= out) & (out <= high)).all():
-        expected = f"{low:g} to {high:g}" if group in _LIMITS else "finite numbers"
+        expected = f"{low:g} to {high:g}" if np.isfinite(low) else "finite numbers"
         raise SettingsError(f"fixed['{group}'] = {out.tolist()}; expected {expected}, in SI")
     if group.endswith("cross_coupling"):
         stretch = np.linalg.svd(out, compute_uv=False)
@@ -259,28 +226,9 @@ def held_value(group: str, value: object, order: int) -> Array:
 
 def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:
     """Return the names of a group's parameters: their paths in the result file."""
-    if group in ROBOT_GROUPS:
-        entries = {"robot_placement": 6, "robot_gears": 2, "robot_compliance": 0}[group]
-        stem = f"robot.{group.removeprefix('robot_')}"
-        indices = [f"{j}" for j in range(joints + (group == "robot_placement"))]
-        if entries:
-            indices = [f"{j},{i}" for j in indices for i in range(entries)]
-        return tuple(f"{stem}[{index}]" for index in indices)
-    sensor = "gyroscope" if group.startswith("gyro") else "accelerometer"
-    matrix = [f"[{i},{j}]" for i in range(3) for j in range(3)]
-    if group.endswith("cross_coupling"):
-        return tuple(f"{sensor}.cross_coupling{ij}" for ij in matrix)
-    if group == "lever_arms":
-        return tuple(f"accelerometer.lever_arms{ij}" for ij in matrix)
-    if group.endswith("offset") and group != "time_offset":
-        return tuple(f"{sensor}.offset[{i}]" for i in range(3))
-    if group.endswith("polynomial"):
-        return tuple(f"{sensor}.polynomial.{power}[{i}]" for power in range(2, order + 1) for i in range(3))
-    return {
-        "alignment": ("alignment.tilt[0]", "alignment.tilt[1]"),
-        "north": ("alignment.north[0]", "alignment.north[1]"),
-        "earth_down": ("alignment.earth_down",),
-        "gravity": ("alignment.gravity_magnitude",),
-        "time_offset": ("timing.offset",),
-        "time_skew": ("timing.skew",),
-    }[group]
+    return group_named(group).names(order, joints)
+
+
+def other_groups() -> tuple[str, ...]:
+    """Return the groups of the registry whose values are no fields of `CellParameters`."""
+    return tuple(group for group in GROUPS if group not in _OF_FIELDS)

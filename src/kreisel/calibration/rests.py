@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.calibration.reference_noise import ReferenceNoise
-from kreisel.geometry.rotation import Array, Mask, running_mean
+from kreisel.geometry.rotation import Array, Mask, continuous, running_mean
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.recording import ImuSamples, ReferencePoses
 from kreisel.recording.recording import PIECE, pieces
@@ -154,7 +154,7 @@ def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, noise: 
     if reference.quaternions is not None:
         limit = (noise.standstill_orientation, 0.004 + 8.0 * noise.orientation)
         # half the angle is the distance of unit quaternions
-        moving |= _faster(2.0 * _continuous(reference.quaternions), stride, width, span, limit)
+        moving |= _faster(2.0 * continuous(reference.quaternions), stride, width, span, limit)
     middle = clock.imu_time(0.5 * (tau[stride:] + tau[:-stride]))
     nearest = np.clip(np.searchsorted(middle, t), 0, middle.size - 1)
     result = moving[nearest]
@@ -176,9 +176,3 @@ def _faster(x: Array, stride: int, width: int, span: Array, limit: tuple[float, 
     allowed = _CREEP * limit[0] + 4.0 * quiet * (2.0 / width) ** 0.5 / float(np.median(span))
     speed = np.linalg.norm(smooth[stride:] - smooth[:-stride], axis=1) / span
     return np.asarray(speed > min(allowed, limit[1]))
-
-
-def _continuous(q: Array) -> Array:
-    """Return quaternions (m, 4) with signs that do not change from one to the next."""
-    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
-    return np.asarray(q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None])

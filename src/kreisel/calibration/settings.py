@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.calibration.groups import REGISTRY
 from kreisel.calibration.parameters import GROUPS, held_value, shaped
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.estimation.sigma_points import WEIGHTS
@@ -17,7 +18,7 @@ from kreisel.inertial.sensor_model import SizeEffect
 ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
 """Estimators and the sigma points each uses by default."""
 
-BY_CHOICE = ("robot_gears", "robot_compliance")
+BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
 """Groups that are estimated only if asked for."""
 
 

@@ -152,6 +152,12 @@ def inverse_right_jacobian(theta: ArrayLike) -> Array:
     return np.asarray(np.eye(3) + 0.5 * S + b * (S @ S))
 
 
+def continuous(q: Array) -> Array:
+    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
+    sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
+    return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
+
+
 def running_mean(values: Array, width: int) -> Array:
     """Return means of rows (n, k) over about `width` rows around each; fewer at the ends."""
     padded = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.errors import RecordingError, RobotError
 from kreisel.files import read_bytes
 from kreisel.geometry.kuka import from_abc
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, continuous
 from kreisel.recording.channels import JOINTS, ORIENTATION, POSITION, Channel, choose, factor, meaning
 from kreisel.recording.diadem import BEGIN, read_diadem
 from kreisel.recording.folder import description_beside
@@ -19,7 +19,7 @@ from kreisel.recording.recording import Finding, JointAngles, ReferencePoses, St
 from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.recording.trace_text import read_text
 from kreisel.recording.write import add_reference
-from kreisel.robot.kinematics import continuous, parse_arm, poses
+from kreisel.robot.kinematics import parse_arm, poses
 from kreisel.units import DEG
 
 SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from kreisel.calibration.groups import REGISTRY
 from kreisel.calibration.halves import SplitHalves
 from kreisel.report import plots
 from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
@@ -16,24 +17,7 @@ from kreisel.report.plots import Plot
 from kreisel.report.thinning import Curve
 
 AXES = "xyz"
-GROUP_LABELS = {
-    "gyro_cross_coupling": "K<sub>ω</sub>",
-    "gyro_offset": "k<sub>ω0</sub>",
-    "gyro_polynomial": "k<sub>ωi</sub>",
-    "accel_cross_coupling": "K<sub>a</sub>",
-    "accel_offset": "k<sub>a0</sub>",
-    "accel_polynomial": "k<sub>ai</sub>",
-    "lever_arms": "r",
-    "alignment": "φ",
-    "north": "n",
-    "earth_down": "n<sub>d</sub>",
-    "gravity": "g",
-    "time_offset": "t<sub>0</sub>",
-    "time_skew": "s",
-    "robot_placement": "robot",
-    "robot_gears": "gears",
-    "robot_compliance": "sag",
-}
+GROUP_LABELS = {group.name: group.symbol for group in REGISTRY}
 
 _TIME = "IMU time (s)"
 _PANEL = 130

@@ -10,36 +10,20 @@ from typing import Any
 import numpy as np
 
 from kreisel.calibration.calibrate import Outcome
+from kreisel.calibration.groups import REGISTRY
 from kreisel.calibration.halves import SplitHalves
 from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.calibration.validation import Injection
 from kreisel.geometry.rotation import Array
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
 from kreisel.synchronization import Clock
-from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
+from kreisel.units import MG, MM, MRAD, MS, PPM
 
 NOTHING = "–"
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-UNITS: dict[str, tuple[str, float]] = {
-    "gyro_cross_coupling": ("1", 1.0),
-    "gyro_offset": ("deg/h", DEG_PER_HOUR),
-    "gyro_polynomial": ("SI", 1.0),
-    "accel_cross_coupling": ("1", 1.0),
-    "accel_offset": ("mg", MG),
-    "accel_polynomial": ("SI", 1.0),
-    "lever_arms": ("mm", MM),
-    "alignment": ("mrad", MRAD),
-    "north": ("1", 1.0),
-    "earth_down": ("1", 1.0),
-    "gravity": ("m/s²", 1.0),
-    "time_offset": ("ms", MS),
-    "time_skew": ("ppm", PPM),
-    "robot_placement": ("mm, mrad", 1e-3),
-    "robot_gears": ("mrad", MRAD),
-    "robot_compliance": ("rad/(N m)", 1.0),
-}
+UNITS: dict[str, tuple[str, float]] = {group.name: (group.unit, group.size) for group in REGISTRY}
 """Unit a group of parameters is shown in, and its size in SI."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
-from kreisel.geometry.rotation import Array, from_matrix, matrix
+from kreisel.geometry.rotation import Array, continuous, from_matrix, matrix
 from kreisel.markup import screened
 
 MODELS = ("kr125", "ur10e")
@@ -230,12 +230,6 @@ def _last_changed(rows: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     places = _changed(rows)
     changed[places] = places
     return np.maximum.accumulate(changed)
-
-
-def continuous(q: Array) -> Array:
-    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
-    sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
-    return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
 
 
 def regressor(arm: Arm, angles: Array) -> Array:

@@ -1,0 +1,36 @@
+"""Scripts beside the package run: benchmarks and the experiments behind decisions, at a tiny size."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("arguments", [("passes.py", "1", "30"), ("error_budget.py", "fog", "1", "30")])
+def test_design_scripts_run(arguments):
+    ended = run(f"design/{arguments[0]}", *arguments[1:])
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.count("\n") >= 2
+
+
+def test_benchmarks_run():
+    ended = run(
+        "-m", "pytest", "benchmarks", "--benchmark-only", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
+        KREISEL_BENCHMARK_SECONDS="30",
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stdout + ended.stderr
