@@ -88,6 +88,7 @@ class UrTwin:
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
         self._over = threading.Event()
+        self._booted = time.monotonic() - 5.0
         self._streams, self._scripts, self._sockets = {}, [], []
         self._listeners = {name: self._listen(name) for name in ("rtde", "script", "imu")}
         port = self._listen("dashboard").getsockname()[1] if dashboard else self._free_port()
@@ -129,6 +130,15 @@ class UrTwin:
         """Stop the arm as the controller does by itself."""
         self._target, self.program = None, 1
 
+    def dwell(self, seconds):
+        """Stand for so long in the move under way."""
+        self._begins = time.monotonic() + seconds
+
+    def push(self, joints_deg, speed=0.5):
+        """Move the arm as somebody else's program does, rad/s."""
+        self._speed, self._begins = speed, 0.0
+        self._target = [math.radians(a) for a in joints_deg]
+
     def close(self):
         self._over.set()
         for one in self._sockets:
@@ -137,9 +147,7 @@ class UrTwin:
     # the controller
 
     def _live(self):
-        k = 0
         while not self._over.wait(TICK):
-            k += 1
             target = self._target
             if target is not None and time.monotonic() >= self._begins:
                 far = max(abs(b - a) for a, b in zip(self.q, target, strict=True))
@@ -149,11 +157,11 @@ class UrTwin:
                     self._target, self.program = None, 1
             if not self.silent:
                 for connection, fields in list(self._streams.items()):
-                    self._quietly(connection, self._package(ord("U"), b"\x01" + self._values(fields, k)))
+                    self._quietly(connection, self._package(ord("U"), b"\x01" + self._values(fields)))
 
-    def _values(self, fields, k):
+    def _values(self, fields):
         known = {
-            "timestamp": [5.0 + k * TICK], "actual_q": self.q, "actual_TCP_pose": tool_pose(self.q, self._robot),
+            "timestamp": [time.monotonic() - self._booted], "actual_q": self.q, "actual_TCP_pose": tool_pose(self.q, self._robot),
             "safety_status": [self.safety], "safety_mode": [self.safety], "robot_mode": [7],
             "runtime_state": [self.program],
         }  # fmt: skip

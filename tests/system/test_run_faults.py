@@ -191,6 +191,41 @@ def test_an_arm_that_has_not_begun_its_move_yet_is_watched_for_longer(tmp_path):
     not_confirmed(tmp_path, errors, "told to")
 
 
+@pytest.mark.parametrize("state", [2, 4])  # playing, paused
+def test_an_arm_that_stands_within_a_program_is_not_stopped(tmp_path, state):
+    with controller(deaf="all") as twin:
+        process = started(tmp_path, twin)
+        twin.wait_for_move(2)
+        twin.dwell(30.0)
+        twin.program = state
+        process.send_signal(signal.SIGINT)
+        errors = ended(process, 1)
+    not_confirmed(tmp_path, errors, "the controller still holds a program and may go on with it")
+
+
+def test_an_arm_that_somebody_else_moves_at_rest_is_stopped(tmp_path):
+    with controller() as twin:
+        process = started(tmp_path, twin, LONG.replace("rest = 1.0", "rest = 9.0") + BACK)
+        twin.wait_for_move(2)
+        twin.wait(lambda: twin.program == 1, 30.0)
+        time.sleep(0.6)
+        twin.push((100, -80, 70, -40, -60, 20))
+        errors = ended(process, 1)
+        assert stands(twin)
+    assert len(twin.moves()) == 2
+    confirmed(tmp_path, errors, "the arm moves while it is to rest")
+
+
+def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
+    with controller() as twin:
+        process = started(tmp_path, twin)
+        twin.wait_for_move(2)
+        twin.push((-90, -90, 60, -60, -90, 0))
+        errors = ended(process, 1)
+        assert stands(twin)
+    confirmed(tmp_path, errors, "the arm leaves its way")
+
+
 @pytest.mark.parametrize(
     ("offered", "state", "words"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -14,12 +15,16 @@ from kreisel.acquisition.halting import Say, Stop, Underway, bring_to_rest
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.watch import Watch
 from kreisel.errors import DeviceError
+from kreisel.geometry.rotation import Array
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
 
 __all__ = ["Ending", "Watch", "drive", "unless"]
 
 _TICK = 0.01
+
+STRAY = math.radians(2.0)
+"""rad; joints that are farther from their way, or from where they are to rest, are moved by somebody else."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,7 @@ class _Way:
     def __init__(self, program: Program, mover: Mover, watch: Watch, stop: asyncio.Event, say: Say) -> None:
         self.underway: Underway | None = None
         self.enough = False
+        self._resting: Array | None = None
         self._program, self._mover, self._watch, self._stop, self._say = program, mover, watch, stop, say
 
     async def go(self, enough: Callable[[], bool]) -> str | None:
@@ -106,13 +112,13 @@ class _Way:
         described = self._mover.describe(move.target, move.speed)
         self._say(f"move {number} of {len(self._program.moves)}: {described}")
         seconds = _longest(move, self._watch)
-        self.underway = Underway(move.target, self._watch.joints)
+        self.underway, self._resting = Underway(move.target, self._watch.joints), None
         self._watch.begin_move()
         if (why := await unless(self._mover.move(move.target, move.speed), self._why)) is not None:
             return why
         ended = await self._until(lambda: self._watch.rests_at(move.target), seconds)
         if ended is None:
-            self.underway = None
+            self.underway, self._resting = None, move.target
             ended = await self._until(lambda: False, move.rest, late_is_well=True)
         return ended
 
@@ -122,7 +128,22 @@ class _Way:
             return self._watch.reason
         if self._mover.trouble is not None:
             return self._mover.trouble
+        if self._strays():
+            return "the arm moves while it is to rest" if self._resting is not None else "the arm leaves its way"
         return "told to" if self._stop.is_set() else None
+
+    def _strays(self) -> bool:
+        """Return whether a joint is not between the ends of its move, or not where it is to rest."""
+        joints = self._watch.joints
+        if joints is None:
+            return False
+        if self._resting is not None:
+            return bool(np.any(np.abs(joints - self._resting) > STRAY))
+        if self.underway is None or self.underway.start is None:
+            return False
+        low = np.minimum(self.underway.start, self.underway.target) - STRAY
+        high = np.maximum(self.underway.start, self.underway.target) + STRAY
+        return bool(np.any((joints < low) | (joints > high)))
 
     async def _until(self, done: Callable[[], bool], seconds: float, *, late_is_well: bool = False) -> str | None:
         """Wait; return why to stop the motion, or None where all is well."""

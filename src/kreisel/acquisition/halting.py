@@ -98,6 +98,8 @@ def _confirmed(done: list[str], seconds: float) -> Stop:
 
 
 def _blind(watch: Watch) -> str:
+    if watch.holds and watch.stands(watch.now_ns - round(2e9 * STANDS), STANDS):
+        return "the joints stand now, but the controller still holds a program and may go on with it"
     return "the joints still move" if watch.hears() else "no joint angles come in"
 
 
@@ -112,11 +114,14 @@ def _may_begin(underway: Underway | None, watch: Watch) -> bool:
 
 
 async def _seen(watch: Watch, since_ns: int, seconds: float, patience: float) -> bool:
-    """Wait until the joints are seen to stand; return whether they were. Without joint angles the wait is short."""
+    """Wait until the controller holds no program and the joints stand; return whether that was seen.
+
+    Without joint angles the wait is short.
+    """
     loop = asyncio.get_running_loop()
     ends = loop.time() + patience
     blind_ends = loop.time() + (_BLIND if patience == _WAY else patience)
-    while not watch.stands(since_ns, seconds):
+    while watch.holds or not watch.stands(since_ns, seconds):
         if loop.time() > (ends if watch.hears() else blind_ends):
             return False
         await asyncio.sleep(_TICK)

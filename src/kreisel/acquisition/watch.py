@@ -59,6 +59,8 @@ class Watch:
         Why to stop, or None.
     sample
         What the robot reported last, with joint angles.
+    holds
+        Whether the controller reported last that it runs a program or has paused one.
     agreement
         What is known of the model against the reported poses.
     """
@@ -66,6 +68,7 @@ class Watch:
     def __init__(self, arm: Arm, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self.alarm: str | None = None
         self.sample: RobotSample | None = None
+        self.holds = False
         self.agreement = Agreement(arm)
         self._arm, self._clock = arm, clock
         self._recent: deque[Row] = deque()
@@ -158,6 +161,7 @@ class Watch:
             self._played = self._played or sample.running
             ended = self._played and not sample.running
             self._idle_ns = (self._idle_ns or host_ns) if ended else None
+        self.holds = bool(sample.holds)
         if not sample.joints:
             return
         if self._recent and sample.stamp_ns <= self._recent[-1][1]:

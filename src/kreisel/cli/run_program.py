@@ -109,6 +109,9 @@ def run_program(
     )
 
 
+_JOIN = 60.0
+"""Seconds the search for the targets has to end."""
+
 _UNITS = {"mg": 9.80665e-3, "deg/h": 4.84814e-6, "ppm": 1e-6, "mm": 1e-3, "ms": 1e-3, "": 1.0}
 
 
@@ -154,12 +157,16 @@ def _say(text: str) -> None:
 
 def _targets(output: Path, targets: dict[str, float]) -> Targets:
     """Return what looks for the targets of `--until` in a thread of its own."""
+    import atexit
     import threading
 
     from kreisel.dashboard.online import Targets
 
     reached = Targets(output, targets, _say)
-    threading.Thread(target=reached.look, daemon=True).start()
+    if targets:
+        looking = threading.Thread(target=reached.look, daemon=True)
+        looking.start()
+        atexit.register(looking.join, _JOIN)  # a thread inside the compiler must not outlive the interpreter
     return reached
 
 
@@ -172,6 +179,8 @@ def _drive(
 
     from kreisel.acquisition.run import run
 
+    stops = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
     async def both() -> tuple[Ending, Status]:
         halt = asyncio.Event()
         loop = asyncio.get_running_loop()
@@ -180,9 +189,13 @@ def _drive(
             halt.set()
             _say(f"{name}: the arm is to stop")
 
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        for number in stops:
             loop.add_signal_handler(number, stop, number.name)
         loop.call_later(seconds, stop, f"--seconds {seconds:g} have passed")
         return await run(orders, devices, output, recorded, halt, _say)
 
-    return asyncio.run(both())
+    try:
+        return asyncio.run(both())
+    finally:
+        for number in stops:  # the arm stands; a second signal must not change how this ends
+            signal.signal(number, signal.SIG_IGN)

@@ -34,6 +34,9 @@ MODES = {
 }  # fmt: skip
 """Robot modes other than running (7)."""
 
+STOPPED = 1
+"""Runtime state in which the controller holds no program."""
+
 PLAYING = (2, 5)
 """Runtime states in which a program runs: playing, resuming."""
 
@@ -161,9 +164,10 @@ class Client:
         stamp_ns = checked_stamp(round(values[0] * 1e9), _NAME)
         states = dict(zip(self._states, fields[13:], strict=True))
         runtime = states.get("runtime_state")
+        running, holds = (None, None) if runtime is None else (runtime in PLAYING, runtime != STOPPED)
         return RobotSample(
             stamp_ns, (values[7], values[8], values[9]), from_rotation_vector(values[10:13]), values[1:7],
-            blocked(states), None if runtime is None else runtime in PLAYING,
+            blocked(states), running, holds,
         )  # fmt: skip
 
 
@@ -241,7 +245,7 @@ class Server:
         if sample.position is not None and sample.quaternion is not None:
             known["actual_TCP_pose"] = (*sample.position, *to_rotation_vector(sample.quaternion))
             known["target_TCP_pose"] = known["actual_TCP_pose"]
-        known["robot_mode"], known["runtime_state"] = (_RUNNING,), (2,)
+        known["robot_mode"], known["runtime_state"] = (_RUNNING,), (PLAYING[0] if sample.running else STOPPED,)
         known["safety_mode"] = known["safety_status"] = (1,)
         payload = bytes([self._RECIPE])
         for name in self.fields:

@@ -33,6 +33,8 @@ class RobotSample:
         State of the controller in which the arm must not or cannot move, in words; empty where it reports none.
     running
         Whether the controller runs a program; None where it does not report that.
+    holds
+        Whether the controller runs a program or has paused one, which it may go on with; None as before.
     """
 
     stamp_ns: int
@@ -41,6 +43,7 @@ class RobotSample:
     joints: tuple[float, ...] = ()
     blocked: str = field(default="", compare=False)
     running: bool | None = field(default=None, compare=False)
+    holds: bool | None = field(default=None, compare=False)
 
 
 def checked_stamp(stamp_ns: int, protocol: str) -> int:
