@@ -161,7 +161,8 @@ class UrTwin:
 
     def _values(self, fields):
         known = {
-            "timestamp": [time.monotonic() - self._booted], "actual_q": self.q, "actual_TCP_pose": tool_pose(self.q, self._robot),
+            "timestamp": [time.monotonic() - self._booted], "actual_q": self.q,
+            "actual_TCP_pose": tool_pose(self.q, self._robot),
             "safety_status": [self.safety], "safety_mode": [self.safety], "robot_mode": [7],
             "runtime_state": [self.program],
         }  # fmt: skip

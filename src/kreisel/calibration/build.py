@@ -167,6 +167,6 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         frame_sd=frame_sd,
         pose_error=pose_error,
         standstill=preparation.standstill,
-        lateness=preparation.recording.imu.lateness,
+        lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
         rate_scatter=preparation.imu_noise.gyro_scatter,
     )

@@ -12,7 +12,7 @@ from kreisel.recording.imu_checks import check_imu
 from kreisel.recording.joint_checks import check_joints, joint_stamp_findings, joints_in_radians
 from kreisel.recording.pose_checks import check_poses, stamped_poses
 from kreisel.recording.recording import Recording
-from kreisel.recording.sampling import regularly_sampled
+from kreisel.recording.sampling import regularly_sampled, with_lateness
 from kreisel.recording.stamp_checks import (
     LONG_GAP,
     SHORTEST,
@@ -48,7 +48,8 @@ def check_streams(recording: Recording) -> Recording:
         check_joints(joints)
     if reference is not None:
         reference, told = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
-        findings += told
+        reference, rounded = with_lateness(reference)
+        findings += told + rounded
     if joints is not None:
         joints, told = joints_in_radians(replace(recording, reference=reference))
         findings += told

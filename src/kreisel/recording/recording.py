@@ -98,6 +98,8 @@ class ReferencePoses:
         m.
     quaternions : (m, 4) or None
         q_rb, scalar first, unit length.
+    lateness
+        How far stamps that were rounded may all be late, s; 0 where they are exact.
     """
 
     name: str
@@ -106,6 +108,7 @@ class ReferencePoses:
     quaternions: Array | None
     source: Path
     units: HeaderUnits = NO_UNITS
+    lateness: float = 0.0
 
     @property
     def seconds(self) -> Array:

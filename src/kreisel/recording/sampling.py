@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding, ImuSamples, Stamps
+from kreisel.recording.recording import Finding, ImuSamples, ReferencePoses, Stamps
 
 EXACT = 2e-3
 """Scatter of the stamps, in sampling intervals, below which they are taken as they are."""
@@ -29,6 +29,9 @@ _BLOCK = 2.0
 
 _STRAIGHT = 2e-4
 """s; what these averages may leave a straight line by, their scatter apart."""
+
+_COARSE_NS = 50_000
+"""ns; stamps rounded more finely than this are exact."""
 
 _MAX_SEARCHED = 2_000_000
 _LAG = 16  # samples over which the interval is measured: few enough to miss none of them, mostly
@@ -78,6 +81,27 @@ def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[Finding]]:
     lost = sum(int(line.number[-1]) + 1 - line.number.size for _, line in lines)
     # on which side of the line the moments of sampling lie, and how far, the stamps do not tell
     return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_finding(imu, interval, late, lost)]
+
+
+def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[Finding]]:
+    """Return poses with the lateness that comes from rounded stamps, where they are rounded, and what was found.
+
+    Few poses are used, at even times: they may all be rounded alike.
+    """
+    stamps = poses.stamps_ns
+    if stamps.size < MIN_PART:
+        return poses, []
+    grain = int(np.gcd.reduce(np.diff(stamps)))
+    seconds, number = (stamps - stamps[0]) * 1e-9, np.arange(stamps.size)
+    late = seconds - np.polyval(np.polyfit(number, seconds, 1), number)
+    rounding = float(np.std(late))
+    if grain < _COARSE_NS or rounding < 0.05e-9 * grain or np.abs(late).max() > 0.6e-9 * grain:
+        return poses, []
+    said = (
+        f"{poses.source.parent.name}: stamps are rounded to {1e-6 * grain:.4g} ms; the standard deviation of the time "
+        f"offset contains {1e3 * rounding:.2g} ms for that"
+    )
+    return replace(poses, lateness=rounding), [Finding("stamps", said)]
 
 
 def _finding(imu: ImuSamples, interval: float, late: Array, lost: int) -> Finding:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.recording import ImuSamples
-from kreisel.recording.sampling import regularly_sampled
+from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.recording.sampling import regularly_sampled, with_lateness
 
 INTERVAL = 5e-3
 COUNT = 6000
@@ -128,3 +128,22 @@ def test_rows_written_twice_are_not_mended():
 def test_a_few_samples_are_left_alone(count):
     imu = samples(regular()[:count], regular()[:count])
     assert regularly_sampled(imu) == (imu, [])
+
+
+def poses(stamps_ns):
+    return ReferencePoses("pose0", np.asarray(stamps_ns), None, None, Path("pose0/data.csv"))
+
+
+def test_rounded_stamps_of_poses_are_told_and_their_rounding_is_kept():
+    even = 12_000_000 * np.arange(2000) + 3_700_000
+    kept, said = with_lateness(poses(10_000_000 * np.round(even / 10_000_000).astype(np.int64)))
+    assert kept.lateness == pytest.approx(10e-3 / 12**0.5, rel=0.1)
+    assert "stamps are rounded to 10 ms" in said[0].message
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+def test_stamps_of_poses_that_are_exact_have_no_lateness(lost):
+    keep = np.random.default_rng(3).random(2000) >= lost
+    kept, said = with_lateness(poses((10_000_000 * np.arange(2000))[keep]))
+    assert kept.lateness == 0.0
+    assert said == []
