@@ -12,7 +12,8 @@ import pytest
 
 import kreisel
 from kreisel.acquisition import drive as driving
-from kreisel.acquisition.drive import Watch, drive
+from kreisel.acquisition.drive import drive
+from kreisel.acquisition.watch import Watch
 from kreisel.devices.events import Arrival, Level, Notice
 from kreisel.devices.obedient import ObedientCell
 from kreisel.errors import ProtocolError, SettingsError

@@ -19,8 +19,6 @@ from kreisel.geometry.rotation import Array
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
 
-__all__ = ["Ending", "Watch", "drive", "unless"]
-
 _TICK = 0.01
 
 STRAY = math.radians(2.0)

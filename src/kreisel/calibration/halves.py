@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.filter_run import FilterRun, first_belief, named, run_filter
+from kreisel.calibration.filter_run import FilterRun, first_belief, named
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.parameters import SENSOR_GROUPS
-from kreisel.calibration.prior import narrowed_belief, with_stated_prior
+from kreisel.calibration.prior import further_pass
 from kreisel.calibration.problem import MIN_UPDATES, Problem
 from kreisel.calibration.run import Estimate
 from kreisel.estimation.filter import Belief
@@ -69,7 +69,7 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
     shared = A @ np.linalg.solve(P, B)  # (22)
     variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
-    variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + _walk(problem)
+    variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
     return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
 
@@ -102,17 +102,6 @@ def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
     return replace(found, run=replace(found.run, belief=belief), findings=(*found.findings, finding))
 
 
-def _walk(problem: Problem) -> Array:
-    """Return the variance offsets gather by walking from the end of one half to that of the other, (n,)."""
-    stamps, updates = problem.readings.stamps, problem.updates
-    seconds = 0.5 * float(stamps[updates[-1].last] - stamps[updates[0].first])
-    out = np.zeros(len(problem.parameter_names))
-    for group, density in problem.offset_walk.items():
-        if group in problem.layout:
-            out[problem.layout[group]] = density**2 * seconds
-    return out
-
-
 def part_of(problem: Problem, part: slice) -> Problem:
     """Return the problem of a part of the updates."""
     updates = list(problem.updates[part])
@@ -125,7 +114,4 @@ def run_part(problem: Problem, part: slice, whole: FilterRun, progress: Progress
 
     It starts near estimates that have seen the whole recording, which enter only as the point of linearisation.
     """
-    chosen = part_of(problem, part)
-    begun = narrowed_belief(chosen, whole)
-    run = run_filter(chosen, whole.parameters, belief=begun, progress=named(progress, name))
-    return with_stated_prior(chosen, run, begun)
+    return further_pass(part_of(problem, part), whole, progress=named(progress, name))

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.filter_run import FilterRun, first_belief, run_filter
+from kreisel.calibration.filter_run import FilterRun
 from kreisel.calibration.first_values import EARTH_SD
 from kreisel.calibration.parameters import GROUPS, group_part
-from kreisel.calibration.prior import with_stated_prior
+from kreisel.calibration.prior import first_pass
 from kreisel.calibration.problem import Problem
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
@@ -21,11 +21,12 @@ SEEN = 0.2
 
 @dataclass(frozen=True)
 class LatitudeCheck:
-    """Latitude by the Earth's rotation in the readings, its standard deviation (deg), and the distance in deviations.
+    """Latitude as stated, as the Earth's rotation in the readings shows it, and the standard deviation of that (deg).
 
-    `score` is that of the stated latitude from the one found.
+    `score` is the distance of the two in deviations.
     """
 
+    stated_deg: float
     found_deg: float
     deviation_deg: float
     score: float
@@ -41,8 +42,7 @@ def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
     if abs(level) / EARTH_RATE * float(np.max(north_sd)) > SEEN and abs(level) > 0.1 * EARTH_RATE:
         return None
     free = _with_free_earth_rate(problem, run)
-    begun = first_belief(free, free.start)
-    found = with_stated_prior(free, run_filter(free, free.start, belief=begun), begun)
+    found = first_pass(free)
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = found.belief.covariance[np.ix_(index, index)]
@@ -88,4 +88,5 @@ def _compared(north: Array, vertical: float, P: Array, stated: float) -> Latitud
     score = float(np.sqrt(np.maximum(off @ np.linalg.solve(S, off), 0.0)))
     latitude = np.arctan2(-vertical, horizontal)
     g = np.array([np.sin(latitude), -np.cos(latitude)]) / np.hypot(horizontal, vertical)
-    return LatitudeCheck(float(np.degrees(latitude)), float(np.degrees(np.sqrt(g @ S @ g))), score)
+    deviation = float(np.degrees(np.sqrt(g @ S @ g)))
+    return LatitudeCheck(float(np.degrees(np.arcsin(-stated))), float(np.degrees(latitude)), deviation, score)

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.calibration.filter_run import FilterRun, first_belief
+from kreisel.calibration.filter_run import FilterRun, Progress, first_belief, run_filter
 from kreisel.calibration.parameters import GROUPS, CellParameters
 from kreisel.calibration.problem import Problem
 from kreisel.estimation.filter import Belief
@@ -55,7 +55,7 @@ def _widening(problem: Problem, covariance: Array) -> float:
     Turns bend it by their square, an offset and the matrix it is multiplied by by their product; see `run._bent`.
     """
     layout = problem.layout
-    deviation, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    deviation, alone = np.sqrt(np.diag(covariance)), deviation_alone(covariance)
 
     def usual(values: Array, group: str) -> float:
         return float(np.median(values[layout[group]]))
@@ -69,6 +69,26 @@ def _widening(problem: Problem, covariance: Array) -> float:
             bent = usual(deviation, matrix) * usual(deviation, offset)
             factors.append((LINEAR * usual(alone, offset) / bent) ** 0.5)
     return max(min(factors), WIDENINGS[0])
+
+
+def deviation_alone(covariance: Array) -> Array:
+    """Return the standard deviation of each parameter with all others known, (n,), from their covariance (n, n)."""
+    return np.asarray(1.0 / np.sqrt(np.diag(np.linalg.inv(covariance))))
+
+
+def first_pass(problem: Problem, *, gate: float = 1.0, progress: Progress | None = None) -> FilterRun:
+    """Return a run that begins with the problem's start, its result with the stated prior."""
+    return _pass(problem, problem.start, first_belief(problem, problem.start), gate, progress)
+
+
+def further_pass(problem: Problem, run: FilterRun, *, gate: float = 1.0, progress: Progress | None = None) -> FilterRun:
+    """Return a run that begins near the result of another one, its result with the stated prior."""
+    return _pass(problem, run.parameters, narrowed_belief(problem, run), gate, progress)
+
+
+def _pass(problem: Problem, start: CellParameters, begun: Belief, gate: float, progress: Progress | None) -> FilterRun:
+    run = run_filter(problem, start, belief=begun, gate=gate, progress=progress)
+    return with_stated_prior(problem, run, begun)
 
 
 def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> FilterRun:
@@ -91,7 +111,7 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
         return run
     covariance = run.belief.covariance
     scale = np.sqrt(np.diag(covariance)[:n])
-    size, walk = np.outer(scale, scale), np.diag(_walked(problem))
+    size, walk = np.outer(scale, scale), np.diag(problem.walked_variance)
     prior = first_belief(problem, problem.prior, problem.prior_covariance)
     P = covariance[:n, :n] / size
     I_run, I_begun, I_prior = (
@@ -137,17 +157,6 @@ def _at_most(share: float, part: Array, information: Array) -> Array:
 def _start(belief: Belief, n: int, walk: Array) -> Array:
     """Return a belief's covariance of the parameters (n, n), as it stands once the offsets have walked."""
     return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
-
-
-def _walked(problem: Problem) -> Array:
-    """Return the variance every parameter's walk has gathered over the run, (n,)."""
-    layout, out = problem.layout, np.zeros(len(problem.parameter_names))
-    stamps, updates = problem.readings.stamps, problem.updates
-    seconds = float(stamps[updates[-1].last] - stamps[updates[0].first])
-    for group, density in problem.offset_walk.items():
-        if group in layout:
-            out[layout[group]] = density**2 * seconds
-    return out
 
 
 def _moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:

@@ -162,7 +162,7 @@ class Problem:
     rate_scatter
         Standard deviation of the noise in a single reading of a gyro, rad/s.
     lateness
-        How far the IMU's stamps may all be late, s.
+        How far the stamps, of the IMU or the reference, may all be late, s.
     """
 
     readings: Readings
@@ -242,6 +242,16 @@ class Problem:
         return sum(part.degrees for part in self.layout if part.name.startswith("gyro"))
 
     @property
+    def walked_variance(self) -> Array:
+        """Variance the walk of the offsets gathers from the first update to the last, one for each parameter, (n,)."""
+        out = np.zeros(len(self.parameter_names))
+        seconds = float(self.readings.stamps[self.updates[-1].last] - self.readings.stamps[self.updates[0].first])
+        for group, density in self.offset_walk.items():
+            if group in self.layout:
+                out[self.layout[group]] = density**2 * seconds
+        return out
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
         """Name of every estimated parameter, one for each of its degrees of freedom."""
         names: list[str] = []
@@ -303,16 +313,20 @@ def build_layout(
     return StateLayout([*parts, *NAVIGATION])
 
 
+def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
+    """Return whether another clock assigns poses to other samples."""
+    step = float(np.median(np.diff(problem.readings.stamps[:1000])))
+    return problem.clock.distance(clock, problem.tau) > 0.5 * step
+
+
 def rescheduled(problem: Problem, clock: Clock) -> Problem:
     """Return the problem with updates and rests by other clocks, where these differ by a sample or so."""
-    readings = problem.readings
-    step = float(np.median(np.diff(readings.stamps[:1000])))
-    if problem.reference.quaternions is None or problem.clock.distance(clock, problem.tau) < 0.5 * step:
+    if problem.reference.quaternions is None or not assigns_otherwise(problem, clock):
         return problem
     rests = problem.rests
     if problem.standstill is not None:
         rests = find_rests(problem.standstill, problem.reference, clock, problem.noise)
-    updates = schedule(readings, clock.imu_time(problem.tau), problem.tau, rests, problem.update_interval)
+    updates = schedule(problem.readings, clock.imu_time(problem.tau), problem.tau, rests, problem.update_interval)
     if len(updates) < MIN_UPDATES:
         return problem
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))

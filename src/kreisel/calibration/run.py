@@ -10,10 +10,8 @@ import numpy as np
 from kreisel.calibration.filter_run import (
     GATE,
     FilterRun,
-    first_belief,
     look_back,
     named,
-    run_filter,
     stored_state,
 )
 from kreisel.calibration.frame_errors import with_frame_errors
@@ -26,8 +24,8 @@ from kreisel.calibration.noise_factors import (
     within_bounds,
 )
 from kreisel.calibration.observability import unshown_groups
-from kreisel.calibration.prior import narrowed_belief, with_stated_prior
-from kreisel.calibration.problem import REACH, Problem, hold, rescheduled, with_lasting_errors
+from kreisel.calibration.prior import deviation_alone, first_pass, further_pass
+from kreisel.calibration.problem import REACH, Problem, assigns_otherwise, hold, rescheduled, with_lasting_errors
 from kreisel.calibration.site import gravity_limit
 from kreisel.estimation.consistency import correlation_time, gate, lag_one, mean_normalised
 from kreisel.estimation.filter import Belief
@@ -141,11 +139,7 @@ def _passes(
     Returns also their number, whether the noise figures were changed, and how far the last pass moved the estimates.
     """
     first, moved, far = done, np.inf, True
-    begun = first_belief(problem, problem.start)
-    run = run_filter(
-        problem, problem.start, gate=FIRST_GATE, belief=begun, progress=named(progress, f"pass {done + 1}")
-    )
-    run = with_stated_prior(problem, run, begun)
+    run = first_pass(problem, gate=FIRST_GATE, progress=named(progress, f"pass {done + 1}"))
     done, changed = done + 1, False
     while True:
         factors = noise_factors(run, lasting=problem.correlation_time > 0.0).contradicted(
@@ -158,27 +152,18 @@ def _passes(
         if settled and not _another_pass(problem, run, moved, done - first):
             return problem, run, done, changed, moved if done > first + 1 else 0.0
         if done == first + 1:
-            far = _bent(problem, run) or _another_sample(problem, run)
+            far = _bent(problem, run) or assigns_otherwise(problem, run.parameters.clock)
         problem = rescheduled(look_back(problem, run), run.parameters.clock)
         if not factors.agree():
             problem, changed = with_factors(problem, factors), True
         done += 1
         wide = FIRST_GATE if far else 1.0
-        before, run = run, _further_pass(problem, run, named(progress, f"pass {done}"), gate=wide)
+        before, run = run, further_pass(problem, run, gate=wide, progress=named(progress, f"pass {done}"))
         moved = _distance(problem, before, run)
         if far:
             far = moved > NEAR
             if _let_in(run):
                 moved = np.inf  # the usual gate is still to come
-
-
-def _further_pass(
-    problem: Problem, run: FilterRun, progress: Callable[[float], None] | None = None, gate: float = 1.0
-) -> FilterRun:
-    """Return a pass that begins near the result of the one before."""
-    begun = narrowed_belief(problem, run)
-    again = run_filter(problem, run.parameters, belief=begun, gate=gate, progress=progress)
-    return with_stated_prior(problem, again, begun)
 
 
 def position_scale_column(problem: Problem, run: FilterRun) -> Array:
@@ -193,8 +178,8 @@ def position_scale_column(problem: Problem, run: FilterRun) -> Array:
         return columns
     middle = reference.positions.mean(axis=0)
     stretched = middle + (1.0 + scale) * (reference.positions - middle)
-    moved = _further_pass(replace(problem, reference=replace(reference, positions=stretched)), run, gate=np.inf)
-    base = _further_pass(problem, run, gate=np.inf)
+    moved = further_pass(replace(problem, reference=replace(reference, positions=stretched)), run, gate=np.inf)
+    base = further_pass(problem, run, gate=np.inf)
     n = len(problem.parameter_names)
     columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
     return columns
@@ -217,13 +202,13 @@ def _lasting_errors(
     if problem.settings.passes is not None or correlation_factor(run) == 1.0:
         return problem, run, done
     best, best_run = problem, run
-    reference = _further_pass(problem, run)
+    reference = further_pass(problem, run)
     likelihood = float(reference.history.log_likelihood.sum()) + MOST_LUCK
     time = 0.5 * problem.update_interval
     while time < LONGEST * problem.update_interval:
         trial = with_lasting_errors(problem, time)
         done += 1
-        trial_run = _further_pass(trial, run, named(progress, f"pass {done}"))
+        trial_run = further_pass(trial, run, progress=named(progress, f"pass {done}"))
         found = float(trial_run.history.log_likelihood.sum())
         if found > likelihood:
             best, best_run, likelihood = trial, trial_run, found
@@ -248,7 +233,7 @@ def _another_pass(problem: Problem, run: FilterRun, moved: float, done: int) -> 
         return moved > SETTLED
     if _let_in(run) or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
         return True
-    return _another_sample(problem, run) or _bent(problem, run)
+    return assigns_otherwise(problem, run.parameters.clock) or _bent(problem, run)
 
 
 def _let_in(run: FilterRun) -> bool:
@@ -256,12 +241,6 @@ def _let_in(run: FilterRun) -> bool:
     bounds = {m: gate(GATE, int(m)) for m in np.unique(run.history.degrees)}
     beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-
-
-def _another_sample(problem: Problem, run: FilterRun) -> bool:
-    """Return whether the clocks found assign poses to other samples."""
-    stamps = problem.readings.stamps
-    return problem.clock.distance(run.parameters.clock, problem.tau) > 0.5 * float(np.median(np.diff(stamps[:1000])))
 
 
 def _bent(problem: Problem, run: FilterRun) -> bool:
@@ -274,7 +253,7 @@ def _bent(problem: Problem, run: FilterRun) -> bool:
     layout, n = problem.layout, len(problem.parameter_names)
     way = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
     deviation = run.belief.standard_deviation
-    alone = 1.0 / np.sqrt(np.diag(np.linalg.inv(run.belief.covariance[:n, :n])))
+    alone = deviation_alone(run.belief.covariance[:n, :n])
     angles = [layout[g] for g in ("gyro_cross_coupling", "accel_cross_coupling", "alignment") if g in layout]
     moved = max((float(np.max(way[part])) for part in angles), default=0.0)
     if moved**2 > CURVATURE * min((float(np.median(deviation[part])) for part in angles), default=np.inf):

@@ -86,7 +86,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     reasons = [
         *_innovations(evidence.consistency),
         *_halves(evidence.halves),
-        *_latitude(estimate, evidence.latitude),
+        *_latitude(evidence.latitude),
         *_priors(estimate),
         *_passes(estimate),
         *_noise(estimate),
@@ -125,14 +125,13 @@ def _halves(halves: SplitHalves | None) -> list[str]:
     ]
 
 
-def _latitude(estimate: Estimate, check: LatitudeCheck | None) -> list[str]:
+def _latitude(check: LatitudeCheck | None) -> list[str]:
     if check is None or check.score <= MAX_SCORE:
         return []
-    rate = estimate.problem.site.earth_rate_n
-    stated = 0.0 if rate is None else float(np.degrees(np.arctan2(-rate[2], rate[0])))
     return [
-        f"the stated latitude of {stated:.4g} deg contradicts the Earth's rotation in the gyros' readings, which gives "
-        f"{check.found_deg:.1f} +- {check.deviation_deg:.1g} deg: correct site.latitude_deg in recording.toml"
+        f"the stated latitude of {check.stated_deg:.4g} deg contradicts the Earth's rotation in the gyros' readings, "
+        f"which gives {check.found_deg:.1f} +- {check.deviation_deg:.1g} deg: "
+        "correct site.latitude_deg in recording.toml"
     ]
 
 
