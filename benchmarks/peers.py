@@ -31,7 +31,7 @@ from tests.scenarios.test_filter_agreement import (
     problem_and_belief,
 )
 
-from kreisel.calibration.filter_run import run_filter
+from kreisel.filtering.filter_pass import run_filter
 
 from . import yardstick
 
@@ -51,7 +51,7 @@ def timed(run: Callable[[], Any], repeats: int) -> tuple[float, Any]:
 
 def kreisel(case: Case) -> tuple[Result, dict[str, np.ndarray]]:
     problem, belief = problem_and_belief(case, "central-difference")
-    seconds, run = timed(lambda: run_filter(problem, problem.start, gate=np.inf, belief=belief), 5)
+    seconds, run = timed(lambda: run_filter(problem, problem.prior.start, gate=np.inf, belief=belief), 5)
     layout, sd = problem.layout, run.belief.standard_deviation
     values = {g: run.belief.mean[layout.stored(g)] for g in JUDGED}
     return (seconds, values), {g: sd[layout[g]] for g in JUDGED}

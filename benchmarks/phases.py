@@ -26,18 +26,20 @@ def main(folder: Path | None) -> None:
         phases[name] = now - since
         return now
 
-    from kreisel.calibration.build import build_problem
-    from kreisel.calibration.halves import split_halves
-    from kreisel.calibration.kernels import compile_kernels
-    from kreisel.calibration.latitude import check_latitude
-    from kreisel.calibration.observability import observability
-    from kreisel.calibration.run import estimate
-    from kreisel.calibration.settings import CalibrationSettings
-    from kreisel.calibration.setup import prepare_recording
-    from kreisel.calibration.verdict import Evidence, consistency, judge
-    from kreisel.recording import load
-    from kreisel.recording.write import write
-    from kreisel.simulation import Cell, simulate
+    from kreisel.calibration.evidence import Evidence
+    from kreisel.calibration.latitude_check import check_latitude
+    from kreisel.calibration.split_halves import split_halves
+    from kreisel.calibration.verdict import consistency, judge
+    from kreisel.filtering.compile_kernels import compile_kernels
+    from kreisel.filtering.iteration import estimate
+    from kreisel.filtering.observability import observability
+    from kreisel.formats.loading import load
+    from kreisel.formats.write import write
+    from kreisel.model.settings import CalibrationSettings
+    from kreisel.preparation.build_problem import build_problem
+    from kreisel.preparation.prepare import prepare_recording
+    from kreisel.simulation.cell import simulate
+    from kreisel.simulation.settings import Cell
 
     with tempfile.TemporaryDirectory() as scratch:
         if folder is None:

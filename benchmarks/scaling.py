@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 from plotly.subplots import make_subplots
 
-from kreisel.calibration.build import build_problem
-from kreisel.calibration.filter_run import run_filter
-from kreisel.calibration.kernels import compile_kernels
-from kreisel.calibration.problem import Problem
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import prepare_recording
-from kreisel.simulation import Cell, simulate
+from kreisel.filtering.compile_kernels import compile_kernels
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.model.problem import Problem
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 from kreisel.study.dask import dask_map
 from kreisel.study.monte_carlo import run_trial
 
@@ -38,7 +39,7 @@ def shortest(problem: Problem, repeats: int = 8) -> float:
     times = []
     for _ in range(repeats):
         began = time.perf_counter()
-        run_filter(problem, problem.start)
+        run_filter(problem, problem.prior.start)
         times.append(time.perf_counter() - began)
     return min(times)
 
@@ -48,9 +49,12 @@ def part(problem: Problem, minutes: float) -> Problem:
     end = problem.readings.stamps[-1]
     if minutes * 60.0 < end:
         stamps = problem.readings.stamps
-        return replace(problem, updates=tuple(u for u in problem.updates if stamps[u.last] < minutes * 60.0))
+        updates = tuple(u for u in problem.schedule.updates if stamps[u.last] < minutes * 60.0)
+        return replace(problem, schedule=replace(problem.schedule, updates=updates))
     times = round(minutes * 60.0 / end)
-    return replace(problem, updates=problem.updates * times, attitude=np.tile(problem.attitude, (times, 1)))
+    schedule = problem.schedule
+    schedule = replace(schedule, updates=schedule.updates * times, attitude=np.tile(schedule.attitude, (times, 1)))
+    return replace(problem, schedule=schedule)
 
 
 def trial(number: int) -> float:

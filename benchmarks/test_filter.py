@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.build import build_problem
-from kreisel.calibration.filter_run import run_filter
-from kreisel.calibration.kernels import compile_kernels
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import prepare_recording
+from kreisel.filtering.compile_kernels import compile_kernels
+from kreisel.filtering.filter_pass import run_filter
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import SensorColumns, preintegrate
-from kreisel.simulation import Cell, simulate
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 
 from . import yardstick
 
@@ -47,11 +48,11 @@ def problem_of(recording, *, robot):
 def test_columns_side_by_side(benchmark, recording, unit, width):
     """One pass over 240,000 samples with so many sets of gyro parameters side by side."""
     problem = problem_of(recording, robot=False)
-    one = SensorColumns.single(problem.start.sensors, SizeEffect.COMPLETED)
+    one = SensorColumns.single(problem.prior.start.sensors, SizeEffect.COMPLETED)
     columns = replace(one, rate=np.repeat(one.rate, width, axis=-1), force=np.repeat(one.force, width, axis=-1))
 
     def run():
-        for update in problem.updates:
+        for update in problem.schedule.updates:
             signal, _ = problem.readings.holding(update.first, update.last)
             preintegrate(signal, update.first - signal.begin, update.last - signal.begin, columns)
 
@@ -63,7 +64,7 @@ def test_columns_side_by_side(benchmark, recording, unit, width):
 def test_filter(benchmark, recording, unit, robot):
     """One pass of the filter; with the robot's errors 42 states more."""
     problem = problem_of(recording, robot=robot)
-    benchmark.pedantic(run_filter, args=(problem, problem.start), rounds=3)
+    benchmark.pedantic(run_filter, args=(problem, problem.prior.start), rounds=3)
     benchmark.extra_info["states"] = problem.layout.degrees
     benchmark.extra_info["multiple"] = benchmark.stats.stats.median / unit
 

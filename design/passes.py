@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import kreisel
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 from kreisel.units import MG, PPM
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kreisel.calibration.kernels import compile_kernels
+from kreisel.filtering.compile_kernels import compile_kernels
 
 DATA = Path(os.environ.get("KREISEL_DATA", Path(__file__).resolve().parents[2] / "shared"))
 

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 
 H = 0.0025
 """s between two IMU samples, and between two poses where they are differentiated."""

@@ -27,8 +27,8 @@ from kreisel.geometry.rotation import (
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
-from kreisel.recording import ImuSamples, Recording, RecordingSettings, ReferencePoses
-from kreisel.recording.settings import ImuTable, ReferenceTable, SiteTable
+from kreisel.recording.recording import ImuSamples, Recording, ReferencePoses
+from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
 
 _LATITUDE = math.radians(49.2571)  # Saarbrücken, where the paper was written
 _POSE_INTERVAL = 0.012

@@ -24,17 +24,18 @@ from kreisel._version import __version__
 if TYPE_CHECKING:
     from kreisel.calibration.calibrate import calibrate
     from kreisel.calibration.result import Calibration
-    from kreisel.calibration.settings import CalibrationSettings
-    from kreisel.recording import Recording, load
+    from kreisel.formats.loading import load
+    from kreisel.model.settings import CalibrationSettings
+    from kreisel.recording.recording import Recording
 
 __all__ = ["Calibration", "CalibrationSettings", "Recording", "__version__", "calibrate", "load"]
 
 _HOMES = {
     "Calibration": "kreisel.calibration.result",
-    "CalibrationSettings": "kreisel.calibration.settings",
-    "Recording": "kreisel.recording",
+    "CalibrationSettings": "kreisel.model.settings",
+    "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",
-    "load": "kreisel.recording",
+    "load": "kreisel.formats.loading",
 }
 
 

@@ -15,7 +15,8 @@ from kreisel.devices.address import MOVERS, parse_address
 from kreisel.devices.krl import write_krl
 from kreisel.devices.twins import ekrl_twin
 from kreisel.errors import DeviceError, ProtocolError, SettingsError
-from kreisel.protocols import RobotSample, ekrl
+from kreisel.protocols import ekrl
+from kreisel.protocols.samples import RobotSample
 
 angles = st.tuples(*[st.floats(-6.0, 6.0)] * 6)
 numbers = st.integers(0, 2**31 - 1)

@@ -12,8 +12,9 @@ import pytest
 from kreisel.acquisition.virtual_cell import running
 from kreisel.devices.twins import Pace, TcpTwin, play_datagrams
 from kreisel.errors import DeviceError
-from kreisel.protocols import ImuSample, RobotSample, varproxy
-from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.protocols import varproxy
+from kreisel.protocols.samples import ImuSample, RobotSample
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 
 HOST = "127.0.0.1"
 

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, secondary, varproxy
+from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, secondary, varproxy
+from kreisel.protocols.samples import ImuSample, RobotSample
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False)
 stamps = st.integers(0, 2**31 * 10**9 - 10**9)

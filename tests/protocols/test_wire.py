@@ -8,7 +8,8 @@ import pytest
 
 from kreisel.errors import ProtocolError
 from kreisel.geometry.kuka import from_abc, to_abc
-from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde, secondary, varproxy
+from kreisel.protocols import egm, ixcom, line, rsi, rtde, secondary, varproxy
+from kreisel.protocols.samples import ImuSample, RobotSample
 
 DEG = math.pi / 180.0
 

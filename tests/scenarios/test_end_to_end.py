@@ -8,8 +8,8 @@ import pytest
 
 import kreisel
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
-from kreisel.recording import ImuSamples, Recording, RecordingSettings, ReferencePoses
-from kreisel.recording.settings import ImuTable, ReferenceTable, SiteTable
+from kreisel.recording.recording import ImuSamples, Recording, ReferencePoses
+from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
 
 from ..oracle import quaternions as quat
 from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings

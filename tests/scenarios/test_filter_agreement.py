@@ -5,15 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.filter_run import first_belief, run_filter
-from kreisel.calibration.parameters import CellParameters
-from kreisel.calibration.problem import Problem, Site, Update, build_layout
-from kreisel.calibration.reference_noise import ReferenceNoise
-from kreisel.calibration.settings import CalibrationSettings
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.initial_belief import first_belief
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.recording import ReferencePoses
-from kreisel.synchronization import Clock
+from kreisel.model.noise import AssumedNoise, ReferenceNoise
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Prior, Problem
+from kreisel.model.schedule import Schedule, Update
+from kreisel.model.settings import CalibrationSettings
+from kreisel.model.site import Site
+from kreisel.preparation.state_layout import build_layout
+from kreisel.recording.recording import ReferencePoses
+from kreisel.synchronization.clock import Clock
 
 from ..oracle import plain_filter
 from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings
@@ -99,8 +103,8 @@ def problem_and_belief(case, weights):
     """Return the case as our problem, and the belief its prior is."""
     settings = CalibrationSettings(sigma_points=weights, fixed=("gravity",))
     layout = build_layout(settings, latitude=True, skew=False, rest_error=False)
-    noise = np.repeat(np.array([GYRO**2, ACCEL**2, 0.0, 0.0])[:, None], 3, axis=1)
-    readings = Readings(case.t, case.rates, case.forces, ((0, case.t.size - 1),), noise=noise)
+    density = np.repeat(np.array([GYRO**2, ACCEL**2, 0.0, 0.0])[:, None], 3, axis=1)
+    readings = Readings(case.t, case.rates, case.forces, ((0, case.t.size - 1),), noise=density)
     s = case.start
     zero = np.zeros((1, 3))
     start = CellParameters(
@@ -116,30 +120,23 @@ def problem_and_belief(case, weights):
         Update(int(a), int(b), i, float(tau), None, False, False)
         for i, (a, b, tau) in enumerate(zip(firsts, case.samples, case.tau, strict=True))
     )
-    noise = ReferenceNoise(POSITION, ORIENTATION, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0)
-    problem = Problem(
-        readings=readings,
-        reference=ReferencePoses("oracle", np.arange(case.tau.size), case.positions, case.quaternions, Path("oracle")),
-        attitude=np.tile(s["q_rb"], (case.samples.size, 1)),
-        tau=case.tau,
-        clock=Clock(0.0),
-        settings=settings,
-        site=Site(GRAVITY, 0.0, EARTH_N),
-        noise=noise,
-        least_noise=(0.0, 0.0),
+    noise = AssumedNoise(
+        reference=ReferenceNoise(POSITION, ORIENTATION, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
+        min_reference=(0.0, 0.0),
         imu_bounds=((0.0, 1.0), (0.0, 1.0)),
         offset_walk={},
+    )
+    covariance = {name: np.diag(sd**2) for name, sd in DEVIATION.items()}
+    stamps_ns = np.round(1e9 * case.tau).astype(np.int64)
+    problem = Problem(
+        readings=readings,
+        reference=ReferencePoses("oracle", stamps_ns, case.positions, case.quaternions, Path("oracle")),
+        schedule=Schedule(updates, EVERY / RATE, Clock(0.0), (), np.tile(s["q_rb"], (case.samples.size, 1))),
+        settings=settings,
+        site=Site(GRAVITY, 0.0, EARTH_N),
         layout=layout,
-        start=start,
-        start_covariance={name: np.diag(sd**2) for name, sd in DEVIATION.items()},
-        prior=start,
-        prior_covariance={name: np.diag(sd**2) for name, sd in DEVIATION.items()},
-        prior_width=DEVIATION,
-        given_priors=(),
-        nominal=start,
-        rests=(),
-        updates=updates,
-        update_interval=EVERY / RATE,
+        prior=Prior(start, covariance, start, covariance, DEVIATION, (), start),
+        noise=noise,
     )
     belief = first_belief(problem, start)
     mean, factor = belief.mean.copy(), belief.factor.copy()
@@ -151,7 +148,7 @@ def problem_and_belief(case, weights):
 
 def ours(case, weights):
     problem, belief = problem_and_belief(case, weights)
-    return problem.layout, run_filter(problem, problem.start, gate=np.inf, belief=belief)
+    return problem.layout, run_filter(problem, problem.prior.start, gate=np.inf, belief=belief)
 
 
 def book(case, weights, order=None):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.inertial import readings
+from kreisel.model.settings import CalibrationSettings
 from kreisel.recording import recording as module
 
 from ..small_cell import simulate

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.errors import group_errors
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.geometry.rotation import exp, multiply
-from kreisel.recording import RecordingSettings
+from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.checks import check_streams
-from kreisel.recording.settings import ImuTable, RobotTable, SiteTable
-from kreisel.simulation import Cell, simulate
+from kreisel.recording.settings import ImuTable, RecordingSettings, RobotTable, SiteTable
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
+from kreisel.study.truth_comparison import group_errors
 
 NO_GEOMETRY = {"geometry_length_sd": 0.0, "geometry_angle_sd": 0.0}
 SENSOR = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kreisel
-from kreisel.geometry import from_matrix, log, nearest_rotation
+from kreisel.geometry.rotation import from_matrix, log, nearest_rotation
 from kreisel.units import DEG, MG
 
 pytestmark = pytest.mark.recordings

@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.errors import group_errors
-from kreisel.calibration.parameters import RobotParameters
-from kreisel.calibration.robot_errors import pose_regressor
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import RobotError, SettingsError
 from kreisel.geometry.rotation import conjugate, exp, log, multiply
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.parameters import RobotParameters
+from kreisel.model.robot import pose_regressor
+from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.settings import RobotTable
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import load_arm, parse_arm, with_placement_errors
 from kreisel.robot.urdf import calibrated_urdf
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
+from kreisel.study.truth_comparison import group_errors
 
 
 @pytest.fixture(scope="module")
@@ -161,8 +162,8 @@ def test_lasting_errors_are_found_and_honest():
     })  # fmt: skip
     truth, recording = simulate(cell, Path("cell"))
     outcome = run_calibration(recording, CalibrationSettings())
-    assert outcome.problem.correlation_time == pytest.approx(1.0, rel=2.0)
-    assert outcome.problem.correlation_time > 1.0 / 3.0
+    assert outcome.problem.noise.correlation_time == pytest.approx(1.0, rel=2.0)
+    assert outcome.problem.noise.correlation_time > 1.0 / 3.0
     for group in group_errors(outcome.calibration, truth).values():
         assert group.ratio < 2.2, group.title
 

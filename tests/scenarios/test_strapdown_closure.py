@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.geometry import conjugate, log, multiply
+from kreisel.geometry.rotation import conjugate, log, multiply
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import navigate, prepare
 

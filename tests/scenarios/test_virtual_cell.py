@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 import kreisel
 from kreisel.errors import SettingsError
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 
 from ..felt import (
     CORNER_FORCE,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kreisel.cli.main import run
-from kreisel.recording import Recording
+from kreisel.recording.recording import Recording
 
 from ..small_cell import Truth, simulate
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.recording import Recording, RecordingSettings
-from kreisel.recording.settings import ImuTable
-from kreisel.recording.write import write, write_folder
+from kreisel.formats.write import write, write_folder
+from kreisel.recording.recording import Recording
+from kreisel.recording.settings import ImuTable, RecordingSettings
 
 from ..small_cell import Truth
 from .breaking import Break, Case, Command, Damage, assert_one_line, check, command, simulated

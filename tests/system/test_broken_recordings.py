@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.geometry import apply, conjugate, exp, multiply
-from kreisel.recording import Recording, RecordingSettings
-from kreisel.recording.write import write, write_folder
+from kreisel.formats.write import write, write_folder
+from kreisel.geometry.rotation import apply, conjugate, exp, multiply
+from kreisel.recording.recording import Recording
+from kreisel.recording.settings import RecordingSettings
 
 from .breaking import Break, Case, Command, assert_one_line, check, command, simulated
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel
-from kreisel.recording.write import write_folder
+from kreisel.formats.write import write_folder
 
 from ..small_cell import simulate
 

@@ -37,7 +37,7 @@ def test_every_command_has_help_and_documentation():
 
 
 def test_every_group_is_documented():
-    from kreisel.calibration.parameters import GROUPS
+    from kreisel.model.parameters import GROUPS
 
     text = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     assert all(group in text for group in GROUPS)

@@ -20,9 +20,10 @@ from kreisel.acquisition.record import record
 from kreisel.devices.address import IMUS, ROBOTS, parse_address
 from kreisel.devices.twins import Pace, TcpTwin
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
-from kreisel.protocols import ImuSample, RobotSample, egm, ixcom, line, rsi, rtde
-from kreisel.recording.bag import load_bag
-from kreisel.recording.recover import recover
+from kreisel.formats.bag import load_bag
+from kreisel.formats.recover import recover
+from kreisel.protocols import egm, ixcom, line, rsi, rtde
+from kreisel.protocols.samples import ImuSample, RobotSample
 
 HOST = "127.0.0.1"
 INTERVAL_NS = 2_500_000

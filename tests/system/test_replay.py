@@ -16,10 +16,10 @@ from kreisel.devices.address import IMUS, ROBOTS, parse_address
 from kreisel.devices.events import Arrival
 from kreisel.devices.twins import Pace, TcpTwin
 from kreisel.errors import RecordingError, SettingsError
-from kreisel.protocols import ImuSample, RobotSample
-from kreisel.recording import RecordingSettings
-from kreisel.recording.bag import load_bag
-from kreisel.recording.mcap import write_mcap
+from kreisel.formats.bag import load_bag
+from kreisel.formats.mcap import write_mcap
+from kreisel.protocols.samples import ImuSample, RobotSample
+from kreisel.recording.settings import RecordingSettings
 
 FAST = "speed=1000000"
 STORE = get_typestore(Stores.ROS2_HUMBLE)

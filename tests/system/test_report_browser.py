@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.validation import cross_validate, inject
-from kreisel.report import write_report
+from kreisel.model.settings import CalibrationSettings
+from kreisel.report.page import write_report
 
 from ..small_cell import simulate
 

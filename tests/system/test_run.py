@@ -17,11 +17,13 @@ from kreisel.acquisition.watch import Watch
 from kreisel.devices.events import Arrival, Level, Notice
 from kreisel.devices.obedient import ObedientCell
 from kreisel.errors import ProtocolError, SettingsError
-from kreisel.protocols import ImuSample, RobotSample, urscript
+from kreisel.protocols import urscript
+from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
 
 PROGRAM = """
 start_deg = [0, -90, 60, -60, -90, 0]

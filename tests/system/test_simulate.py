@@ -13,8 +13,8 @@ from kreisel.errors import RobotError, SettingsError
 from kreisel.inertial.noise import GRADES
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.program import EXAMPLE
-from kreisel.simulation import Cell, example, read_cell, simulate
-from kreisel.simulation.settings import Errors
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell, Errors, example, read_cell
 
 from ..felt import FAULTLESS, rests_of, run
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import kreisel
-from kreisel.recording import Recording
-from kreisel.recording.write import write_folder
+from kreisel.formats.write import write_folder
+from kreisel.recording.recording import Recording
 
 from ..felt import run as cell
 from ..kuka_trace import header, payload

@@ -22,10 +22,11 @@ import kreisel
 from kreisel.acquisition.record import Recorder
 from kreisel.acquisition.tail import Tail
 from kreisel.dashboard.feed import MOST, Feed
-from kreisel.dashboard.online import SHARE, Estimate, Online
+from kreisel.dashboard.live_estimate import LiveEstimate
+from kreisel.dashboard.online import SHARE, Online
 from kreisel.devices.events import Arrival
 from kreisel.devices.twins import imu_samples, robot_samples
-from kreisel.recording import RecordingSettings
+from kreisel.recording.settings import RecordingSettings
 
 from ..small_cell import simulate
 
@@ -195,7 +196,7 @@ def test_the_page_shows_what_was_recorded(small, tmp_path):
 
 
 def estimate(seconds):
-    return Estimate(seconds, ("timing.offset",), np.array([0.1]), np.array([0.2]), True, f"after {seconds}")
+    return LiveEstimate(seconds, ("timing.offset",), np.array([0.1]), np.array([0.2]), True, f"after {seconds}")
 
 
 @contextmanager
@@ -207,8 +208,8 @@ def hub_of(file, monkeypatch):
     hubs = []
 
     class Seen(module.Hub):
-        def __init__(self, path):
-            super().__init__(path)
+        def __init__(self, path, look):
+            super().__init__(path, look)
             self.loop = None
             hubs.append(self)
 
@@ -217,7 +218,9 @@ def hub_of(file, monkeypatch):
             await super().follow()
 
     monkeypatch.setattr(module, "Hub", Seen)
-    server = uvicorn.Server(uvicorn.Config(module.make_app(file)[0], log_level="warning", ws="websockets-sansio"))
+    server = uvicorn.Server(
+        uvicorn.Config(module.make_app(file, Online(Tail(file)).look)[0], log_level="warning", ws="websockets-sansio")
+    )
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         serving = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.calibrate import Outcome, run_calibration
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.summary import summarise
-from kreisel.calibration.verdict import Verdict
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.evidence import Verdict
+from kreisel.calibration.outcome import Outcome
 from kreisel.cli.tables import print_result
-from kreisel.report import write_report
+from kreisel.model.settings import CalibrationSettings
+from kreisel.report.page import write_report
 
 from ..small_cell import simulate
 
@@ -38,11 +38,10 @@ def test_terminal_report_and_json_say_the_same(
     lost: tuple[str, ...],
     reasons: tuple[str, ...],
 ) -> None:
-    verdict = Verdict(not reasons, reasons)
-    said = summarise(verdict, lost)
+    verdict = Verdict(not reasons, reasons, lost)
     document = json.loads(json.dumps(outcome.calibration.document))
     document["verdict"] = {
-        "accepted": verdict.accepted, "summary": said.text, "reasons": list(reasons), "unobservable": list(lost)
+        "accepted": verdict.accepted, "summary": verdict.summary, "reasons": list(reasons), "unobservable": list(lost)
     }  # fmt: skip
     changed = replace(
         outcome,
@@ -52,19 +51,19 @@ def test_terminal_report_and_json_say_the_same(
     )
     text = printed(changed, capsys)
     headline = "Rejected" if reasons else "Accepted, with gaps" if lost else "Accepted"
-    assert said.headline == headline
-    assert f"verdict: {headline.lower()[0]}{headline[1:]}. {said.sentence}" in text
+    assert verdict.headline == headline
+    assert f"verdict: {headline.lower()[0]}{headline[1:]}. {verdict.sentence}" in text
     assert all(reason in text for reason in reasons)
     assert all(name in text for name in lost)
     write_report(changed, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"<h2>{headline}</h2>" in page
-    assert f"<p>{said.sentence}</p>" in page
+    assert f"<p>{verdict.sentence}</p>" in page
 
 
 def test_the_document_has_the_summary(outcome: Outcome) -> None:
     verdict = outcome.calibration.document["verdict"]
-    assert verdict["summary"] == summarise(outcome.verdict, verdict["unobservable"]).text
+    assert verdict["summary"] == outcome.verdict.summary
 
 
 def test_what_is_held_is_not_printed_as_estimated(outcome: Outcome, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,8 +3,7 @@
 import numpy as np
 
 from kreisel._kernels import quadrature, unit_forces
-from kreisel.geometry import exp
-from kreisel.geometry.rotation import matrix, skew
+from kreisel.geometry.rotation import exp, matrix, skew
 
 
 def some(n: int = 60) -> tuple[np.ndarray, ...]:

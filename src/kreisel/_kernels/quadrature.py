@@ -88,12 +88,12 @@ def differentiate(stamps, first, values, out):
 
 @kernel
 def double_integral(stamps, values, before, share, out):
-    """Write the double integral (m, 3) of sampled values (n, 3) from the first stamp to chosen moments.
+    """Write the double integral (m, k) of sampled values (n, k) from the first stamp to chosen moments.
 
     Moments lie a share (m,) of the interval behind the samples `before` (m,), in ascending order. Values
     are taken as linear between samples, and so is what is written.
     """
-    for axis in range(3):
+    for axis in range(values.shape[1]):
         once = 0.0
         twice = 0.0
         at = 0

@@ -144,7 +144,7 @@ def condition(first, upper, further, innovation, innovation_factor, whitened, ga
 
 
 @kernel
-def widen(upper, index, deviation):
+def inflate(upper, index, deviation):
     """Add the square of a deviation to the variance of one degree of freedom, in place.
 
     upper (n, n): a lower triangular factor, transposed. A row with one entry is rotated into it from the left; only

@@ -12,7 +12,7 @@ from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.watch import MARGIN
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import RobotSample
+from kreisel.protocols.samples import RobotSample
 from kreisel.robot.agreement import tool_of
 from kreisel.robot.kinematics import Arm
 from kreisel.robot.program import Program

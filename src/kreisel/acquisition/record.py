@@ -14,12 +14,12 @@ from typing import BinaryIO
 
 from kreisel.acquisition.streams import Stream
 from kreisel.devices.address import Address
-from kreisel.devices.drivers import events
 from kreisel.devices.events import Arrival, Event, Level
+from kreisel.devices.opening import events
 from kreisel.devices.replay import REPLAY
 from kreisel.errors import DeviceError, KreiselError, RecordingError
-from kreisel.protocols import ImuSample, RobotSample
-from kreisel.recording.mcap import INFO, RECORDED, WARN, McapWriter
+from kreisel.formats.mcap import INFO, RECORDED, WARN, McapWriter
+from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.settings import RecordingSettings
 
 FLUSH = 0.1

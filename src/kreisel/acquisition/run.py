@@ -15,7 +15,7 @@ from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.record import Status, record
 from kreisel.acquisition.watch import Watch
 from kreisel.devices.address import Address
-from kreisel.devices.drivers import events
+from kreisel.devices.opening import events
 from kreisel.errors import DeviceError, RecordingError
 from kreisel.recording.settings import RecordingSettings
 from kreisel.robot.kinematics import Arm

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.recording import Recording
-from kreisel.recording.bag import WANTED, Decoded, decode_topic, notes_of, recording_of
+from kreisel.formats.bag import WANTED, Decoded, decode_topic, notes_of, recording_of
+from kreisel.formats.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
 from kreisel.recording.checks import check_streams
-from kreisel.recording.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
+from kreisel.recording.recording import Recording
 
 _MAGIC = 8
 

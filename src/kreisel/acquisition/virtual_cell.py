@@ -17,7 +17,7 @@ from kreisel.devices.obedient import ObedientCell
 from kreisel.devices.twins import Datagrams, Pace, TcpTwin, ekrl_twin, imu_samples, play_datagrams, robot_samples
 from kreisel.errors import DeviceError, ProtocolError
 from kreisel.protocols import secondary, urscript
-from kreisel.recording import Recording
+from kreisel.recording.recording import Recording
 
 INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004}
 """Usual seconds between two poses of each kind of controller."""

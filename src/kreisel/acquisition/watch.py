@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.devices.events import Arrival, Event, Level
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import ImuSample, RobotSample
+from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.robot.agreement import Agreement
 from kreisel.robot.kinematics import Arm
 

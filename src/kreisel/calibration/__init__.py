@@ -1,1 +1,1 @@
-"""The calibration itself: the problem set up from a recording, its first values, the run, the answer."""
+"""From a recording to a calibration: what is judged once the filter has run, and the result."""

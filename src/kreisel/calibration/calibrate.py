@@ -3,46 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.build import build_problem
 from kreisel.calibration.document import document
-from kreisel.calibration.halves import SplitHalves, split_halves, with_disagreement
-from kreisel.calibration.kernels import compile_kernels
-from kreisel.calibration.latitude import check_latitude
-from kreisel.calibration.observability import Observability, observability
-from kreisel.calibration.plausibility import check_first_values
-from kreisel.calibration.problem import Problem
+from kreisel.calibration.evidence import Evidence
+from kreisel.calibration.inflation import with_unestimated_errors
+from kreisel.calibration.latitude_check import check_latitude
+from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.run import Estimate, estimate
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import Preparation, prepare_recording
-from kreisel.calibration.verdict import Consistency, Evidence, Verdict, consistency, judge
+from kreisel.calibration.split_halves import split_halves, with_disagreement
+from kreisel.calibration.verdict import consistency, judge
+from kreisel.filtering.compile_kernels import compile_kernels
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.iteration import Given, estimate
+from kreisel.filtering.observability import observability
 from kreisel.geometry.rotation import Array
-from kreisel.recording import Finding, Recording
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.plausibility import check_start_values
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.progress import Progress, of_step
+from kreisel.recording.recording import Recording
 from kreisel.robot.urdf import calibrated_urdf
-from kreisel.synchronization import Clock
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A calibration with all that led to it, for reports and further study."""
-
-    recording: Recording
-    preparation: Preparation
-    problem: Problem
-    estimate: Estimate
-    observability: Observability
-    consistency: Consistency
-    halves: SplitHalves | None
-    verdict: Verdict
-    findings: tuple[Finding, ...]
-    calibration: Calibration
+from kreisel.synchronization.clock import Clock
 
 
 def calibrate(recording: Recording, settings: CalibrationSettings | None = None) -> Calibration:
@@ -64,20 +48,16 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
     progress
         Called with the name of the step and the share of it that is done.
     """
-    compile_kernels(None if progress is None else lambda share: progress("prepare kernels", share))
+    compile_kernels(of_step(progress, "prepare kernels"))
     if progress is not None:
         progress("synchronise", 0.0)
     preparation = prepare_recording(recording, settings)
-    check_first_values(preparation)
+    check_start_values(preparation)
     problem = build_problem(preparation, settings)
     began = time.perf_counter()
     table = recording.settings.reference
-    found = estimate(
-        problem,
-        reference_given=table.position_sd is not None or table.orientation_sd is not None,
-        imu_given=preparation.imu_noise.given,
-        progress=progress,
-    )
+    stated = table.position_sd is not None or table.orientation_sd is not None
+    found = with_unestimated_errors(estimate(problem, Given(stated, preparation.imu_noise.given), progress))
     seconds = time.perf_counter() - began
     halves = split_halves(found, progress)
     found = with_disagreement(found, halves)

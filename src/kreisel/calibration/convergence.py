@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.filter_run import first_belief, run_filter
-from kreisel.calibration.parameters import CellParameters
-from kreisel.estimation.filter import Belief
+from kreisel.calibration.outcome import Outcome
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.initial_belief import first_belief
 from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import CellParameters
 
 _UNKNOWN_OFFSET = 0.3
 """m/s^2; what an accelerometer's offset may be where no grade tells."""
@@ -39,10 +40,10 @@ def offset_convergence(outcome: Outcome) -> Convergence:
     """
     problem = outcome.problem
     layout, group = problem.layout, "accel_offset"
-    sensors = problem.start.sensors
+    sensors = problem.prior.start.sensors
     k_a = sensors.k_a.copy()
     k_a[0] = 0.0
-    start: CellParameters = replace(problem.start, sensors=replace(sensors, k_a=k_a))
+    start: CellParameters = replace(problem.prior.start, sensors=replace(sensors, k_a=k_a))
     known = outcome.preparation.imu_noise.accel_offset_sd or _UNKNOWN_OFFSET
     belief = first_belief(problem, start)
     factor = belief.factor.copy()

@@ -8,29 +8,21 @@ from typing import Any
 import numpy as np
 
 from kreisel._version import __version__
-from kreisel.calibration.derived import derive
-from kreisel.calibration.groups import group_named
-from kreisel.calibration.noise_factors import imu_density
-from kreisel.calibration.observability import Observability
-from kreisel.calibration.parameters import (
-    GROUPS,
-    ROBOT_GROUPS,
-    SENSOR_GROUPS,
-    CellParameters,
-    other_groups,
-    parameter_names,
-)
-from kreisel.calibration.problem import Problem
-from kreisel.calibration.result import FORMULA, FRAMES, SCHEMA
-from kreisel.calibration.robot_errors import NOT_SEPARABLE, PoseAccuracy, expected_accuracy, shift
-from kreisel.calibration.run import Estimate
-from kreisel.calibration.setup import Preparation
-from kreisel.calibration.summary import summarise
-from kreisel.calibration.verdict import Consistency, Verdict
+from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.evidence import Consistency, Verdict
+from kreisel.calibration.result import FRAMES, SCHEMA
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.noise_adaptation import imu_density
+from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
-from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.recording import Finding, Recording
-from kreisel.synchronization import Clock
+from kreisel.inertial.sensor_model import FORMULA, SensorParameters
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, SENSOR_GROUPS, CellParameters, other_groups, parameter_names
+from kreisel.model.problem import Problem
+from kreisel.model.robot import NOT_SEPARABLE, PoseAccuracy, expected_accuracy, shift
+from kreisel.preparation.preparation import Preparation
+from kreisel.recording.recording import Finding, Recording
+from kreisel.synchronization.clock import Clock
 
 
 def document(
@@ -45,7 +37,7 @@ def document(
 ) -> dict[str, Any]:
     """Return the document; `seconds` is what the estimation took."""
     problem = found.problem
-    settings, noise = problem.settings, problem.noise
+    settings, noise = problem.settings, problem.noise.reference
     gyro_density, accel_density = imu_density(problem)
     values, deviations = _derived(found)
     imu, reference = recording.imu, preparation.reference
@@ -65,7 +57,7 @@ def document(
             "name": settings.estimator,
             "sigma_points": settings.weights,
             "states": problem.layout.degrees,
-            "update_interval": problem.update_interval,
+            "update_interval": problem.schedule.interval,
             "updates": facts.updates,
             "passes": found.passes,
             "filter_seconds": _number(seconds),
@@ -99,7 +91,7 @@ def document(
         },
         "verdict": {
             "accepted": verdict.accepted,
-            "summary": summarise(verdict, seen.unobservable).text,
+            "summary": verdict.summary,
             "reasons": list(verdict.reasons),
             "unobservable": list(seen.unobservable),
         },
@@ -153,7 +145,7 @@ def _robot(found: Estimate) -> dict[str, Any]:
     after[np.ix_(place, place)] = P
     for group in present:
         part = errors.part(group)
-        before[part, part] = problem.prior_covariance[group]
+        before[part, part] = problem.prior.covariance[group]
     deviation, prior = np.sqrt(np.diag(after)), np.sqrt(np.diag(before))
     names = [name for g in ROBOT_GROUPS for name in parameter_names(g, 1, errors.joints)]
     lost = [n for n, a, b in zip(names, deviation, prior, strict=True) if b > 0.0 and a > NOT_SEPARABLE * b]
@@ -205,7 +197,7 @@ def _deviations(found: Estimate) -> dict[str, Any]:
     def of(group: str, size: int) -> Array:
         if group in problem.layout:
             return deviation[problem.layout[group]]
-        return np.resize(problem.prior_width[group], size) if group in problem.held else np.zeros(size)
+        return np.resize(problem.prior.width[group], size) if group in problem.held else np.zeros(size)
 
     tree: dict[str, Any] = {
         "gyroscope": {

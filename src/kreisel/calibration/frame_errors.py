@@ -1,41 +1,12 @@
-"""Errors that no innovation shows: added to the standard deviations once the filter has run."""
+"""What errors of the base's and the tool's frame do to the parameters."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from kreisel.calibration.filter_run import FilterRun
-from kreisel.calibration.parameters import CellParameters
-from kreisel.calibration.problem import Problem
-from kreisel.estimation.filter import Belief, triangularise, widen
 from kreisel.geometry.rotation import Array, skew
-from kreisel.recording import Finding
-
-
-def with_frame_errors(problem: Problem, run: FilterRun, belief: Belief, others: Array) -> tuple[Belief, list[Finding]]:
-    """Return the belief with what is added for errors that are not estimated, and what to say of it.
-
-    Parameters
-    ----------
-    others : (degrees, k)
-        What further such errors do to the state, one deviation each.
-    """
-    findings: list[Finding] = []
-    if max(problem.frame_sd) > 0.0:
-        columns = np.hstack([frame_columns(problem, run.parameters), others])
-        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
-        length, angle = (1e3 * sd for sd in problem.frame_sd)
-        said = (
-            "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
-            f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
-            'recording.toml state them; for motion capture, write reference.kind = "mocap")'
-        )
-        findings.append(Finding("robot", said))
-    if problem.lateness > 0.0 and "time_offset" in problem.layout:
-        belief = widen(problem.layout, belief, "time_offset", problem.lateness)
-    return belief, findings
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Problem
 
 
 def frame_columns(problem: Problem, parameters: CellParameters) -> Array:
@@ -45,7 +16,7 @@ def frame_columns(problem: Problem, parameters: CellParameters) -> Array:
     is shifted shifts the lever arms; a base turned turns gravity.
     """
     layout, sensors = problem.layout, parameters.sensors
-    length, angle = problem.frame_sd
+    length, angle = problem.noise.frame_sd
     columns = np.zeros((layout.degrees, 8))
     for i, axis in enumerate(np.eye(3)):
         turned = angle * skew(axis)

@@ -7,74 +7,47 @@ whether they are found.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.calibrate import Outcome, run_calibration
-from kreisel.calibration.filter_run import FilterRun, named, run_filter, stored_state
-from kreisel.calibration.halves import part_of, run_part
-from kreisel.calibration.parameters import GROUPS, SENSOR_GROUPS, CellParameters
-from kreisel.calibration.problem import Problem
-from kreisel.calibration.run import Estimate
-from kreisel.estimation.state import StateLayout
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.evidence import CrossValidation, Drift, Injection
+from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.split_halves import part_of, run_part
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import stored_state
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.layout import without
+from kreisel.model.parameters import SENSOR_GROUPS, CellParameters
+from kreisel.model.problem import Problem
+from kreisel.progress import Progress, of_step
 from kreisel.units import DEG_PER_HOUR, MG
 
 TRAINING = 0.6
 """Share of the updates the calibration for the cross-validation is made from."""
 
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Errors of free navigation from one update to the next, (u,) each.
-
-    seconds are the IMU's; position in m and attitude in rad, length of the innovation.
-    """
-
-    seconds: Array
-    position: Array
-    attitude: Array
-
-
-@dataclass(frozen=True)
-class CrossValidation:
-    """Drift between updates on unseen data, with nominal and with calibrated parameters."""
-
-    trained_until: float
-    nominal: Drift
-    calibrated: Drift
-
-
-@dataclass(frozen=True)
-class Injection:
-    """Known errors added to the raw data, and the change of the estimates, (n,) each."""
-
-    names: tuple[str, ...]
-    injected: Array
-    found: Array
-    deviation: Array
-
 
 def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
     """Return the drift on the part of the recording that a calibration of its first part has not seen."""
     problem = found.problem
-    count = len(problem.updates)
+    count = len(problem.schedule.updates)
     cut = int(TRAINING * count)
     trained = run_part(problem, slice(0, cut), found.run, progress, "train")
     nominal = replace(
-        problem.nominal, start=trained.parameters.start, skew=trained.parameters.skew, q_rn=trained.parameters.q_rn,
-        robot=trained.parameters.robot,
+        problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
+        q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
     )  # fmt: skip
     unseen = _navigation_only(part_of(problem, slice(cut, count)))
     return CrossValidation(
-        trained_until=float(problem.readings.stamps[problem.updates[cut].last]),
-        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=named(progress, "nominal"))),
-        calibrated=_drift(run_filter(unseen, trained.parameters, gate=np.inf, progress=named(progress, "calibrated"))),
+        trained_until=float(problem.readings.stamps[problem.schedule.updates[cut].last]),
+        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=of_step(progress, "nominal"))),
+        calibrated=_drift(
+            run_filter(unseen, trained.parameters, gate=np.inf, progress=of_step(progress, "calibrated"))
+        ),
     )
 
 
@@ -139,8 +112,8 @@ def _errors() -> _Errors:
 
 def _navigation_only(problem: Problem) -> Problem:
     """Return the problem with every parameter taken as known."""
-    layout = StateLayout([part for part in problem.layout if part.name not in GROUPS])
-    return replace(problem, layout=layout, start_covariance={}, prior_covariance={})
+    prior = replace(problem.prior, start_covariance={}, covariance={})
+    return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)
 
 
 def _drift(run: FilterRun) -> Drift:
@@ -152,6 +125,3 @@ def _drift(run: FilterRun) -> Drift:
         np.linalg.norm(h.innovation[path, 0:3], axis=1),
         np.linalg.norm(h.innovation[path, 3:6], axis=1),
     )
-
-
-__all__ = ["CrossValidation", "Drift", "Injection", "cross_validate", "inject"]

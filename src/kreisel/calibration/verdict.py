@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from kreisel.calibration.filter_run import GATE
-from kreisel.calibration.halves import SplitHalves
-from kreisel.calibration.latitude import LatitudeCheck
-from kreisel.calibration.observability import Observability
-from kreisel.calibration.run import Estimate
-from kreisel.estimation.consistency import gate, lag_one, mean_normalised
-from kreisel.geometry.rotation import Array
+from kreisel.calibration.evidence import Consistency, Evidence, LatitudeCheck, SplitHalves, Verdict
+from kreisel.estimation.consistency import GATE, gate_bound, lag_one, mean_normalised
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.observability import Observability
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
@@ -27,30 +22,6 @@ MAX_MOVED = 1.0
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
 
-@dataclass(frozen=True)
-class Consistency:
-    """What the innovations say.
-
-    `nis_*` are means per degree of freedom; `lag_one` the correlation of neighbouring whitened innovations
-    of position and orientation, (6,).
-    """
-
-    nis_path: float
-    nis_standstill: float
-    updates: int
-    rejected: int
-    lag_one: Array
-    correlation_factor: float
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Accepted or not, and why not."""
-
-    accepted: bool
-    reasons: tuple[str, ...]
-
-
 def consistency(estimate: Estimate) -> Consistency:
     """Return the consistency of an estimate's last pass.
 
@@ -58,7 +29,7 @@ def consistency(estimate: Estimate) -> Consistency:
     against the model all the same, while one gross outlier says no more than that it is one.
     """
     h = estimate.run.history
-    bound = np.array([gate(GATE, int(m)) for m in h.degrees])
+    bound = np.array([gate_bound(GATE, int(m)) for m in h.degrees])
     nis = estimate.run.excess * np.minimum(h.nis, bound)
     path, rest = ~h.at_rest, h.at_rest
     return Consistency(
@@ -69,16 +40,6 @@ def consistency(estimate: Estimate) -> Consistency:
         lag_one=lag_one(h.whitened[:, :6], path & h.used),
         correlation_factor=estimate.correlation_factor,
     )
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What a verdict is judged by, besides the estimate itself: see the modules that find each of them."""
-
-    observability: Observability
-    consistency: Consistency
-    halves: SplitHalves | None
-    latitude: LatitudeCheck | None
 
 
 def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
@@ -93,7 +54,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_motion(evidence.observability),
         *_scale(estimate),
     ]
-    return Verdict(not reasons, tuple(reasons))
+    return Verdict(not reasons, tuple(reasons), evidence.observability.unobservable)
 
 
 def _innovations(facts: Consistency) -> list[str]:
@@ -148,10 +109,10 @@ def _priors(estimate: Estimate) -> list[str]:
     """Return estimates that lie far from the prior stated for them."""
     problem, reasons = estimate.problem, []
     for group, (title, keys) in _STATED.items():
-        if group not in problem.layout or (group.endswith("_offset") and group not in problem.given_priors):
+        if group not in problem.layout or (group.endswith("_offset") and group not in problem.prior.stated):
             continue
-        sd = np.sqrt(np.diag(problem.prior_covariance[group]))
-        far = np.abs(estimate.run.parameters.stored(group) - problem.prior.stored(group)) / sd
+        sd = np.sqrt(np.diag(problem.prior.covariance[group]))
+        far = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group)) / sd
         if float(far.max()) > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.calibration.calibrate import Outcome
-    from kreisel.calibration.validation import CrossValidation, Injection
+    from kreisel.calibration.evidence import CrossValidation, Injection
+    from kreisel.calibration.outcome import Outcome
 
 
 def calibrate(
@@ -36,12 +36,12 @@ def calibrate(
 ) -> None:
     """Calibrate an IMU from a recording of its readings and of reference poses."""
     from kreisel.calibration.calibrate import run_calibration
-    from kreisel.calibration.settings import CalibrationSettings
     from kreisel.calibration.validation import cross_validate
     from kreisel.calibration.validation import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
-    from kreisel.recording import load
+    from kreisel.formats.loading import load
+    from kreisel.model.settings import CalibrationSettings
 
     settings = CalibrationSettings(
         estimator=estimator,
@@ -79,7 +79,7 @@ def _save(
 ) -> None:
     from kreisel.calibration.result import RESULT_FILES
     from kreisel.files import replaced_together
-    from kreisel.report import write_report
+    from kreisel.report.page import write_report
 
     with replaced_together(output, RESULT_FILES) as writing:
         outcome.calibration.write(writing)

@@ -22,13 +22,13 @@ def convert(
     A trace of a KUKA controller ($TRACE) is the robot's half of a recording: its poses and joint angles are added to a
     folder that holds the IMU's half already, or is to hold it.
     """
-    from kreisel.recording.trace import is_trace
+    from kreisel.formats.kuka_trace import is_trace
 
     if is_trace(source):
         _convert_trace(source, target, reference or imu)
         return
-    from kreisel.recording import load
-    from kreisel.recording.write import write
+    from kreisel.formats.loading import load
+    from kreisel.formats.write import write
 
     recording = load(source, reference, imu)
     write(recording, target)
@@ -37,7 +37,7 @@ def convert(
 
 def _convert_trace(source: Path, target: Path, choice: str | None) -> None:
     from kreisel.errors import RecordingError, SettingsError
-    from kreisel.recording.trace import add_trace
+    from kreisel.formats.kuka_trace import add_trace
 
     if choice is not None:
         raise SettingsError(f"'{choice}': a trace has no streams to choose from; leave --reference and --imu out")

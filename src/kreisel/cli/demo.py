@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.report import Device
+    from kreisel.report.devices import Device
 
 Show = Callable[[str, float], None]
 
@@ -24,7 +24,7 @@ def demo(
     from kreisel.cli.progress import progress_bar
     from kreisel.cli.tables import print_devices
     from kreisel.inertial.noise import PAPER
-    from kreisel.report import write_devices
+    from kreisel.report.devices import write_devices
 
     check_output(output)
     devices = []
@@ -49,13 +49,14 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
 
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.convergence import offset_convergence
-    from kreisel.calibration.errors import group_errors
-    from kreisel.calibration.settings import CalibrationSettings
-    from kreisel.recording import load
-    from kreisel.recording.write import write_folder
-    from kreisel.report import Device, write_report
-    from kreisel.simulation import Cell, simulate, write_truth
-    from kreisel.simulation.settings import Imu
+    from kreisel.formats.loading import load
+    from kreisel.formats.write import write_folder
+    from kreisel.model.settings import CalibrationSettings
+    from kreisel.report.devices import Device
+    from kreisel.report.page import write_report
+    from kreisel.simulation.cell import simulate, write_truth
+    from kreisel.simulation.settings import Cell, Imu
+    from kreisel.study.truth_comparison import group_errors
 
     recording_folder, result = folder / "recording", folder / "result"
     truth, recording = simulate(Cell(seed=seed, seconds=seconds, imu=Imu(grade=grade)), recording_folder, show)

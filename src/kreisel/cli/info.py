@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.recording import Recording
+    from kreisel.recording.recording import Recording
 
 
 def info(
@@ -20,7 +20,7 @@ def info(
     """Say what is in a recording: rates, jitter, gaps, excitation, rests, suspicions."""
     import json as json_module
 
-    from kreisel.recording import load
+    from kreisel.formats.loading import load
 
     facts = _facts(load(recording, reference, imu))
     if json:
@@ -44,11 +44,11 @@ def _text(value: Any) -> str:
 def _facts(recording: Recording) -> dict[str, Any]:
     import numpy as np
 
-    from kreisel.calibration.reference_noise import believed_noise
-    from kreisel.calibration.rests import find_rests, imu_still
     from kreisel.errors import KreiselError
     from kreisel.inertial.noise import high_frequency_density
-    from kreisel.synchronization import correlate
+    from kreisel.preparation.reference_noise import assumed_noise
+    from kreisel.preparation.standstill import find_rests, imu_stillness
+    from kreisel.synchronization.correlation import correlate
 
     imu, reference = recording.imu, recording.reference
     steps = np.diff(imu.stamps_ns) * 1e-9
@@ -85,8 +85,8 @@ def _facts(recording: Recording) -> dict[str, Any]:
             facts["reference"]["workspace x y z m"] = np.ptp(reference.positions, axis=0).tolist()
         try:
             found = correlate(imu, reference)
-            noise = believed_noise(recording.settings, reference)
-            rests = find_rests(imu_still(imu), reference, found.clock, noise)
+            noise = assumed_noise(recording.settings, reference)
+            rests = find_rests(imu_stillness(imu), reference, found.clock, noise)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {
                 "correlation of rates": found.coefficient,

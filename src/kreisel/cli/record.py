@@ -145,7 +145,7 @@ def recover(
     output: Path | None = typer.Option(None, "-o", "--output", help="The copy; FILE_recovered.mcap by default."),
 ) -> None:
     """Write a readable copy of a damaged recording beside it, and say what was lost."""
-    from kreisel.recording.recover import recover as recover_file
+    from kreisel.formats.recover import recover as recover_file
 
     found = recover_file(file, output)
     counts = ", ".join(f"{count} on {topic}" for topic, count in sorted(found.messages.items()))

@@ -34,9 +34,9 @@ def simulate(
     changes = {name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None}
     if changes:
         described = parse_cell({**described.model_dump(), **changes}, cell or Path("CELL.toml"))
-    from kreisel.recording.write import write
-    from kreisel.simulation import simulate as simulate_cell
-    from kreisel.simulation import write_truth
+    from kreisel.formats.write import write
+    from kreisel.simulation.cell import simulate as simulate_cell
+    from kreisel.simulation.cell import write_truth
 
     with progress_bar() as show:
         truth, recording = simulate_cell(described, output, show)

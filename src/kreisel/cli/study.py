@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.simulation import Cell
+    from kreisel.simulation.settings import Cell
     from kreisel.study.bound import Bound
-    from kreisel.study.monte_carlo import Trial
     from kreisel.study.summary import Summary
+    from kreisel.study.trial import Trial
 
 app = typer.Typer(no_args_is_help=True, help="Monte-Carlo studies in the virtual cell.", rich_markup_mode=None)
 
@@ -95,10 +95,10 @@ def _described(cell: Path | None) -> Cell:
 
 def _study(cell: Path | None, trials: int, output: Path, scheduler: str | None, workers: int, title: str) -> Summary:
     """Run what is missing, write the report, and return the summary."""
-    from kreisel.calibration.settings import CalibrationSettings
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import EstimationError
+    from kreisel.model.settings import CalibrationSettings
     from kreisel.report.study import write_study
     from kreisel.study.dask import dask_map
     from kreisel.study.monte_carlo import run_trial
@@ -131,8 +131,8 @@ def _bounds(cell: Cell, trials: int) -> dict[str, float]:
     """Return the rms bound of every group, by its title, in its unit."""
     import numpy as np
 
-    from kreisel.calibration.settings import CalibrationSettings
     from kreisel.cli.progress import progress_bar
+    from kreisel.model.settings import CalibrationSettings
     from kreisel.study.bound import cramer_rao_bound
     from kreisel.study.summary import GROUPS
 

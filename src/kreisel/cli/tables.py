@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from kreisel.calibration.calibrate import Outcome
-    from kreisel.calibration.validation import Injection
-    from kreisel.report import Device
+    from kreisel.calibration.evidence import Injection
+    from kreisel.calibration.outcome import Outcome
+    from kreisel.report.devices import Device
 
 _ROWS = (
     ("gyro scale error", "gyro_scale_ppm", "ppm", ("x", "y", "z")),

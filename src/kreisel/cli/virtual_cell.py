@@ -64,8 +64,8 @@ def virtual_cell(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import SettingsError
-    from kreisel.recording.write import write_settings
-    from kreisel.simulation import simulate, write_truth
+    from kreisel.formats.write import write_settings
+    from kreisel.simulation.cell import simulate, write_truth
 
     if obey and robot.value not in OBEDIENT:
         raise SettingsError(f"--obey: no simulated {robot.value} arm can be told to move; choose {', '.join(OBEDIENT)}")

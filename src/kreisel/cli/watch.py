@@ -100,10 +100,12 @@ def _serve(recording: Path, host: str, port: int) -> None:
     try:
         import uvicorn
 
+        from kreisel.acquisition.tail import Tail
         from kreisel.dashboard.app import make_app
+        from kreisel.dashboard.online import Online
     except ImportError as error:
         raise SettingsError(f"the page needs an extra ({error.name}): pip install 'kreisel[serve]'") from error
-    app, token = make_app(recording, host)
+    app, token = make_app(recording, Online(Tail(recording)).look, host)
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
 from importlib import resources
 from pathlib import Path
@@ -18,9 +18,8 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from kreisel.acquisition.tail import Tail
 from kreisel.dashboard.feed import Feed, Message
-from kreisel.dashboard.online import Estimate, Online
+from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import KreiselError
 
 PERIOD = 0.05
@@ -29,6 +28,10 @@ PERIOD = 0.05
 _WAITING = 400  # messages that may wait for a browser before it is let go
 _TRY_AGAIN = 1013  # the close code that says so
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+Look = Callable[[], LiveEstimate | None]
+"""Return a new estimate of the recording if it is time for one; see `dashboard.online`."""
 
 
 class Browser:
@@ -68,9 +71,9 @@ class Browser:
 class Hub:
     """Browsers, and what is sent to them."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, look: Look) -> None:
         self.feed = Feed(path)
-        self._online = Online(Tail(path))
+        self._look = look
         self._browsers: set[Browser] = set()
         self._telling = asyncio.Lock()  # a newcomer comes before or after news, so it has none twice
 
@@ -90,9 +93,9 @@ class Hub:
     async def _estimate(self) -> None:
         """Calibrate what there is by now, beside all else."""
 
-        def look() -> Estimate | None:
+        def look() -> LiveEstimate | None:
             with suppress(KreiselError):
-                return self._online.look()
+                return self._look()
             return None
 
         while True:
@@ -119,15 +122,17 @@ class Hub:
             browser.tell(text)
 
 
-def make_app(path: Path, host: str = "127.0.0.1") -> tuple[Starlette, str | None]:
+def make_app(path: Path, look: Look, host: str = "127.0.0.1") -> tuple[Starlette, str | None]:
     """Return the page's server for a recording, and the token browsers need if it is not for this machine alone.
 
     Parameters
     ----------
+    look
+        Returns a new estimate of the recording if it is time for one.
     host
         The address it will be served on.
     """
-    hub = Hub(path)
+    hub = Hub(path, look)
     token = None if host in _LOOPBACK else secrets.token_urlsafe(16)
 
     def may(given: str | None) -> bool:

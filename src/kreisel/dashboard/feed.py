@@ -11,10 +11,10 @@ import numpy as np
 
 from kreisel.acquisition.record import Excitation
 from kreisel.acquisition.tail import Rows, Tail
-from kreisel.dashboard.online import Estimate
+from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import RobotError
-from kreisel.protocols import ImuSample
-from kreisel.recording.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
+from kreisel.formats.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
+from kreisel.protocols.samples import ImuSample
 from kreisel.robot.kinematics import Arm, parse_arm, skeleton
 
 WINDOW = 10.0
@@ -67,7 +67,7 @@ class Feed:
         }
         return [*messages, self._status]
 
-    def estimate(self, found: Estimate) -> Message:
+    def estimate(self, found: LiveEstimate) -> Message:
         """Return the message of an estimate, and keep it."""
         message = {
             "kind": "estimate",

@@ -9,46 +9,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from kreisel.acquisition.tail import Tail
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.result import Calibration
-from kreisel.calibration.settings import CalibrationSettings
+from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import KreiselError
-from kreisel.geometry.rotation import Array
+from kreisel.model.settings import CalibrationSettings
 
 SHARE = 0.2
 """Share of one processor's time that calibrating may take."""
 
 PAUSE = 2.0
 """Seconds at least between two calibrations."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What is known after so many seconds of recording.
-
-    Attributes
-    ----------
-    seconds
-        Of IMU readings.
-    names, values, deviations : (n,)
-        Parameters by the paths they have in the result; empty where nothing could be estimated.
-    said
-        Why there is no estimate, what is wrong with it, or that it is accepted.
-    """
-
-    seconds: float
-    names: tuple[str, ...]
-    values: Array
-    deviations: Array
-    accepted: bool
-    said: str
-    calibration: Calibration | None = None
 
 
 class Online:
@@ -61,7 +36,7 @@ class Online:
         self._next = -np.inf
         self._done = False
 
-    def step(self) -> Estimate | None:
+    def step(self) -> LiveEstimate | None:
         """Return a new estimate if it is time for one; always a last one once the recording has ended."""
         now = self._clock()
         if self._done or (now < self._next and not self.tail.ended):
@@ -71,7 +46,7 @@ class Online:
         self._next = now + max(PAUSE, (self._clock() - now) / SHARE)
         return estimate
 
-    def look(self) -> Estimate | None:
+    def look(self) -> LiveEstimate | None:
         """Read what has been written since, and return a new estimate if it is time for one; see `step`.
 
         Raises
@@ -82,7 +57,7 @@ class Online:
         self.tail.read()
         return self.step() if self.tail.begun else None
 
-    def _estimate(self) -> Estimate:
+    def _estimate(self) -> LiveEstimate:
         try:
             recording = self.tail.recording()
         except KreiselError as error:
@@ -97,7 +72,7 @@ class Online:
         accepted = outcome.verdict.accepted
         said = "accepted" if accepted else "; ".join(outcome.verdict.reasons)
         row = found.estimates[-1]
-        return Estimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, said, found)
+        return LiveEstimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, said, found)
 
 
 class Targets:
@@ -126,7 +101,7 @@ class Targets:
                     self._weigh(found)
             time.sleep(0.3)
 
-    def _weigh(self, found: Estimate) -> None:
+    def _weigh(self, found: LiveEstimate) -> None:
         worst = {
             group: max(d for n, d in zip(found.names, found.deviations, strict=True) if n.startswith(group))
             for group in self._targets
@@ -138,5 +113,5 @@ class Targets:
         self.reached = self.reached or (found.accepted and bool(below) and all(below))
 
 
-def _nothing(seconds: float, error: KreiselError) -> Estimate:
-    return Estimate(seconds, (), np.zeros(0), np.zeros(0), False, f"nothing yet: {error}")
+def _nothing(seconds: float, error: KreiselError) -> LiveEstimate:
+    return LiveEstimate(seconds, (), np.zeros(0), np.zeros(0), False, f"nothing yet: {error}")

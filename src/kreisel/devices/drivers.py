@@ -16,11 +16,11 @@ from typing import Any
 
 from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level, Notice
-from kreisel.devices.replay import REPLAY, replay
 from kreisel.devices.sessions import SESSIONS, Session
 from kreisel.devices.source import Source
 from kreisel.errors import DeviceError, KreiselError, ProtocolError, SettingsError
-from kreisel.protocols import RobotSample, egm, rsi
+from kreisel.protocols import egm, rsi
+from kreisel.protocols.samples import RobotSample
 
 SILENCE = 1.0
 """Seconds without a message after which a device counts as lost."""
@@ -38,18 +38,14 @@ _PAUSE_NS = 1_000_000_000
 Clock = Callable[[], int]
 
 
-def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:
+def device_events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:
     """Return the events of the device at an address.
 
     Raises
     ------
     SettingsError, ProtocolError
         If an option of the address makes no sense.
-    RecordingError
-        If it is that of a recording which cannot be played.
     """
-    if address.scheme == REPLAY:
-        return replay(address, clock)
     if address.scheme in ("rsi", "egm"):
         return _datagrams(address, clock)
     make: Any = SESSIONS[address.scheme]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from kreisel.protocols import ImuSample, RobotSample
+from kreisel.protocols.samples import ImuSample, RobotSample
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ import numpy as np
 from kreisel.devices.twins import imu_samples, robot_samples
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array
-from kreisel.protocols import ImuSample, RobotSample
-from kreisel.recording import Recording
+from kreisel.protocols.samples import ImuSample, RobotSample
+from kreisel.recording.recording import Recording
 
 Sample = TypeVar("Sample", ImuSample, RobotSample)
 

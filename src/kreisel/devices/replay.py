@@ -14,9 +14,8 @@ from pathlib import Path
 from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level, Notice
 from kreisel.devices.twins import Pace, imu_samples
-from kreisel.protocols import ImuSample, RobotSample
-from kreisel.protocols.samples import LAST_STAMP_NS
-from kreisel.recording.playback import Playback, Track, load_imu, load_robot
+from kreisel.formats.playback import Playback, Track, load_imu, load_robot
+from kreisel.protocols.samples import LAST_STAMP_NS, ImuSample, RobotSample
 from kreisel.recording.recording import ImuSamples, JointAngles, ReferencePoses
 
 REPLAY = "mcap"

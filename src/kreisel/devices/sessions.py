@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from kreisel.devices.address import Address
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, ekrl, ixcom, line, rtde, varproxy
+from kreisel.protocols import ekrl, ixcom, line, rtde, varproxy
+from kreisel.protocols.samples import ImuSample, RobotSample
 
 Found = ImuSample | RobotSample | ProtocolError
 

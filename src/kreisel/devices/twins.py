@@ -9,8 +9,9 @@ from contextlib import suppress
 from typing import Protocol
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import ImuSample, RobotSample, egm, ekrl, ixcom, line, rsi, rtde, varproxy
-from kreisel.recording import ImuSamples, Recording
+from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, varproxy
+from kreisel.protocols.samples import ImuSample, RobotSample
+from kreisel.recording.recording import ImuSamples, Recording
 
 _ROWS = 1000
 

@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kreisel.geometry.rotation import Array
 
+GATE = 1e-6
+"""A measurement less probable than one in a million is rejected, (20)."""
+
 
 def chi_square(level: float, degrees: ArrayLike) -> Array:
     """Return what a chi-square variable stays below with the probability `level`."""
@@ -17,7 +20,7 @@ def chi_square(level: float, degrees: ArrayLike) -> Array:
     return np.asarray(chdtri(degrees, 1.0 - level))
 
 
-def gate(tail: float, degrees: int) -> float:
+def gate_bound(tail: float, degrees: int) -> float:
     """Return what a chi-square variable of a few whole degrees exceeds with the probability `tail`.
 
     By halving: its probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5).

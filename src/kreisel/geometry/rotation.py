@@ -105,11 +105,11 @@ def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
     """Return the quaternion (4,) of the shortest turn that brings the direction of a onto that of b."""
     u, v = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
-    scalar = 1.0 + float(u @ v)
-    if scalar < 1e-12:
+    w = 0.5 * float(np.linalg.norm(u + v))  # cosine of half the angle; 1 + u . v would lose digits where they oppose
+    if w < 1e-8:
         axis = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
         return np.concatenate([[0.0], axis / np.linalg.norm(axis)])
-    q = np.concatenate([[scalar], np.cross(u, v)])
+    q = np.concatenate([[w], np.cross(u, v) / (2.0 * w)])
     return np.asarray(q / np.linalg.norm(q))
 
 
@@ -150,18 +150,3 @@ def inverse_right_jacobian(theta: ArrayLike) -> Array:
     b = np.where(small, 1.0 / 12.0 + angle2 / 720.0, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)))
     S = skew(theta)
     return np.asarray(np.eye(3) + 0.5 * S + b * (S @ S))
-
-
-def continuous(q: Array) -> Array:
-    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
-    sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
-    return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
-
-
-def running_mean(values: Array, width: int) -> Array:
-    """Return means of rows (n, k) over about `width` rows around each; fewer at the ends."""
-    padded = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
-    n = len(values)
-    low = np.clip(np.arange(n) - width // 2, 0, n)
-    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
-    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])

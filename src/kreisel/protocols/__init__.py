@@ -1,5 +1,1 @@
 """Bytes to records and back: what robots and IMUs say on the wire. No sockets and no clock."""
-
-from kreisel.protocols.samples import ImuSample, RobotSample
-
-__all__ = ["ImuSample", "RobotSample"]

@@ -18,7 +18,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.header import UNITS
-from kreisel.recording.place import and_more, fault, is_table, rows, wrong_unit
+from kreisel.recording.location import and_more, fault, is_table, rows, wrong_unit
 from kreisel.recording.recording import Finding, ImuSamples, Stamps, excerpt, pieces
 from kreisel.recording.stamp_checks import runs
 from kreisel.units import STANDARD_GRAVITY

@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.recording.imu_checks import check_finite
-from kreisel.recording.place import is_table
+from kreisel.recording.location import is_table
 from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.stamp_checks import check_stamps
 from kreisel.robot import kinematics

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.imu_checks import check_finite, first_of_each
-from kreisel.recording.place import and_more, fault, rows, wrong_unit
+from kreisel.recording.location import and_more, fault, rows, wrong_unit
 from kreisel.recording.recording import Finding, ReferencePoses, angles_over
 from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 

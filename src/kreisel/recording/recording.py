@@ -110,7 +110,7 @@ class ReferencePoses:
     units: HeaderUnits = NO_UNITS
     lateness: float = 0.0
 
-    @property
+    @cached_property
     def seconds(self) -> Array:
         """Seconds since the first pose, (m,)."""
         return (self.stamps_ns - self.stamps_ns[0]) * 1e-9

@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import Finding, ImuSamples, ReferencePoses, Stamps
 
@@ -186,7 +187,7 @@ def _robust_line(t: Array, number: Stamps, interval: float) -> _Line:
     for _ in range(30):
         left = t - first - slope * x
         scale = max(1.5 * float(np.median(np.abs(left - np.median(left)))), 1e-9)
-        weight = 1.0 / (1.0 + (left / (2.0 * scale)) ** 2)
+        weight = cauchy_weights(left, 2.0 * scale)
         total = float(weight.sum())
         centre = float(weight @ x) / total
         about = x - centre

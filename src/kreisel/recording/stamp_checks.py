@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.header import UNITS
-from kreisel.recording.place import and_more, at, fault, is_table, rows
+from kreisel.recording.location import and_more, at, fault, is_table, rows
 from kreisel.recording.recording import Finding, Stamps
 
 SHORTEST = 5.0

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.filter_run import History
-from kreisel.calibration.halves import SplitHalves
-from kreisel.calibration.validation import CrossValidation, Drift, Injection
+from kreisel.calibration.evidence import CrossValidation, Drift, Injection, SplitHalves
+from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square, mean_normalised, normalised_bounds
+from kreisel.filtering.history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.inertial.sensor_model import polynomial
 from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
-from kreisel.synchronization import Clock
+from kreisel.synchronization.clock import Clock
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
 
 STRETCH = 8.0
@@ -241,7 +240,7 @@ def _excitation(outcome: Outcome, stretch: slice) -> Excitation:
     t, preparation, found = imu.seconds, outcome.preparation, outcome.estimate.run.parameters
     rates, forces = imu.rates / DEG, imu.accelerations
     felt, seen = _rate_norms(outcome, stretch)
-    rests = np.array([(rest.start, rest.stop) for rest in outcome.problem.rests]).reshape(-1, 2)
+    rests = np.array([(rest.start, rest.stop) for rest in outcome.problem.schedule.rests]).reshape(-1, 2)
     return Excitation(
         rates=thinned_axes(t, rates),
         forces=thinned_axes(t, forces),
@@ -284,7 +283,7 @@ def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
         return felt, nothing
-    clock, tau = Clock(parameters.start, parameters.skew), outcome.problem.tau
+    clock, tau = Clock(parameters.start, parameters.skew), outcome.problem.reference.seconds
     at = clock.imu_time(tau)
     inside = np.flatnonzero((at >= t[0]) & (at <= t[-1]))
     stride = max(1, round(0.06 / reference.interval))
@@ -366,7 +365,7 @@ def _difference(outcome: Outcome, stretch: slice) -> Difference:
     readings, sensors, nominal = (
         outcome.problem.readings,
         outcome.calibration.sensors,
-        outcome.problem.nominal.sensors,
+        outcome.problem.prior.nominal.sensors,
     )
     segment = readings.segments[readings.segment_of(stretch.start) or 0]
     wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))

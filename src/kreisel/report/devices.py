@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.calibration.convergence import Convergence
-from kreisel.calibration.errors import GroupError
 from kreisel.geometry.rotation import Array
 from kreisel.report import plots
-from kreisel.report.figures import Figure
-from kreisel.report.page import fill
-from kreisel.report.plots import Plot
+from kreisel.report.plots import Figure, Plot
 from kreisel.report.tables import Row, Table, number
+from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
+from kreisel.study.truth_comparison import GroupError
 from kreisel.units import MG
 
 _AXES = "xyz"

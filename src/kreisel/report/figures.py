@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.calibration.groups import REGISTRY
-from kreisel.calibration.halves import SplitHalves
+from kreisel.calibration.evidence import SplitHalves
+from kreisel.model.groups import REGISTRY
 from kreisel.report import plots
 from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
-from kreisel.report.plots import Plot
+from kreisel.report.plots import Figure, Plot
 from kreisel.report.thinning import Curve
 
 AXES = "xyz"
@@ -22,27 +21,6 @@ GROUP_LABELS = {group.name: group.symbol for group in REGISTRY}
 _TIME = "IMU time (s)"
 _PANEL = 130
 _SETTLED = 6.0
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A figure: where it goes, what it is, and what a good one looks like.
-
-    `link` names figures whose time axes move together; `shape` is empty for half the width, "wide" for
-    all of it, "square" for as much as a square takes.
-    """
-
-    name: str
-    title: str
-    caption: str
-    plot: Plot
-    link: str = ""
-    shape: str = ""
-
-    @property
-    def height(self) -> int:
-        """Height in pixels."""
-        return int(self.plot["layout"]["height"])
 
 
 def excitation_figures(e: Excitation) -> list[Figure]:

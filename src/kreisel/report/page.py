@@ -8,20 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from kreisel._version import __version__
-from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.summary import summarise
-from kreisel.calibration.validation import CrossValidation, Injection
+from kreisel.calibration.evidence import CrossValidation, Injection
+from kreisel.calibration.outcome import Outcome
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
-from kreisel.report.figures import Figure
-from kreisel.report.plots import PALETTES
+from kreisel.report.plots import Figure
+from kreisel.report.template import fill
 
 
 def write_report(
@@ -49,30 +44,12 @@ def render(data: ReportData) -> str:
         [f for part in drawn.values() for f in part],
         document=data.outcome.calibration.document,
         findings=data.outcome.findings,
-        summary=summarise(data.outcome.verdict, data.outcome.observability.unobservable),
+        verdict=data.outcome.verdict,
         unobservable=tables.unobservable_by_group(data.outcome),
         not_estimated=tables.not_estimated(data.outcome),
         figures=drawn,
         snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
         **_tables(data),
-    )
-
-
-def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
-    """Return a page made of a template that extends `page.html`, with the figures drawn on it."""
-    environment = Environment(
-        loader=PackageLoader("kreisel.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(template).render(
-        version=__version__,
-        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
-        drawings=_script({f.name: f.plot for f in drawn}),
-        palettes=_script(PALETTES),
-        **values,
     )
 
 
@@ -108,12 +85,6 @@ def _tables(data: ReportData) -> dict[str, Any]:
         "scores": None if data.halves is None else tables.score_summary(data.halves),
         "injection_table": None if data.injection is None else tables.injection_table(data.injection, groups),
     }
-
-
-def _script(content: object) -> Markup:
-    """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
-    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def snippet(sensors: SensorParameters, form: SizeEffect) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -175,3 +176,24 @@ def remark(text: str) -> Plot:
         "y": 0.5,
         "font": {"color": "@muted"},
     }
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure: where it goes, what it is, and what a good one looks like.
+
+    `link` names figures whose time axes move together; `shape` is empty for half the width, "wide" for
+    all of it, "square" for as much as a square takes.
+    """
+
+    name: str
+    title: str
+    caption: str
+    plot: Plot
+    link: str = ""
+    shape: str = ""
+
+    @property
+    def height(self) -> int:
+        """Height in pixels."""
+        return int(self.plot["layout"]["height"])

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.report import plots
-from kreisel.report.figures import Figure
-from kreisel.report.page import fill
-from kreisel.report.plots import Plot
+from kreisel.report.plots import Figure, Plot
 from kreisel.report.tables import Row, Table
+from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
 
 

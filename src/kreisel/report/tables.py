@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.calibrate import Outcome
-from kreisel.calibration.groups import REGISTRY
-from kreisel.calibration.halves import SplitHalves
-from kreisel.calibration.parameters import GROUPS, ROBOT_GROUPS, parameter_names
-from kreisel.calibration.validation import Injection
+from kreisel.calibration.evidence import Injection, SplitHalves
+from kreisel.calibration.outcome import Outcome
 from kreisel.geometry.rotation import Array
+from kreisel.model.groups import REGISTRY
+from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
-from kreisel.synchronization import Clock
+from kreisel.synchronization.clock import Clock
 from kreisel.units import MG, MM, MRAD, MS, PPM
 
 NOTHING = "–"

@@ -13,7 +13,8 @@ import numpy as np
 
 from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
-from kreisel.geometry.rotation import Array, continuous, from_matrix, matrix
+from kreisel.geometry.interpolation import continuous
+from kreisel.geometry.rotation import Array, from_matrix, matrix
 from kreisel.markup import screened
 
 MODELS = ("kr125", "ur10e")

@@ -14,8 +14,8 @@ from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix,
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.recording import ImuSamples, JointAngles, Recording, RecordingSettings, ReferencePoses
-from kreisel.recording.settings import ImuTable, ReferenceTable, RobotTable, SiteTable
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, RobotTable, SiteTable
 from kreisel.robot import kinematics
 from kreisel.robot.excitation import random_plan
 from kreisel.robot.kinematics import Arm, load_arm

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.build import build_problem
-from kreisel.calibration.filter_run import first_belief, run_filter
-from kreisel.calibration.kernels import compile_kernels
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import prepare_recording
+from kreisel.filtering.compile_kernels import compile_kernels
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.initial_belief import first_belief
 from kreisel.geometry.rotation import Array
-from kreisel.simulation import Cell, simulate
-from kreisel.simulation.cell import recording_settings
-from kreisel.simulation.settings import Errors
-from kreisel.study.monte_carlo import judged, true_parameters
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.simulation.cell import recording_settings, simulate
+from kreisel.simulation.settings import Cell, Errors
+from kreisel.study.truth import judged, true_parameters
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     recording = replace(recording, settings=recording_settings(cell, truth.actual))
     settings = replace(settings, sigma_points="linear")
     problem = build_problem(prepare_recording(recording, settings), settings)
-    true = true_parameters(truth, recording, problem, problem.start)
+    true = true_parameters(truth, recording, problem, problem.prior.start)
     run = run_filter(problem, true, gate=np.inf, belief=first_belief(problem, true))
     which, names = judged(problem)
     return Bound(names, run.belief.standard_deviation[which])

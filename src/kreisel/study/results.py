@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import SettingsError
-from kreisel.simulation import Cell
-from kreisel.study.monte_carlo import Trial
+from kreisel.model.settings import CalibrationSettings
+from kreisel.simulation.settings import Cell
+from kreisel.study.trial import Trial
 
 _FACTS = ("trial", "nees", "nis_path", "nis_standstill", "accepted", "seconds", "failure")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.estimation.consistency import chi_square
 from kreisel.geometry.rotation import Array
-from kreisel.study.monte_carlo import Trial
+from kreisel.study.trial import Trial
 from kreisel.units import DEG_PER_HOUR, MG
 
 GROUPS = (

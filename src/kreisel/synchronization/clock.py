@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from kreisel.geometry.rotation import Array
 
+MAX_SKEW = 0.012
+"""Clock ratios, less one, are searched up to this, a little over the one per cent promised."""
+
 
 @dataclass(frozen=True)
 class Clock:

@@ -7,20 +7,21 @@ from collections.abc import Callable
 import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate, exp, log, matrix, multiply
+from kreisel.geometry.interpolation import slerp
+from kreisel.geometry.rotation import Array, conjugate, matrix
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal
-from kreisel.recording import ReferencePoses
+from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.rate_fit import check_overlap, explained_share
+from kreisel.synchronization.windows import Windows
 
 EXPLAINED = 0.8
 """Share of the reference's rotation the gyros must explain."""
 
 _MARGIN = 0.2
-_LEAST_SHARE = 0.6
-_HALF_WINDOW = 0.25
-_LEAST_WINDOWS = 15
+_MIN_SHARE = 0.6
+_MIN_WINDOWS = 15
 _READINGS: dict[str, Callable[[Array], Array]] = {
     "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z": conjugate,
     "scalar last (q_x, q_y, q_z, q_w): put q_w first": lambda q: np.roll(q, 1, axis=1),
@@ -85,7 +86,7 @@ def better_reading(readings: Readings, reference: ReferencePoses, clock: Clock) 
         for name, read in _READINGS.items()
     }
     best = max(shares, key=lambda name: shares[name])
-    return best if shares[best] > max(usual + _MARGIN, _LEAST_SHARE) else None
+    return best if shares[best] > max(usual + _MARGIN, _MIN_SHARE) else None
 
 
 def _most_likely(readings: Readings, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
@@ -107,44 +108,25 @@ def acceleration_share(readings: Readings, reference: ReferencePoses, q: Array, 
 
     Any linear map of the readings and any gravity are allowed; only the attitude must turn as it should.
     """
-    parts = [
-        _seen_with(part, reference, q, clock) for part in readings.excerpt(*clock.imu_time(reference.seconds[[0, -1]]))
-    ]
-    columns, shown = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-    if len(shown) < _LEAST_WINDOWS:
+    within = clock.imu_time(reference.seconds[[0, -1]])
+    parts = [_windows_with(chunk, reference, q, clock) for chunk in readings.excerpt(*within)]
+    predicted, shown = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    if len(shown) < _MIN_WINDOWS:
         return 0.0
-    A = np.concatenate([columns, np.broadcast_to(np.eye(3), (len(shown), 3, 3))], axis=2).reshape(-1, 12)
+    A = np.concatenate([predicted, np.broadcast_to(np.eye(3), (len(shown), 3, 3))], axis=2).reshape(-1, 12)
     solution, *_ = np.linalg.lstsq(A, shown.reshape(-1), rcond=None)
     left = shown.reshape(-1) - A @ solution
     return 1.0 - float(left @ left) / max(float(np.sum((shown - shown.mean(axis=0)) ** 2)), 1e-30)
 
 
-def _seen_with(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> tuple[Array, Array]:
-    """Return accelerations felt, for each coupling (windows, 3, 9), and shown by the positions (windows, 3)."""
+def _windows_with(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> tuple[Array, Array]:
+    """Return predicted accelerations, for each coupling (windows, 3, 9), and those of the positions (windows, 3)."""
     p, stamps = reference.positions, signal.stamps
     assert p is not None  # noqa: S101 - for the type checker; the callers looked
     t = clock.imu_time(reference.seconds)
     k = np.clip(np.searchsorted(t, stamps) - 1, 0, t.size - 2)
     share = np.clip((stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)
-    C = matrix(multiply(q[k], exp(share[:, None] * log(multiply(conjugate(q[k]), q[k + 1])))))
-    felt = np.einsum("nij,nk->nijk", C, signal.accelerations).reshape(stamps.size, 27)
-    half = max(_HALF_WINDOW, 3.0 * reference.interval)
-    middle = np.arange(max(t[0], stamps[0]) + half, min(t[-1], stamps[-1]) - half, half)
-    shown = _second_difference(t, p, middle, half)
-    return _second_difference(stamps, _twice(stamps, felt), middle, half).reshape(-1, 3, 9), shown
-
-
-def _second_difference(t: Array, values: Array, middle: Array, half: float) -> Array:
-    """Return second differences over two halves, (middle, columns), as accelerations."""
-    a, b, c = (
-        np.column_stack([np.interp(middle + shift, t, column) for column in values.T]) for shift in (-half, 0.0, half)
-    )
-    return np.asarray((a - 2.0 * b + c) / half**2)
-
-
-def _twice(t: Array, values: Array) -> Array:
-    """Return the running double integral of columns."""
-    dt = np.diff(t)[:, None]
-    zero = np.zeros((1, values.shape[1]))
-    once = np.vstack([zero, np.cumsum(0.5 * (values[1:] + values[:-1]) * dt, axis=0)])
-    return np.vstack([zero, np.cumsum(0.5 * (once[1:] + once[:-1]) * dt, axis=0)])
+    C = matrix(slerp(q[k], q[k + 1], share))
+    force = np.einsum("nij,nk->nijk", C, signal.accelerations).reshape(stamps.size, 27)
+    windows = Windows.over(signal, clock, reference.seconds)
+    return windows.integrate(force).reshape(-1, 3, 9), windows.second_difference(p)

@@ -13,32 +13,22 @@ from functools import cached_property
 import numpy as np
 
 from kreisel.errors import SynchronizationError
+from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array, Mask
-from kreisel.recording import ImuSamples, ReferencePoses
-from kreisel.recording.recording import PIECE, angles_over, excerpt, pieces
-from kreisel.synchronization.clock import Clock
+from kreisel.recording.recording import PIECE, ImuSamples, ReferencePoses, angles_over, excerpt, pieces
+from kreisel.synchronization.clock import MAX_SKEW, Clock
+from kreisel.synchronization.results import Correlation
 
-LARGEST_SKEW = 0.012
-"""Clock ratios are searched up to this, a little over the one per cent promised."""
-
-LEAST_CORRELATION = 0.6
+MIN_CORRELATION = 0.6
 """Below this the two streams do not show the same motion."""
 
 _COARSE_POINTS = 12000
 _FINE_POINTS = 1_000_000
-_LONGEST_SEARCHED = 3600.0
+_MAX_SEARCHED = 3600.0
 _SURE = 0.97
 _SURE_IN_PART = 0.93
-_LEAST_OVERLAP = 0.25
+_MIN_OVERLAP = 0.25
 _GAP = 0.3
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """What the correlation found: the clock and the correlation coefficient over the whole overlap."""
-
-    clock: Clock
-    coefficient: float
 
 
 @dataclass(frozen=True)
@@ -94,10 +84,10 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
         # a short stretch fits many a place fairly well
         if better >= _SURE_IN_PART and not final >= better:
             clock, final = part, better
-    if not final >= LEAST_CORRELATION:
+    if not final >= MIN_CORRELATION:
         raise SynchronizationError(
             f"{reference.source}: the poses do not fit the IMU readings: the best correlation of their rates over all "
-            f"shifts and clock ratios is {final:.2f}, expected {LEAST_CORRELATION} or more. Do both belong to the same "
+            f"shifts and clock ratios is {final:.2f}, expected {MIN_CORRELATION} or more. Do both belong to the same "
             "run, do they overlap in time, and did the IMU move?",
             correlation=final,
         )
@@ -189,7 +179,7 @@ def _averaged(t: Array, value: Array, grid: Array, step: float, half: float) -> 
 
 def _search(x: _Norm, y: _Norm) -> Clock:
     """Search all shifts and ratios. Long recordings are searched on a coarser grid, for an hour in their middle."""
-    spare = max(0, y.value.size - round(_LONGEST_SEARCHED / y.step)) // 2
+    spare = max(0, y.value.size - round(_MAX_SEARCHED / y.step)) // 2
     middle = slice(spare, y.value.size - spare)
     xc, yc = _coarse(x, _Norm(y.first + spare * y.step, y.step, y.value[middle], y.known[middle]))
     xv = xc.value - xc.value.mean()
@@ -224,7 +214,7 @@ def _search_part(x: _Norm, y: _Norm) -> Clock:
         n = np.maximum(np.round(count), 1.0)
         spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
         # a stretch of rest fits any other
-        enough = (n >= _LEAST_OVERLAP * min(xv.size, yv.size)) & (
+        enough = (n >= _MIN_OVERLAP * min(xv.size, yv.size)) & (
             (spread_x > 0.1 * n * float(np.var(xv))) & (spread_y > 0.1 * n * float(np.var(yv)))
         )
         value = np.where(enough, product - sum_x * sum_y / n, 0.0) / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
@@ -249,8 +239,8 @@ def _coarser(x: _Norm, step: float) -> _Norm:
 def _stretched(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
     """Yield every clock ratio less one, with y as it is on the other clock, and one where it is known."""
     length = y.value.size * y.step
-    ratio_step = min(4.0 * y.step / length, LARGEST_SKEW / 4.0)
-    half = int(np.ceil(LARGEST_SKEW / ratio_step))
+    ratio_step = min(4.0 * y.step / length, MAX_SKEW / 4.0)
+    half = int(np.ceil(MAX_SKEW / ratio_step))
     known = y.known.astype(float)
     for skew in ratio_step * np.arange(-half, half + 1):
         tau = np.arange(0.0, length * (1.0 + skew) - y.step, y.step) / (1.0 + skew)
@@ -269,7 +259,7 @@ def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
     centres: list[float] = []
     shifts: list[float] = []
     weights: list[float] = []
-    reach = max(0.3, 0.5 * LARGEST_SKEW * width)
+    reach = max(0.3, 0.5 * MAX_SKEW * width)
     for i in order:
         tau = np.arange(starts[i], starts[i] + width, y.step)
         guess = clock
@@ -298,7 +288,7 @@ def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
         (mean, slope), *_ = np.linalg.lstsq(A, shifts * w, rcond=None)
         residual = np.abs(shifts - mean - slope * (centres - pivot))
         scale = 1.5 * float(np.median(residual)) + 1e-3
-        w = weights / (1.0 + (residual / (2.0 * scale)) ** 2)
+        w = weights * cauchy_weights(residual, 2.0 * scale)
     sd = 1.5 * float(np.median(residual)) + 1e-3
     spread = float(np.std(centres)) + 1e-9
     count = np.sqrt(centres.size)

@@ -1,67 +1,35 @@
 """Robust fit of the gyros' cross-coupling and offset, and of the clocks, to the reference's rotations.
 
-The reference's rotation over short stretches (noisy) is regressed on the integrated gyro readings
+The rotation of the reference over short times (noisy) is regressed on the integrated gyro readings
 (clean); the other way round the noise would make the scale factor too small.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
 
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply, running_mean
+from kreisel.estimation.robust import cauchy_weights, vector_scale
+from kreisel.geometry.interpolation import running_mean
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
-from kreisel.recording import ReferencePoses
+from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.results import RateFit
 
-STRETCH = 0.4
-"""Usual length of the stretches compared, s."""
+ROTATION_SECONDS = 0.4
+"""Usual time over which rotations are compared, s."""
 
-LEAST_STRETCHES = 30
+MIN_ROTATIONS = 30
 """Stretches without which nothing is fitted."""
 
-WANDER_PARTS = 12
-"""Parts of a recording in which the clocks are compared once more."""
-
-
-@dataclass(frozen=True)
-class RateFit:
-    """Gyro parameters and clock that bring integrated readings onto the reference's rotations.
-
-    Attributes
-    ----------
-    K_omega : (3, 3)
-    k_w0 : (3,)
-        rad/s.
-    clock
-        With the standard deviations of the fit.
-    skewed
-        Whether the clocks run at different rates, or could, as far as this recording tells.
-    explained
-        Share of the reference's squared rotation the fit explains, 1 being all.
-    residual_sd
-        Standard deviation of what is left in a stretch, rad, each axis.
-    K_omega_sd, k_w0_sd : (3, 3), (3,)
-        Standard deviations of the fit.
-    wander : (k, 3)
-        What is left of a shift of the clocks in stretches of the recording: reference seconds of the middle,
-        shift, its standard deviation. It is nothing but noise where both clocks run steadily.
-    """
-
-    K_omega: Array
-    k_w0: Array
-    clock: Clock
-    skewed: bool
-    explained: float
-    residual_sd: float
-    K_omega_sd: Array
-    k_w0_sd: Array
-    wander: Array = field(default_factory=lambda: np.zeros((0, 3)))
+CLOCK_DRIFT_PARTS = 12
+"""Parts of a recording in which the residual clock drift is found."""
 
 
 SMOOTHED = 0.05
@@ -73,14 +41,14 @@ ROUNDS, SETTLED = 40, 0.1
 
 
 @dataclass(frozen=True)
-class _Stretches:
+class _Rotations:
     """Reference rotations between pairs of stamps."""
 
     tau_first: Array
     tau_last: Array
     rotation: Array
 
-    def inside(self, signal: InertialSignal | Readings, clock: Clock) -> _Stretches:
+    def inside(self, signal: InertialSignal | Readings, clock: Clock) -> _Rotations:
         """Return those that lie within unbroken readings: nothing is known across a gap."""
         t, ends = signal.stamps, (clock.imu_time(self.tau_first), clock.imu_time(self.tau_last))
         good = (ends[0] > t[1]) & (ends[1] < t[-2])
@@ -90,12 +58,12 @@ class _Stretches:
             starts, stops = (t[np.array(edges, dtype=int)] for edges in zip(*signal.segments, strict=True))
             segment = np.clip(np.searchsorted(starts, ends[0], side="right") - 1, 0, starts.size - 1)
             good &= (ends[0] >= starts[segment]) & (ends[1] <= stops[segment])
-        return _Stretches(self.tau_first[good], self.tau_last[good], self.rotation[good])
+        return _Rotations(self.tau_first[good], self.tau_last[good], self.rotation[good])
 
 
 @dataclass(frozen=True)
 class _Integrated:
-    """Raw rates of a stretch of readings, their running means, and their integral from its first sample, (n, 3)."""
+    """Raw rates of a chunk of readings, their running means, and their integral from its first sample, (n, 3)."""
 
     signal: InertialSignal
     rates: Array
@@ -123,14 +91,14 @@ class _Integrated:
         return np.asarray(at[1] - at[0])
 
 
-def rotations_between(tau: Array, q: Array, length: float) -> _Stretches:
+def rotations_between(tau: Array, q: Array, length: float) -> _Rotations:
     """Return the rotation vectors between poses about `length` apart."""
     stride = max(1, round(length / float(np.median(np.diff(tau)))))
     step = max(1, stride // 8)
     first = np.arange(0, tau.size - stride, step)
     rotation = log(multiply(conjugate(q[first]), q[first + stride]))
     good = (np.linalg.norm(rotation, axis=1) < 2.5) & (tau[first + stride] - tau[first] < 3.0 * length)
-    return _Stretches(tau[first][good], tau[first + stride][good], rotation[good])
+    return _Rotations(tau[first][good], tau[first + stride][good], rotation[good])
 
 
 def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
@@ -140,11 +108,11 @@ def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> f
     return 1.0 - float(np.sum(left**2)) / max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
 
 
-def _linear_fit(parts: Iterable[_Integrated], stretches: _Stretches, clock: Clock) -> tuple[Array, Array, Array]:
+def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, Array, Array]:
     """Return the map (4, 3) of integrated readings and time onto rotations, what it leaves, and the rotations."""
     rows, targets = [], []
     for part in parts:
-        within = stretches.inside(part.signal, clock)
+        within = rotations.inside(part.signal, clock)
         t1, t2 = clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)
         rows.append(np.column_stack([part.between(t1, t2), t2 - t1]))
         targets.append(within.rotation)
@@ -159,30 +127,30 @@ def check_overlap(readings: Readings, reference: ReferencePoses, clock: Clock) -
     Raises
     ------
     SynchronizationError
-        With the seconds and stretches that do.
+        With the seconds and rotations that do.
     """
     assert reference.quaternions is not None  # noqa: S101 - for the type checker; the callers looked
-    for stretches in (
+    for rotations in (
         _short(reference.seconds, reference.quaternions),
         _long(reference.seconds, reference.quaternions),
     ):
-        inside = stretches.inside(readings, clock)
+        inside = rotations.inside(readings, clock)
         first, last = inside.tau_first, inside.tau_last
-        if first.size >= LEAST_STRETCHES:
+        if first.size >= MIN_ROTATIONS:
             continue
         covered = float(last.max() - first.min()) if first.size else 0.0
         raise SynchronizationError(
-            f"{reference.source}: overlaps with the IMU's recording by {covered:.1f} s, in {first.size} stretches that "
-            f"can be compared, expected {LEAST_STRETCHES} or more: are both of one run, and are poses frequent enough?"
+            f"{reference.source}: overlaps with the IMU's recording by {covered:.1f} s, in {first.size} rotations that "
+            f"can be compared, expected {MIN_ROTATIONS} or more: are both of one run, and are poses frequent enough?"
         )
 
 
-def _short(tau: Array, q: Array) -> _Stretches:
+def _short(tau: Array, q: Array) -> _Rotations:
     return rotations_between(tau, q, max(0.15, float(np.median(np.diff(tau)))))
 
 
-def _long(tau: Array, q: Array) -> _Stretches:
-    return rotations_between(tau, q, max(STRETCH, 4.0 * float(np.median(np.diff(tau)))))
+def _long(tau: Array, q: Array) -> _Rotations:
+    return rotations_between(tau, q, max(ROTATION_SECONDS, 4.0 * float(np.median(np.diff(tau)))))
 
 
 def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit:
@@ -191,7 +159,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     Parameters
     ----------
     readings
-        Of a long recording, stretches spread evenly are fitted.
+        Of a long recording, chunks spread evenly are fitted.
     tau, q : (m,), (m, 4)
         Reference seconds and attitudes q_rb.
     clock
@@ -201,28 +169,28 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     -----
     Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
-    stretches = _long(tau, q)
+    rotations = _long(tau, q)
     parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
-    solution, *_ = _linear_fit(parts, stretches, clock)
-    fit = _settle(parts, stretches, solution[:3].T.copy(), solution[3], clock, skewed=True)
+    solution, *_ = _linear_fit(parts, rotations, clock)
+    fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], clock, skewed=True)
     # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
     doubt = max(4.0 * fit.clock.skew_sd, 1e-6)
     if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
-        fit = _settle(parts, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, clock, skewed=False)
+        fit = _settle(parts, rotations, fit.K_omega, fit.bias, clock, skewed=False)
     everything = (_Integrated.of(part) for part in readings.stretches())
-    seen = _compare(everything, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock)
-    return replace(fit, wander=_wander(seen))
+    seen = _compare(everything, rotations, fit.K_omega, fit.bias, fit.clock)
+    return replace(fit, clock_drift=_clock_drift(seen))
 
 
 def _settle(
-    parts: Sequence[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+    parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock, *, skewed: bool
 ) -> RateFit:
     """Refine until nothing moves any more."""
-    fit = _refine(parts, stretches, K, b, clock, skewed=skewed)
+    fit = _refine(parts, rotations, K, b, clock, skewed=skewed)
     for _ in range(ROUNDS - 1):
         before = fit
-        fit = _refine(parts, stretches, fit.K_omega, fit.K_omega @ fit.k_w0, fit.clock, skewed=skewed)
+        fit = _refine(parts, rotations, fit.K_omega, fit.bias, fit.clock, skewed=skewed)
         if _moved(before, fit) < SETTLED:
             break
     return fit
@@ -246,7 +214,7 @@ class _Comparison:
     Attributes
     ----------
     turned, duration
-        Integrated readings and lengths of the stretches.
+        Integrated readings over the rotations, and how long these take, s.
     tau : (n,)
         Their middles.
     rotation, residual : (n, 3)
@@ -263,15 +231,15 @@ class _Comparison:
     slope: Array
 
 
-def _compare(parts: Iterable[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
-    """Return how the stretches compare in all parts together."""
-    found = [_compare_in(part, stretches, K, b, clock) for part in parts]
+def _compare(parts: Iterable[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
+    """Return how the rotations compare in all parts together."""
+    found = [_compare_in(part, rotations, K, b, clock) for part in parts]
     return _Comparison(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Comparison)))
 
 
-def _compare_in(part: _Integrated, stretches: _Stretches, K: Array, b: Array, clock: Clock) -> _Comparison:
+def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
     q = integrate_attitude(part.signal, linear_rate(K, b, part.signal.order))
-    within = stretches.inside(part.signal, clock)
+    within = rotations.inside(part.signal, clock)
     t1, t2 = clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)
     q1, w1 = _attitude_at(part, q, K, b, t1)
     q2, w2 = _attitude_at(part, q, K, b, t2)
@@ -282,18 +250,18 @@ def _compare_in(part: _Integrated, stretches: _Stretches, K: Array, b: Array, cl
         tau=0.5 * (within.tau_first + within.tau_last),
         rotation=within.rotation,
         residual=log(multiply(conjugate(predicted), exp(within.rotation))),
-        # At the end of the stretch; the rate at its beginning is seen through the rotation between.
-        slope=w2 - _turn_back(predicted, w1),
+        # At the end; the rate at the beginning is seen through the rotation between.
+        slope=w2 - apply(conjugate(predicted), w1),
     )
 
 
 def _refine(
-    parts: Sequence[_Integrated], stretches: _Stretches, K: Array, b: Array, clock: Clock, *, skewed: bool
+    parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock, *, skewed: bool
 ) -> RateFit:
     """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
-    seen = _compare(parts, stretches, K, b, clock)
+    seen = _compare(parts, rotations, K, b, clock)
     residual, slope = seen.residual, seen.slope
-    weight = _robust_weight(residual)
+    weight = _weights(residual)
     pivot = float(seen.tau.mean())
     columns = 12 + (2 if skewed else 1)
     A = np.zeros((residual.shape[0], 3, columns))
@@ -311,7 +279,7 @@ def _refine(
     solution = np.linalg.solve(normal, stacked.T @ target)
     left = target - stacked @ solution
     variance = float(left @ left / max(float(3 * weight.sum()) - columns, 1.0))
-    # Neighbouring stretches overlap eightfold and share their noise.
+    # Neighbouring rotations overlap eightfold and share their noise.
     covariance = 8.0 * variance * np.linalg.inv(normal)
     K_new = K + solution[:9].reshape(3, 3)
     b_new = b + solution[9:12]
@@ -335,9 +303,9 @@ def _refine(
     )
 
 
-def _wander(seen: _Comparison) -> Array:
+def _clock_drift(seen: _Comparison) -> Array:
     """Return middle, shift and its standard deviation in a dozen parts of the recording, (k, 3)."""
-    edges = np.linspace(seen.tau.min(), seen.tau.max() + 1e-9, WANDER_PARTS + 1)
+    edges = np.linspace(seen.tau.min(), seen.tau.max() + 1e-9, CLOCK_DRIFT_PARTS + 1)
     found = []
     for low, high in pairwise(edges):
         part = (seen.tau >= low) & (seen.tau < high)
@@ -346,11 +314,11 @@ def _wander(seen: _Comparison) -> Array:
             continue
         shift = 0.0
         for _ in range(5):
-            weight = _robust_weight(residual - shift * slope)[:, None]
+            weight = _weights(residual - shift * slope)[:, None]
             normal = float(np.sum(weight * slope**2))
             shift = float(np.sum(weight * slope * residual)) / max(normal, 1e-30)
         left = float(np.sum(weight * (residual - shift * slope) ** 2))
-        # neighbouring stretches overlap eightfold and share their noise
+        # neighbouring rotations overlap eightfold and share their noise
         variance = 8.0 * left / (3.0 * float(weight.sum())) / max(normal, 1e-30)
         found.append((float(np.mean(seen.tau[part])), shift, float(np.sqrt(variance))))
     return np.array(found).reshape(-1, 3)
@@ -369,13 +337,7 @@ def _attitude_at(part: _Integrated, q: Array, K: Array, b: Array, t: Array) -> t
     return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), smooth @ K.T + b
 
 
-def _turn_back(q: Array, v: Array) -> Array:
-    t = 2.0 * np.cross(-q[:, 1:], v)
-    return np.asarray(v + q[:, :1] * t + np.cross(-q[:, 1:], t))
-
-
-def _robust_weight(residual: Array) -> Array:
-    """Return Cauchy weights with the scale of the median."""
+def _weights(residual: Array) -> Array:
+    """Return weights of residuals (n, 3) with the scale of their median."""
     size = np.linalg.norm(residual, axis=1)
-    scale = float(np.median(size)) / 1.538 + 1e-12  # median length of a three-dimensional normal vector
-    return np.asarray(1.0 / (1.0 + (size / (4.0 * scale)) ** 2))
+    return cauchy_weights(size, 4.0 * (vector_scale(size) + 1e-12))

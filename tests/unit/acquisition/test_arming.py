@@ -9,7 +9,7 @@ from kreisel.acquisition.arming import Allowed, approach_share, check_program, c
 from kreisel.acquisition.movers import EkrlMover, UrScriptMover
 from kreisel.devices.address import MOVERS, parse_address
 from kreisel.errors import RobotError
-from kreisel.protocols import RobotSample
+from kreisel.protocols.samples import RobotSample
 from kreisel.robot.kinematics import load_arm, parse_arm, poses
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program

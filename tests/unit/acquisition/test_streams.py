@@ -4,7 +4,7 @@ import pytest
 
 from kreisel.acquisition.streams import AGREEING, Stream
 from kreisel.devices.events import Arrival
-from kreisel.protocols import ImuSample
+from kreisel.protocols.samples import ImuSample
 
 STEP_NS = 4_000_000
 

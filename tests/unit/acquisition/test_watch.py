@@ -5,7 +5,7 @@ import pytest
 
 from kreisel.acquisition.watch import Watch
 from kreisel.devices.events import Arrival
-from kreisel.protocols import ImuSample, RobotSample
+from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.robot.kinematics import load_arm
 
 ARM = load_arm("ur10e")

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration import groups
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.groups import REGISTRY, ParameterGroup, group_named
-from kreisel.calibration.parameters import CellParameters, parameter_names
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model import groups
+from kreisel.model.groups import REGISTRY, ParameterGroup, group_named
+from kreisel.model.parameters import CellParameters, parameter_names
+from kreisel.model.settings import CalibrationSettings
 
 from ...small_cell import simulate
 

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.build import build_problem
-from kreisel.calibration.filter_run import first_belief, run_filter, stored_state
-from kreisel.calibration.parameters import GROUPS, CellParameters
-from kreisel.calibration.prior import narrowed_belief, with_stated_prior
-from kreisel.calibration.settings import CalibrationSettings
-from kreisel.calibration.setup import prepare_recording
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.initial_belief import first_belief, stored_state
+from kreisel.filtering.prior_exchange import narrowed_belief, with_stated_prior
+from kreisel.model.parameters import GROUPS, CellParameters
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.prepare import prepare_recording
 
 from ...small_cell import simulate
 
@@ -25,8 +26,8 @@ def settled():
     recording = simulate(np.random.default_rng(3), 60.0, Path("small"), imu_rate=100.0)[1]
     settings = CalibrationSettings()
     problem = build_problem(prepare_recording(recording, settings), settings)
-    begun = first_belief(problem, problem.start)
-    run = with_stated_prior(problem, run_filter(problem, problem.start, belief=begun), begun)
+    begun = first_belief(problem, problem.prior.start)
+    run = with_stated_prior(problem, run_filter(problem, problem.prior.start, belief=begun), begun)
     for _ in range(2):
         begun = narrowed_belief(problem, run)
         run = with_stated_prior(problem, run_filter(problem, run.parameters, belief=begun), begun)
@@ -43,6 +44,11 @@ def shifted(problem, parameters, change):
     return CellParameters.from_stored(values)
 
 
+def with_noise(problem, **changed):
+    """Return the problem with other assumptions about its noise."""
+    return replace(problem, noise=replace(problem.noise, **changed))
+
+
 @pytest.fixture(scope="module")
 def stated(settled):
     """The problem with a prior about another place, of known deviations."""
@@ -51,20 +57,21 @@ def stated(settled):
     sd = run.belief.standard_deviation[:n]
     centre = shifted(problem, run.parameters, sd * np.random.default_rng(0).normal(0.0, 1.0, n))
     widths = {g: np.diag((WIDTH * run.belief.standard_deviation[problem.layout[g]]) ** 2) for g in problem.groups}
-    return replace(problem, prior=centre, prior_covariance=widths, start_covariance=widths, rate_scatter=0.0)
+    prior = replace(problem.prior, value=centre, covariance=widths, start_covariance=widths)
+    return with_noise(replace(problem, prior=prior), rate_scatter=0.0)
 
 
 @pytest.fixture(scope="module")
 def direct(stated):
     """A run that begins with the stated prior itself."""
-    return run_filter(stated, stated.prior, gate=np.inf)
+    return run_filter(stated, stated.prior.value, gate=np.inf)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
 def test_the_beginning_of_a_pass_leaves_no_trace(settled, stated, direct, share):
     problem, run = settled
     n = len(problem.parameter_names)
-    factor = first_belief(stated, run.parameters, stated.prior_covariance).factor.copy()
+    factor = first_belief(stated, run.parameters, stated.prior.covariance).factor.copy()
     factor[:n, :n] *= share
     sd = direct.belief.standard_deviation[:n]
     start = shifted(stated, run.parameters, 0.3 * sd * np.random.default_rng(1).normal(0.0, 1.0, n))
@@ -79,7 +86,7 @@ def test_without_the_exchange_the_beginning_is_believed(settled, stated, direct)
     """The test above could not fail if the beginning made no difference."""
     _, run = settled
     n = len(stated.parameter_names)
-    belief = first_belief(stated, run.parameters, stated.prior_covariance)
+    belief = first_belief(stated, run.parameters, stated.prior.covariance)
     factor = belief.factor.copy()
     factor[:n, :n] *= 0.5
     plain = run_filter(stated, run.parameters, gate=np.inf, belief=replace(belief, factor=factor))
@@ -93,7 +100,7 @@ def test_noise_of_the_rates_is_no_information_on_the_clocks(settled):
     raw = run_filter(problem, run.parameters, belief=begun)
     i = problem.layout["time_offset"].start
     quiet, noisy = (
-        with_stated_prior(replace(problem, rate_scatter=scatter), raw, begun).belief.standard_deviation[i]
+        with_stated_prior(with_noise(problem, rate_scatter=scatter), raw, begun).belief.standard_deviation[i]
         for scatter in (0.0, 0.3)
     )
     assert noisy > 1.3 * quiet
@@ -101,7 +108,7 @@ def test_noise_of_the_rates_is_no_information_on_the_clocks(settled):
 
 def test_a_walking_offset_keeps_a_proper_covariance(settled):
     problem, run = settled
-    walking = replace(problem, offset_walk={"gyro_offset": 1e-5, "accel_offset": 1e-4})
+    walking = with_noise(problem, offset_walk={"gyro_offset": 1e-5, "accel_offset": 1e-4})
     begun = narrowed_belief(walking, run)
     found = with_stated_prior(walking, run_filter(walking, run.parameters, belief=begun), begun)
     d = problem.layout["gyro_offset"]
@@ -112,11 +119,12 @@ def test_a_walking_offset_keeps_a_proper_covariance(settled):
 def test_the_number_of_parameters_fitted_before_is_counted(settled, monkeypatch):
     problem, run = settled
     n = len(problem.parameter_names)
-    monkeypatch.setattr("kreisel.calibration.prior.WIDENINGS", (0.3, 0.3))
+    monkeypatch.setattr("kreisel.filtering.nonlinearity.MIN_INFLATION", 0.3)
+    monkeypatch.setattr("kreisel.filtering.nonlinearity.MAX_INFLATION", 0.3)
     begun = narrowed_belief(problem, run)
     narrow = with_stated_prior(problem, run_filter(problem, run.parameters, belief=begun), begun)
-    wide = first_belief(problem, problem.start)
-    first = with_stated_prior(problem, run_filter(problem, problem.start, belief=wide), wide)
+    wide = first_belief(problem, problem.prior.start)
+    first = with_stated_prior(problem, run_filter(problem, problem.prior.start, belief=wide), wide)
     assert 0.5 * n < narrow.fitted < n
     assert first.fitted < 0.2 * n
     assert narrow.excess > first.excess >= 1.0

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.reference_noise import ReferenceNoise
-from kreisel.calibration.rests import Standstill, find_rests
-from kreisel.recording import ReferencePoses
-from kreisel.synchronization import Clock
+from kreisel.model.noise import ReferenceNoise
+from kreisel.model.standstill import ImuStillness
+from kreisel.preparation.standstill import find_rests
+from kreisel.recording.recording import ReferencePoses
+from kreisel.synchronization.clock import Clock
 
 NOISE = ReferenceNoise(1e-3, 1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 0.0)
 MOVES, MOVE, REST = 6, 8.0, 2.0
@@ -25,7 +26,7 @@ def moved(way, scatter=0.0):
 
 def rests_of(reference, t):
     """Return the rests of a body whose IMU notices none of its moves."""
-    return find_rests(Standstill(t[::4], np.ones(t[::4].size, dtype=bool)), reference, Clock(0.0), NOISE)
+    return find_rests(ImuStillness(t[::4], np.ones(t[::4].size, dtype=bool)), reference, Clock(0.0), NOISE)
 
 
 def test_a_slow_move_is_no_rest():

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.robot_errors import robot_model
 from kreisel.errors import RecordingError
-from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.preparation.robot import robot_model
 from kreisel.recording.header import HeaderUnits
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.robot import kinematics
 from kreisel.robot.excitation import home
 from kreisel.units import DEG

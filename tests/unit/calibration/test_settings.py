@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.calibration.validation import inject
 from kreisel.errors import SettingsError
+from kreisel.model.settings import CalibrationSettings
 
 from ...small_cell import simulate
 

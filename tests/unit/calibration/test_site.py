@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.site import site_of
 from kreisel.inertial.earth import normal_gravity
-from kreisel.recording import ImuSamples, Recording, RecordingSettings
-from kreisel.recording.settings import SiteTable
+from kreisel.preparation.gravity import site_of
+from kreisel.recording.recording import ImuSamples, Recording
+from kreisel.recording.settings import RecordingSettings, SiteTable
 
 EQUATOR_TO_POLE = (9.780, 9.832)
 
@@ -63,5 +63,5 @@ def test_nothing_stated_leaves_gravity_and_the_earths_rotation_open():
     found, said = site()
     assert all(abs(g - found.gravity) < 2.0 * found.gravity_sd for g in EQUATOR_TO_POLE)
     assert found.earth_rate_n is None
-    assert found.known_share == 0.0
+    assert found.known_earth_down == 0.0
     assert "latitude" in said

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel._kernels import sigma_points
+from kreisel._kernels import sigma_point_filter
 from kreisel.errors import SettingsError
+from kreisel.estimation.belief import Belief, inflate_variance, renew, triangularise
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds
-from kreisel.estimation.filter import Belief, renew, triangularise, widen
 from kreisel.estimation.sigma_points import WEIGHTS, weights
 from kreisel.estimation.state import Part, StateLayout
 
@@ -30,10 +30,10 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     w = weights(name, n)
     figures = np.array([w.spread, w.mean, w.second, w.shift, w.centre])
     mean, upper, points = x.copy(), np.linalg.cholesky(P).T.copy(), np.empty((n, 2 * n + 1))
-    sigma_points.draw(layout.table, mean, upper, w.spread, points)
+    sigma_point_filter.draw(layout.table, mean, upper, w.spread, points)
     points = F @ points
     centre = points[:, :1]
-    used, nis, factor, whitened, gain = sigma_points.use(
+    used, nis, factor, whitened, gain = sigma_point_filter.update(
         layout.table, layout.tail(changing).table, figures, mean, upper, H @ (points - centre),
         np.hstack([H @ Q, -H @ Q]), z - H @ points[:, 0], noise, points, R, gate,
     )  # fmt: skip
@@ -83,7 +83,7 @@ def test_layout_names_slices():
 def test_sigma_points_have_the_beliefs_spread():
     rng = np.random.default_rng(0)
     mean, factor, points = rng.normal(size=4), np.tril(rng.normal(size=(4, 4))), np.empty((4, 9))
-    sigma_points.draw(StateLayout([Part("x", 4)]).table, mean, factor.T.copy(), 2.0, points)
+    sigma_point_filter.draw(StateLayout([Part("x", 4)]).table, mean, factor.T.copy(), 2.0, points)
     spread = points[:, 1:] - mean[:, None]
     np.testing.assert_allclose(spread @ spread.T / (2 * 2.0**2), factor @ factor.T, atol=1e-12)
 
@@ -102,7 +102,7 @@ def test_renewed_part_is_independent():
 def test_widened_part_gains_variance():
     layout = StateLayout([Part("x", 3), Part("y", 2)])
     belief = Belief(np.zeros(5), np.linalg.cholesky(np.eye(5) + 0.3))
-    more = widen(layout, belief, "x", 2.0).covariance - belief.covariance
+    more = inflate_variance(layout, belief, "x", 2.0).covariance - belief.covariance
     np.testing.assert_allclose(more, np.diag([4.0, 4.0, 4.0, 0.0, 0.0]), atol=1e-12)
 
 

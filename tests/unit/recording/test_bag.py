@@ -13,8 +13,8 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from kreisel.errors import RecordingError
-from kreisel.recording import load
-from kreisel.recording.bag import load_bag
+from kreisel.formats.bag import load_bag
+from kreisel.formats.loading import load
 
 FIRST = 1_700_000_000_000_000_007
 N = 40

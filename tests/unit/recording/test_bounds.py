@@ -18,14 +18,15 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, RobotError
-from kreisel.recording.bag import WANTED, load_bag
-from kreisel.recording.bounds import LARGEST_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
-from kreisel.recording.diadem import read_diadem
-from kreisel.recording.folder import description_beside, load_folder
-from kreisel.recording.mcap import read_mcap
+from kreisel.formats.bag import WANTED, load_bag
+from kreisel.formats.bounds import LARGEST_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
+from kreisel.formats.description import description_beside
+from kreisel.formats.diadem import read_diadem
+from kreisel.formats.folder import load_folder
+from kreisel.formats.kuka_trace import read_trace
+from kreisel.formats.mcap import read_mcap
+from kreisel.formats.table import read_table
 from kreisel.recording.settings import RecordingSettings, read_settings
-from kreisel.recording.table import read_table
-from kreisel.recording.trace import read_trace
 from kreisel.robot.kinematics import load_arm
 
 MIB = 1 << 20
@@ -190,7 +191,7 @@ def test_lines_as_long_as_may_be_are_read_wherever_blocks_end(tmp_path: Path, mo
     rows = [f"{k},{'0' * (65_000 + 10 * k)}1" for k in range(1, 40)]
     file.write_text("\n".join(["t,x", *rows, ""]))
     for block in (1000, 65_536, 100_001, 1 << 23):
-        monkeypatch.setattr("kreisel.recording.table._BLOCK", block)
+        monkeypatch.setattr("kreisel.formats.table._BLOCK", block)
         assert read_table(file, "numbers").stamps_ns.size == 39
 
 
@@ -228,7 +229,7 @@ def test_a_datasheet_that_is_large_is_left_out(tmp_path: Path) -> None:
 
 
 def test_a_trace_that_is_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kreisel.recording.trace._LARGEST_TRACE", MIB)
+    monkeypatch.setattr("kreisel.formats.kuka_trace._LARGEST_TRACE", MIB)
     with memory(20 * MIB), pytest.raises(RecordingError, match=f"longer than {MIB} bytes"):
         read_trace(large(tmp_path / "trace.dat", 4096 * MIB))
     (tmp_path / "trace.txt").write_text(f"Zeit\tA1\n{'1' * 70_000}\t2\n")

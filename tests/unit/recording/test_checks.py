@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kreisel.errors import RecordingError
-from kreisel.geometry import exp
-from kreisel.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.geometry.rotation import exp
 from kreisel.recording import recording as module
 from kreisel.recording.checks import check_streams
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.joint_checks import angles_at
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.robot import kinematics
 from kreisel.units import DEG, STANDARD_GRAVITY
 

@@ -12,9 +12,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from kreisel.errors import RecordingError
-from kreisel.recording import ImuSamples, JointAngles, Recording, RecordingSettings, ReferencePoses, load
-from kreisel.recording.bag import load_bag
-from kreisel.recording.mcap import CHUNK_SIZE, write_mcap
+from kreisel.formats.bag import load_bag
+from kreisel.formats.loading import load
+from kreisel.formats.mcap import CHUNK_SIZE, write_mcap
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.settings import RecordingSettings
 
 EPOCH = 1_700_000_000_123_456_789
 SETTINGS = RecordingSettings.model_validate(

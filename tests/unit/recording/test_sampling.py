@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.recording import ImuSamples, ReferencePoses
+from kreisel.recording.recording import ImuSamples, ReferencePoses
 from kreisel.recording.sampling import regularly_sampled, with_lateness
 
 INTERVAL = 5e-3

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import RecordingError
-from kreisel.recording import table as module
-from kreisel.recording.folder import load_folder
-from kreisel.recording.place import fault, line_of
+from kreisel.formats import table as module
+from kreisel.formats.folder import load_folder
+from kreisel.formats.table import Table, read_table
+from kreisel.recording.location import fault, line_of
 from kreisel.recording.settings import read_settings
-from kreisel.recording.table import Table, read_table
 from kreisel.units import DEG, STANDARD_GRAVITY
 
 HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"

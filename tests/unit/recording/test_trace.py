@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from kreisel.errors import RecordingError, RobotError
-from kreisel.recording.channels import meaning
-from kreisel.recording.folder import load_folder
+from kreisel.formats.folder import load_folder
+from kreisel.formats.kuka_channels import meaning
+from kreisel.formats.kuka_trace import Trace, add_trace, is_trace, read_trace
+from kreisel.formats.write import write_folder
 from kreisel.recording.recording import ImuSamples, Recording
-from kreisel.recording.trace import Trace, add_trace, is_trace, read_trace
-from kreisel.recording.write import write_folder
 from kreisel.robot.kinematics import load_arm, poses
 
 from ...kuka_trace import Columns, header, payload

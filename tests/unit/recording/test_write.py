@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import RecordingError
-from kreisel.recording import ImuSamples, JointAngles, Recording, RecordingSettings, ReferencePoses, load
-from kreisel.recording.bag import load_bag
-from kreisel.recording.folder import load_folder
-from kreisel.recording.settings import RobotTable, read_settings
-from kreisel.recording.write import settings_toml, write, write_folder
+from kreisel.formats.bag import load_bag
+from kreisel.formats.folder import load_folder
+from kreisel.formats.loading import load
+from kreisel.formats.write import settings_toml, write, write_folder
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.settings import RecordingSettings, RobotTable, read_settings
 
 N = 300
 STAMPS = 1_700_000_000_123_456_789 + 20_000_001 * np.arange(N, dtype=np.int64)

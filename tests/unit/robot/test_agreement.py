@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.geometry.rotation import matrix, multiply
-from kreisel.protocols import RobotSample
+from kreisel.protocols.samples import RobotSample
 from kreisel.robot.agreement import Agreement, tool_of
 from kreisel.robot.kinematics import load_arm, parse_arm, poses
 

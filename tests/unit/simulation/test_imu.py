@@ -14,9 +14,9 @@ from scipy.stats import chi2
 
 from kreisel.inertial.noise import GRADES, Grade, allan_deviation, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters, correct_angular_rate, correct_specific_force
-from kreisel.simulation import Cell, simulate
+from kreisel.simulation.cell import simulate
 from kreisel.simulation.imu import disturbed, draw_sensors, filtered, ideal_readings
-from kreisel.simulation.settings import Imu
+from kreisel.simulation.settings import Cell, Imu
 
 RATE = 200.0
 QUIET = Grade(gyro_noise_density=0.0, accel_noise_density=0.0, gyro_offset_sd=0.0, accel_offset_sd=0.0)

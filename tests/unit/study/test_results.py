@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.calibration.settings import CalibrationSettings
 from kreisel.errors import SettingsError
-from kreisel.simulation import Cell
+from kreisel.model.settings import CalibrationSettings
+from kreisel.simulation.settings import Cell
 from kreisel.study.dask import dask_map
-from kreisel.study.monte_carlo import Trial
 from kreisel.study.results import Results
 from kreisel.study.summary import summarise
+from kreisel.study.trial import Trial
 
 NAMES = (*(f"accelerometer.offset[{i}]" for i in range(3)), "timing.offset")
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from kreisel.errors import RecordingError, SynchronizationError
-from kreisel.geometry import apply, conjugate, exp, multiply
+from kreisel.geometry.rotation import apply, conjugate, exp, multiply
 from kreisel.inertial.readings import Readings
-from kreisel.recording import Recording, ReferencePoses
-from kreisel.synchronization import Clock, better_reading, check_conventions
-from kreisel.synchronization.conventions import acceleration_share
+from kreisel.recording.recording import Recording, ReferencePoses
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.conventions import acceleration_share, better_reading, check_conventions
 
 from ...small_cell import simulate
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from kreisel.errors import SynchronizationError
-from kreisel.recording import ImuSamples, Recording, ReferencePoses
-from kreisel.synchronization import Clock, correlate
+from kreisel.recording.recording import ImuSamples, Recording, ReferencePoses
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.correlation import correlate
 
 from ...small_cell import simulate
 

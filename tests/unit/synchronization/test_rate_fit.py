@@ -7,9 +7,10 @@ import pytest
 
 from kreisel.errors import SynchronizationError
 from kreisel.inertial.readings import Readings
-from kreisel.recording import Recording
-from kreisel.synchronization import Clock, RateFit, fit_rates
-from kreisel.synchronization.rate_fit import WANDER_PARTS, check_overlap, explained_share
+from kreisel.recording.recording import Recording
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.rate_fit import CLOCK_DRIFT_PARTS, check_overlap, explained_share, fit_rates
+from kreisel.synchronization.results import RateFit
 
 from ...small_cell import Truth, simulate
 
@@ -42,15 +43,15 @@ def test_gyros_and_clock_are_found_from_a_tenth_of_a_second_off() -> None:
 
 def test_steady_clocks_do_not_wander() -> None:
     found = fit(simulated()[1])
-    assert found.wander.shape == (WANDER_PARTS, 3)
-    assert np.abs(found.wander[:, 1] / found.wander[:, 2]).max() < 4.0
+    assert found.clock_drift.shape == (CLOCK_DRIFT_PARTS, 3)
+    assert np.abs(found.clock_drift[:, 1] / found.clock_drift[:, 2]).max() < 4.0
 
 
 def test_a_clock_that_leaps_wanders() -> None:
     _, r = simulated()
     late = r.reference.seconds > 20.0
     leapt = replace(r.reference, stamps_ns=r.reference.stamps_ns + 20_000_000 * late)
-    wander = fit(replace(r, reference=leapt)).wander
+    wander = fit(replace(r, reference=leapt)).clock_drift
     assert np.abs(wander[:, 1]).max() > 5e-3
     assert np.abs(wander[:, 1] / wander[:, 2]).max() > 10.0
 
@@ -75,7 +76,7 @@ def test_an_axis_that_never_turns_is_told_by_its_deviation() -> None:
 @pytest.mark.parametrize("start", [-60.0, 60.0])
 def test_too_little_in_common_is_refused(start: float) -> None:
     _, r = simulated()
-    with pytest.raises(SynchronizationError, match=r"run/pose0/data.csv: overlaps .* by 0\.0 s, in 0 stretches"):
+    with pytest.raises(SynchronizationError, match=r"run/pose0/data.csv: overlaps .* by 0\.0 s, in 0 rotations"):
         check_overlap(readings_of(r), r.reference, Clock(start))
 
 

@@ -1,0 +1,145 @@
+"""What supports a calibration: consistency of the innovations, halves of the recording, latitude, unseen data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.filtering.observability import Observability
+from kreisel.geometry.rotation import Array
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the innovations say.
+
+    `nis_*` are means per degree of freedom; `lag_one` the correlation of neighbouring whitened innovations
+    of position and orientation, (6,).
+    """
+
+    nis_path: float
+    nis_standstill: float
+    updates: int
+    rejected: int
+    lag_one: Array
+    correlation_factor: float
+
+
+@dataclass(frozen=True)
+class SplitHalves:
+    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,)."""
+
+    names: tuple[str, ...]
+    difference: Array
+    deviation: Array
+
+    @property
+    def score(self) -> Array:
+        """Difference over its standard deviation."""
+        return np.asarray(self.difference / np.maximum(self.deviation, 1e-300))
+
+    def worst(self, sensor: tuple[str, ...] = ("gyroscope.", "accelerometer.")) -> tuple[str, float]:
+        """Return the sensor parameter whose estimates differ most, and its score; nothing and 0 without any."""
+        own = [i for i, name in enumerate(self.names) if name.startswith(sensor)]
+        if not own:
+            return "", 0.0
+        score = np.abs(self.score)[own]
+        return self.names[own[int(np.argmax(score))]], float(score.max())
+
+
+@dataclass(frozen=True)
+class LatitudeCheck:
+    """Latitude as stated, as the Earth's rotation in the readings shows it, and the standard deviation of that (deg).
+
+    `score` is the distance of the two in deviations.
+    """
+
+    stated_deg: float
+    found_deg: float
+    deviation_deg: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict is judged by, besides the estimate itself: see the modules that find each of them."""
+
+    observability: Observability
+    consistency: Consistency
+    halves: SplitHalves | None
+    latitude: LatitudeCheck | None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a result may be used: the same words on the terminal, in the report and in the result file.
+
+    Attributes
+    ----------
+    accepted, reasons
+        Whether it may be used, and why not.
+    unobservable
+        Names of parameters the motion does not show, or too weakly.
+    """
+
+    accepted: bool
+    reasons: tuple[str, ...]
+    unobservable: tuple[str, ...] = ()
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a word or three."""
+        if not self.accepted:
+            return "Rejected"
+        return "Accepted, with gaps" if self.unobservable else "Accepted"
+
+    @property
+    def sentence(self) -> str:
+        """What to do with the result."""
+        if not self.accepted:
+            return "Do not use this calibration."
+        lost = len(self.unobservable)
+        if lost == 0:
+            return "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
+        which, those = ("one parameter", "it") if lost == 1 else (f"{lost} parameters", "those")
+        return (
+            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be of "
+            f"use. Do not rely on {those}."
+        )
+
+    @property
+    def summary(self) -> str:
+        """Headline and sentence."""
+        return f"{self.headline}. {self.sentence}"
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Errors of free navigation from one update to the next, (u,) each.
+
+    seconds are the IMU's; position in m and attitude in rad, length of the innovation.
+    """
+
+    seconds: Array
+    position: Array
+    attitude: Array
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Drift between updates on unseen data, with nominal and with calibrated parameters."""
+
+    trained_until: float
+    nominal: Drift
+    calibrated: Drift
+
+
+@dataclass(frozen=True)
+class Injection:
+    """Known errors added to the raw data, and the change of the estimates, (n,) each."""
+
+    names: tuple[str, ...]
+    injected: Array
+    found: Array
+    deviation: Array

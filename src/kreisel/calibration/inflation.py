@@ -1,0 +1,90 @@
+"""Errors that are not estimated: what they add to the standard deviations once the filter has run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.calibration.frame_errors import frame_columns
+from kreisel.estimation.belief import inflate_variance, triangularise
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.prior_exchange import further_pass
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+from kreisel.preparation.build_problem import REACH
+from kreisel.recording.recording import Finding
+
+_GRAVITY_SHARE = 0.25
+"""Share of a variance that is left once gravity is known, below which gravity limits the result."""
+
+
+def with_unestimated_errors(found: Estimate) -> Estimate:
+    """Return the estimate with what errors of frames, positions and stamps add, and with what to say of it."""
+    problem, run, filtered = found.problem, found.run, _as_filtered(found)
+    belief, findings = run.belief, list(found.findings)
+    if max(problem.noise.frame_sd) > 0.0:
+        columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
+        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
+        findings.append(_frame_finding(problem))
+    if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
+        belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
+    findings += _gravity_finding(problem, filtered)
+    return replace(found, run=replace(run, belief=belief), findings=tuple(findings))
+
+
+def _as_filtered(found: Estimate) -> FilterRun:
+    """Return the run with the filter's own deviations, before their multiplication for correlated innovations."""
+    belief = found.run.belief
+    return replace(found.run, belief=replace(belief, factor=belief.factor / found.correlation_factor))
+
+
+def _frame_finding(problem: Problem) -> Finding:
+    length, angle = (1e3 * sd for sd in problem.noise.frame_sd)
+    said = (
+        "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
+        f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
+        'recording.toml state them; for motion capture, write reference.kind = "mocap")'
+    )
+    return Finding("robot", said)
+
+
+def position_scale_column(problem: Problem, run: FilterRun) -> Array:
+    """Return what an error of the positions' scale does to the state, one deviation of it, (degrees, 1).
+
+    A chain of links that are all a little too long moves the tool too far throughout. That is no error that averages
+    out; it enters the accelerometers' scale factors, as far as these come from motion and not from gravity.
+    """
+    columns = np.zeros((problem.layout.degrees, 1))
+    reference, scale = problem.reference, problem.noise.frame_sd[0] / REACH
+    if scale == 0.0 or reference.positions is None:
+        return columns
+    middle = reference.positions.mean(axis=0)
+    stretched = middle + (1.0 + scale) * (reference.positions - middle)
+    moved = further_pass(replace(problem, reference=replace(reference, positions=stretched)), run, gate=np.inf)
+    base = further_pass(problem, run, gate=np.inf)
+    n = len(problem.parameter_names)
+    columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
+    return columns
+
+
+def _gravity_finding(problem: Problem, run: FilterRun) -> list[Finding]:
+    """Return what gravity's uncertainty costs the accelerometers' scale factors, where it costs much."""
+    layout = problem.layout
+    if "gravity" not in layout or "accel_cross_coupling" not in layout:
+        return []
+    P = run.belief.covariance
+    g, K = layout["gravity"].start, layout["accel_cross_coupling"]
+    # the mean relative change of the three scale factors, as a function of the entries of K_a
+    mean_scale = np.linalg.inv(run.parameters.sensors.K_a).T.ravel() / 3.0
+    with_gravity = float(mean_scale @ P[K, K] @ mean_scale)
+    known = with_gravity - float(mean_scale @ P[K, g]) ** 2 / float(P[g, g])
+    if known > _GRAVITY_SHARE * with_gravity:
+        return []
+    said = (
+        f"gravity is known to {problem.site.gravity_sd:.2g} m/s^2 only and limits the accelerometers' scale factors: "
+        f"{1e6 * with_gravity**0.5:.0f} ppm instead of {1e6 * max(known, 0.0) ** 0.5:.0f} ppm "
+        "(state site.latitude_deg and site.height_m, or site.gravity with site.gravity_sd, in recording.toml)"
+    )
+    return [Finding("site", said)]

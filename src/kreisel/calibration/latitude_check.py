@@ -1,0 +1,83 @@
+"""The stated latitude, compared with the Earth's rotation as good gyros show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.calibration.evidence import LatitudeCheck
+from kreisel.estimation.state import StateLayout
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.prior_exchange import first_pass
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.layout import group_part
+from kreisel.model.parameters import GROUPS
+from kreisel.model.problem import Problem
+from kreisel.preparation.start_values import EARTH_SD
+
+SEEN = 0.2
+"""Standard deviation of north, in units of the Earth's rate, above which the gyros cannot tell the latitude."""
+
+
+def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
+    """Return the stated latitude's distance from the data; None where there is none, or the gyros do not show it."""
+    layout, site = problem.layout, problem.site
+    if site.earth_rate_n is None or "north" not in layout:
+        return None
+    level, down = site.earth_rate_units
+    north_sd = run.belief.standard_deviation[layout["north"]]
+    if abs(level) / EARTH_RATE * float(np.max(north_sd)) > SEEN and abs(level) > 0.1 * EARTH_RATE:
+        return None
+    free = _with_free_earth_rate(problem, run)
+    found = first_pass(free)
+    d = free.layout
+    index = np.r_[d["north"], d["earth_down"]]
+    P = found.belief.covariance[np.ix_(index, index)]
+    if float(np.sqrt(np.diag(P)).max()) > SEEN:
+        return None
+    return _compared(found.parameters.north, found.parameters.earth_down, P, down / EARTH_RATE)
+
+
+def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
+    """Return the problem with the Earth's rotation as three unknowns, begun at a run's result."""
+    prior = problem.prior
+    level, down = (rate / EARTH_RATE for rate in problem.site.earth_rate_units)
+    parts = {part.name: part for part in problem.layout} | {"earth_down": group_part("earth_down", 1)}
+    others = [part for part in problem.layout if part.name not in GROUPS]
+    earth = {"north": EARTH_SD**2 * np.eye(2), "earth_down": np.array([[EARTH_SD**2]])}
+    return replace(
+        problem,
+        site=replace(problem.site, earth_rate_n=None),
+        layout=StateLayout([*(parts[g] for g in GROUPS if g in parts), *others]),
+        prior=replace(
+            prior,
+            start=replace(run.parameters, north=level * run.parameters.north, earth_down=down),
+            value=replace(prior.value, north=np.zeros(2), earth_down=0.0),
+            start_covariance=prior.start_covariance | earth,
+            covariance=prior.covariance | earth,
+        ),
+    )
+
+
+def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck:
+    """Return the check for the Earth's rotation found, in units of its rate.
+
+    Parameters
+    ----------
+    P : (3, 3)
+        Covariance of its two level parts and the one downward.
+    stated
+        The part downward that the stated latitude gives.
+    """
+    horizontal = max(float(np.linalg.norm(north)), 1e-6)
+    J = np.zeros((2, 3))
+    J[0, :2], J[1, 2] = north / horizontal, 1.0
+    S = J @ P @ J.T
+    off = np.array([horizontal - (1.0 - stated**2) ** 0.5, vertical - stated])
+    score = float(np.sqrt(np.maximum(off @ np.linalg.solve(S, off), 0.0)))
+    latitude = np.arctan2(-vertical, horizontal)
+    g = np.array([np.sin(latitude), -np.cos(latitude)]) / np.hypot(horizontal, vertical)
+    deviation = float(np.degrees(np.sqrt(g @ S @ g)))
+    return LatitudeCheck(float(np.degrees(np.arcsin(-stated))), float(np.degrees(latitude)), deviation, score)

@@ -1,0 +1,29 @@
+"""A calibration with all that led to it, for reports and further study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kreisel.calibration.evidence import Consistency, SplitHalves, Verdict
+from kreisel.calibration.result import Calibration
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.observability import Observability
+from kreisel.model.problem import Problem
+from kreisel.preparation.preparation import Preparation
+from kreisel.recording.recording import Finding, Recording
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A calibration with all that led to it, for reports and further study."""
+
+    recording: Recording
+    preparation: Preparation
+    problem: Problem
+    estimate: Estimate
+    observability: Observability
+    consistency: Consistency
+    halves: SplitHalves | None
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    calibration: Calibration

@@ -1,0 +1,96 @@
+"""The two halves of a recording, calibrated each by itself and compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.calibration.evidence import SplitHalves
+from kreisel.calibration.frame_errors import frame_columns
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import first_belief
+from kreisel.filtering.prior_exchange import further_pass
+from kreisel.model.parameters import SENSOR_GROUPS
+from kreisel.model.problem import Problem
+from kreisel.model.schedule import MIN_UPDATES
+from kreisel.progress import Progress, of_step
+from kreisel.recording.recording import Finding
+
+MAX_RMS = 2.0
+"""Root mean square of a group's scores from which the halves count as different; chance makes it so in one of 200."""
+
+
+def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves | None:
+    """Return how far the estimates of the two halves of a recording differ; None where these are too short.
+
+    Notes
+    -----
+    Both halves share the prior, and with it its error: with covariances A and B of the halves, P of the prior and
+    that of its error, the difference has the covariance A + B - A P^-1 B - B P^-1 A. What the prior holds fast, such
+    as a robot's errors this motion does not show, then makes no difference seem likely. What is added to the result
+    for errors that are not estimated is added here too.
+    """
+    problem = found.problem
+    middle = len(problem.schedule.updates) // 2
+    if middle < MIN_UPDATES:
+        return None
+    a, b = (
+        run_part(problem, part, found.run, progress, name)
+        for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
+    )
+    n = len(problem.parameter_names)
+    difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
+    prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
+    A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
+    shared = A @ np.linalg.solve(P, B)  # (22)
+    variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
+    variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + 0.5 * problem.walked_variance
+    variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
+    return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
+
+
+def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
+    """Return the estimate with the deviations of groups multiplied by which the halves disagree.
+
+    Where the scores of a group are larger than chance makes them, something changed or erred that is not modelled,
+    and the result is as uncertain as its halves show.
+    """
+    if halves is None:
+        return found
+    layout, belief = found.problem.layout, found.run.belief
+    scale, said = np.ones(layout.degrees), []
+    for group in SENSOR_GROUPS:
+        if group not in layout:
+            continue
+        size = float(np.sqrt(np.mean(halves.score[layout[group]] ** 2)))
+        if size > MAX_RMS:
+            scale[layout[group]] = size
+            said.append(f"{group} {size:.1f}")
+    if not said:
+        return found
+    finding = Finding(
+        "halves",
+        "the two halves of the recording differ by more than their standard deviations; these were multiplied: "
+        f"{', '.join(said)}",
+    )
+    belief = Belief(belief.mean, scale[:, None] * belief.factor)
+    return replace(found, run=replace(found.run, belief=belief), findings=(*found.findings, finding))
+
+
+def part_of(problem: Problem, part: slice) -> Problem:
+    """Return the problem of a part of the updates."""
+    updates = list(problem.schedule.updates[part])
+    updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
+    schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
+    return replace(problem, schedule=schedule)
+
+
+def run_part(problem: Problem, part: slice, whole: FilterRun, progress: Progress | None, name: str) -> FilterRun:
+    """Run one pass over a part of the updates.
+
+    It starts near estimates that have seen the whole recording, which enter only as the point of linearisation.
+    """
+    return further_pass(part_of(problem, part), whole, progress=of_step(progress, name))

@@ -1,0 +1,26 @@
+"""The events of any device, or of a recording that is played in the place of one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+
+from kreisel.devices.address import Address
+from kreisel.devices.drivers import Clock, device_events
+from kreisel.devices.events import Event
+from kreisel.devices.replay import REPLAY, replay
+
+
+def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:
+    """Return the events of the device at an address.
+
+    Raises
+    ------
+    SettingsError, ProtocolError
+        If an option of the address makes no sense.
+    RecordingError
+        If it is that of a recording which cannot be played.
+    """
+    if address.scheme == REPLAY:
+        return replay(address, clock)
+    return device_events(address, clock)

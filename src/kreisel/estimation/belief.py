@@ -1,0 +1,76 @@
+"""What the rare-update sigma-point Kalman filter believes, and how it is changed between updates.
+
+The belief is a mean on the manifold and a lower triangular factor S of the covariance S S^T. A step draws
+sigma points once, lets the model run them to the next update, and puts them together there. Prediction
+and update are orthogonal triangularisations of arrays whose rows are the state and the measurement, so
+the covariance is a sum of squares by construction and cannot lose its positive sign.
+
+Parameters do not change between updates: their rows of S stay as they are. The parts that do change
+stand last in the layout, so only their few rows need triangularising again. The steps themselves are compiled:
+`_kernels.filter_loop`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel._kernels import triangular
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Mean (size,) as stored, and lower triangular factor (degrees, degrees) of the covariance."""
+
+    mean: Array
+    factor: Array
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (degrees, degrees)."""
+        return np.asarray(self.factor @ self.factor.T)
+
+    @property
+    def standard_deviation(self) -> Array:
+        """Standard deviation of every degree of freedom."""
+        return np.asarray(np.sqrt(np.sum(self.factor**2, axis=1)))
+
+
+def triangularise(columns: Array) -> Array:
+    """Return the lower triangular L (n, n) with L L^T = columns columns^T, for columns (n, k)."""
+    n, k = columns.shape
+    rows = np.zeros((max(n, k), n))
+    rows[:k] = columns.T
+    triangular.triangularise(rows)
+    return rows[:n].T.copy()
+
+
+def inflate_variance(layout: StateLayout, belief: Belief, name: str, deviation: float) -> Belief:
+    """Return the belief with the square of a deviation added to a part's variances."""
+    upper = belief.factor.T.copy()
+    for i in range(layout[name].start, layout[name].stop):
+        triangular.inflate(upper, i, deviation)
+    return replace(belief, factor=upper.T.copy())
+
+
+def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: Array) -> Belief:
+    """Return the belief with a part forgotten and believed anew, independent of all else.
+
+    Parameters
+    ----------
+    value
+        The part's stored value.
+    deviation
+        Its standard deviations, one for each degree of freedom.
+    """
+    d = layout[name]
+    mean = belief.mean.copy()
+    mean[layout.stored(name)] = value
+    fresh = np.zeros((layout.degrees, d.stop - d.start))
+    fresh[d] = np.diag(deviation)
+    old = belief.factor.copy()
+    old[d] = 0.0
+    return replace(belief, mean=mean, factor=triangularise(np.hstack([old, fresh])))

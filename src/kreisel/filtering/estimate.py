@@ -1,0 +1,27 @@
+"""The estimate after all passes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kreisel.filtering.history import FilterRun
+from kreisel.model.problem import Problem
+from kreisel.recording.recording import Finding
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Final problem (with the noise finally assumed), the run over it, and what to say about both.
+
+    The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
+    by which given noise figures had to be raised; 1 where none were given, or none had to. `moved` is the largest
+    change of a parameter by the last pass, in standard deviations; 0 where the first sufficed.
+    """
+
+    problem: Problem
+    run: FilterRun
+    passes: int
+    correlation_factor: float
+    contradiction: float
+    moved: float
+    findings: tuple[Finding, ...]

@@ -1,0 +1,108 @@
+"""One run of the filter over all updates of a problem."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel._kernels import filter_loop
+from kreisel._kernels.cell import MEASURED
+from kreisel.errors import EstimationError
+from kreisel.estimation.belief import Belief
+from kreisel.estimation.consistency import GATE, gate_bound
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of, renewed_rest
+from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
+from kreisel.filtering.record import history_of, joined
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Problem
+from kreisel.model.schedule import Update
+from kreisel.progress import StepProgress
+
+MAX_REJECTED_IN_A_ROW = 6
+"""After so many rejected in a row the estimate, not the measurement, is taken to be wrong."""
+
+_MAX_BETWEEN_REPORTS = 256
+"""Updates between two reports of progress, at most."""
+
+_CHUNK = 4096
+"""Updates prepared and recorded together: what they need in between takes twice what is kept of them."""
+
+
+def run_filter(
+    problem: Problem,
+    start: CellParameters,
+    *,
+    gate: float = 1.0,
+    progress: StepProgress | None = None,
+    belief: Belief | None = None,
+) -> FilterRun:
+    """Return the result of running the filter over all updates of a problem.
+
+    Parameters
+    ----------
+    start
+        Start values of the estimated groups, and values of those that are not.
+    gate
+        Factor on the innovation's bound; above 1 where the assumed noise is known to be too small.
+    progress
+        Called with the share done.
+
+    Raises
+    ------
+    EstimationError
+        If the state stops being finite; says when.
+    """
+    updates, model = problem.schedule.updates, filter_model(problem, start)
+    belief = first_belief(problem, start) if belief is None else belief
+    bounds = np.array([0.0, *(gate * gate_bound(GATE, m) for m in range(1, MEASURED + 1))])
+    rejected, histories = np.zeros(1, dtype=np.int64), []
+    for begin in range(0, len(updates), _CHUNK):
+        chunk = slice(begin, min(begin + _CHUNK, len(updates)))
+        steps, record = filter_steps(problem, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
+        done = begin
+        while done < chunk.stop:
+            belief = _belief_before(problem, start, belief, done, rejected)
+            mean, upper = belief.mean.copy(), belief.factor.T.copy()
+            signal, until = problem.readings.holding(updates[done].first, updates[done].last)
+            counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
+            done = begin + filter_loop.run(
+                model, signal.samples, counted, done - begin, _next_event(updates, done, chunk.stop, until) - begin,
+                bounds, MAX_REJECTED_IN_A_ROW, mean, upper, record, rejected,
+            )  # fmt: skip
+            belief = Belief(mean, upper.T.copy())
+            if not np.isfinite(record.whitened[done - 1 - begin]).all():
+                raise EstimationError(
+                    f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "
+                    "s; check units and noise figures, or fix groups the motion does not show"
+                )
+            if progress is not None:
+                progress(done / len(updates))
+        histories.append(history_of(problem, updates[chunk], record))
+    history = joined(problem, histories, belief.mean)
+    return FilterRun(start, belief, parameters_of(problem, start, belief.mean), history)
+
+
+def _belief_before(
+    problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
+) -> Belief:
+    """Return the belief before an update that begins navigation anew, or a rest."""
+    update = problem.schedule.updates[at]
+    if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
+        belief = navigation_from_reference(problem, start, belief, at)
+        rejected[0] = 0
+    if update.new_rest and "rest_position" in problem.layout:
+        belief = renewed_rest(problem, belief)
+    return belief
+
+
+def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> int:
+    """Return the next update before which the belief changes by other means, or progress should show.
+
+    It is update `stop` at the latest, or one behind sample `until`, up to which the readings are made ready.
+    """
+    stop = min(at + _MAX_BETWEEN_REPORTS, stop)
+    for i in range(at + 1, stop):
+        if updates[i].new_segment or updates[i].new_rest or updates[i].last > until:
+            return i
+    return stop

@@ -1,0 +1,240 @@
+"""Passes of the filter over a problem: relinearised at each pass, noise corrected where the data contradict it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.estimation.consistency import GATE, correlation_time, gate_bound, lag_one, mean_normalised
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.noise_adaptation import (
+    NoiseFactors,
+    imu_density,
+    noise_factors,
+    noise_finding,
+    with_factors,
+    within_bounds,
+)
+from kreisel.filtering.nonlinearity import curved
+from kreisel.filtering.observability import unobservable_groups
+from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.model.problem import Problem, hold, with_correlation_time
+from kreisel.progress import Progress, of_step
+from kreisel.recording.recording import Finding
+
+WIDE_GATE = 100.0
+"""How much wider the gate stands in the first pass, when the parameters are still far off."""
+
+MAX_NOISE_PASSES = 8
+"""Passes spent at the most on finding noise figures where none are given or the given ones are contradicted."""
+
+MAX_PASSES = 10
+
+COLOURED = 0.3
+"""Correlation of neighbouring innovations from which they no longer pass for white."""
+
+NEAR = 3.0
+"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another one."""
+
+SETTLED = 0.2
+"""Change of every parameter by a pass, in standard deviations, below which no further one is needed."""
+
+MAX_CORRELATION_TIME = 40.0
+"""Time constant of coloured noise, in update intervals; what lasts longer is no error of the path."""
+
+MIN_LIKELIHOOD_GAIN = 5.0
+"""Log-likelihood coloured noise must gain before it is assumed."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Whose noise figures are the user's word; they are changed only if contradicted."""
+
+    reference: bool
+    imu: bool
+
+
+@dataclass(frozen=True)
+class _Passes:
+    """What passes led to.
+
+    Attributes
+    ----------
+    problem, run
+        After the last one.
+    count
+        How many there were.
+    adapted
+        Whether noise figures were changed.
+    moved
+        How far the last pass moved the estimates, in standard deviations; 0 after a single one.
+    """
+
+    problem: Problem
+    run: FilterRun
+    count: int
+    adapted: bool = False
+    moved: float = 0.0
+
+
+def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
+    """Return the estimate after all passes; `given` says whose noise figures are the user's word."""
+    passes = _until_settled(problem, 0, given, progress)
+    adapted = passes.adapted
+    passes = _with_coloured_noise(passes, progress)
+    factor = correlation_factor(passes.run)
+    lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
+    findings: list[Finding] = []
+    if lost:
+        passes = _until_settled(hold(passes.problem, lost), passes.count, given, progress)
+        adapted |= passes.adapted
+        factor = correlation_factor(passes.run)
+        said = f"does not show {', '.join(lost)}: held at nominal values (--fix does the same at once)"
+        findings.append(Finding("motion", said))
+    if adapted:
+        findings.append(noise_finding(passes.problem, given=given.reference and given.imu))
+    findings += _whiteness(passes.problem, factor)
+    run = passes.run
+    belief = Belief(run.belief.mean, factor * run.belief.factor)
+    return Estimate(
+        passes.problem,
+        replace(run, belief=belief),
+        passes.count,
+        factor,
+        _contradiction(problem, passes.problem, given),
+        passes.moved / factor,
+        tuple(findings),
+    )
+
+
+def _whiteness(problem: Problem, factor: float) -> list[Finding]:
+    """Return what to say of innovations that are correlated in time."""
+    said, time = [], problem.noise.correlation_time
+    if time > 0.0:
+        said.append(f"the reference's errors on the path last for about {time:.2g} s")
+    if factor > 1.0:
+        said.append(f"innovations are correlated in time; standard deviations were multiplied by {factor:.2f} for it")
+    return [Finding("whiteness", text) for text in said]
+
+
+def _contradiction(before: Problem, after: Problem, given: Given) -> float:
+    """Return the largest factor between noise figures finally assumed and those the user gave."""
+    ratios = [1.0]
+    if given.reference:
+        found, stated = after.noise.reference, before.noise.reference
+        ratios += [found.position / stated.position, found.orientation / stated.orientation]
+    if given.imu:
+        ratios += [a / b for a, b in zip(imu_density(after), imu_density(before), strict=True)]
+    return max(ratios)
+
+
+def _until_settled(problem: Problem, before: int, given: Given, progress: Progress | None) -> _Passes:
+    """Run passes until they are as many as asked for and the noise figures fit; `before` were run already."""
+    moved, far = np.inf, True
+    run = first_pass(problem, gate=WIDE_GATE, progress=of_step(progress, f"pass {before + 1}"))
+    count, adapted = 1, False
+    while True:
+        factors = noise_factors(run, coloured=problem.noise.correlation_time > 0.0)
+        factors = factors.contradicted(reference=given.reference, imu=given.imu)
+        factors = within_bounds(problem, factors)
+        if count == 1 and problem.reference.quaternions is None:
+            factors = NoiseFactors()  # the attitude was a guess: such innovations say nothing of the noise
+        settled = factors.agree() or count >= MAX_NOISE_PASSES
+        if settled and not _another_pass(problem, run, moved, count):
+            return _Passes(problem, run, before + count, adapted, moved if count > 1 else 0.0)
+        if count == 1:
+            far = curved(problem, run) or assigns_otherwise(problem, run.parameters.clock)
+        problem = rescheduled(with_attitudes_of(problem, run), run.parameters.clock)
+        if not factors.agree():
+            problem, adapted = with_factors(problem, factors), True
+        count += 1
+        gate = WIDE_GATE if far else 1.0
+        last, run = run, further_pass(problem, run, gate=gate, progress=of_step(progress, f"pass {before + count}"))
+        moved = _distance(problem, last, run)
+        if far:
+            far = moved > NEAR
+            if _wide_gate_mattered(run):
+                moved = np.inf  # the usual gate is still to come
+
+
+def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
+    """Return the largest change of a parameter between two results, in standard deviations."""
+    n = len(problem.parameter_names)
+    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[:n, 0]
+    return float(np.max(np.abs(change) / after.belief.standard_deviation[:n], initial=0.0))
+
+
+def _with_coloured_noise(passes: _Passes, progress: Progress | None) -> _Passes:
+    """Return the passes with coloured noise of the reference, if innovations are correlated.
+
+    Its time constant is found by likelihood, doubling it from the update interval as long as that pays.
+    """
+    problem, run, count = passes.problem, passes.run, passes.count
+    if problem.settings.passes is not None or correlation_factor(run) == 1.0:
+        return passes
+    best = passes
+    likelihood = float(further_pass(problem, run).history.log_likelihood.sum()) + MIN_LIKELIHOOD_GAIN
+    interval = problem.schedule.interval
+    time = 0.5 * interval
+    while time < MAX_CORRELATION_TIME * interval:
+        trial = with_correlation_time(problem, time)
+        count += 1
+        trial_run = further_pass(trial, run, progress=of_step(progress, f"pass {count}"))
+        found = float(trial_run.history.log_likelihood.sum())
+        if found > likelihood:
+            best, likelihood = replace(passes, problem=trial, run=trial_run), found
+        elif best is not passes:
+            break
+        time *= 2.0
+    return replace(best, count=count)
+
+
+def _another_pass(problem: Problem, run: FilterRun, moved: float, count: int) -> bool:
+    """Return whether another pass is asked for, or pays.
+
+    After the first pass it pays where the gate, which stood wide, let through what the usual gate would not: grossly,
+    or often; where the clocks assign poses to other samples; and where the model is curved between start and result.
+    Later, as long as the estimates move.
+    """
+    if problem.settings.passes is not None:
+        return count < problem.settings.passes
+    if count >= MAX_PASSES:
+        return False
+    if count > 1:
+        return moved > SETTLED
+    if _wide_gate_mattered(run) or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
+        return True
+    return assigns_otherwise(problem, run.parameters.clock) or curved(problem, run)
+
+
+def _wide_gate_mattered(run: FilterRun) -> bool:
+    """Return whether a wide gate let through what the usual one would not: grossly, or often."""
+    bounds = {m: gate_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
+    beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
+    return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
+
+
+def correlation_factor(run: FilterRun) -> float:
+    """Return the factor on standard deviations that correlated innovations call for; 1 where they are white.
+
+    Errors of the reference that last over several updates are counted as often as they are seen. Their
+    number is effectively divided by the correlation time of the innovations, the larger of those of
+    position and orientation. Innovations smaller than assumed already leave room for that.
+    """
+    history = run.history
+    path = history.used & ~history.at_rest
+    size = 1.0
+    if path.any():
+        size = min(run.excess * mean_normalised(history.nis[path], history.degrees[path]), 1.0)
+    times = []
+    for rows in (slice(0, 3), slice(3, 6)):
+        series = history.whitened[path, rows]
+        if series.shape[0] < 20 or not np.isfinite(series).all():
+            continue
+        if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
+            times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
+    return float(np.sqrt(max(1.0, size * max(times, default=1.0))))

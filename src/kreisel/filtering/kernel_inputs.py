@@ -1,0 +1,103 @@
+"""A problem as the compiled filter reads it: see `_kernels.cell`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kreisel._kernels import cell
+from kreisel.estimation.sigma_points import weights
+from kreisel.inertial.strapdown import NOISE_STEP
+from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.problem import Problem
+from kreisel.model.schedule import Update
+
+
+def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
+    """Return what the filter needs to know of a cell; `known` has the values of groups not in the state."""
+    layout, settings, noise = problem.layout, problem.settings, problem.noise.reference
+    n, g, s = layout.degrees, problem.gyro_degrees, problem.sensor_degrees
+    # Sigma points that do not touch the gyros' parameters turn as the centre does.
+    turning = np.array([0, *range(1, g + 1), *range(n + 1, n + g + 1)])
+    sharing = np.array([*range(g + 1, s + 1), *range(n + g + 1, n + s + 1)], dtype=np.int64)
+    which = np.zeros(2 * n + 1, dtype=np.int64)
+    which[np.concatenate([turning, sharing])] = np.arange(turning.size + sharing.size)
+    w = weights(settings.weights, n)
+    level, down = problem.site.earth_rate_units
+    coloured = problem.noise.coloured
+    walks = {g: d for g, d in problem.noise.offset_walk.items() if d > 0.0 and g in layout}
+    walking = [i for group in walks for i in range(layout[group].start, layout[group].stop)]
+
+    def rows(groups: Sequence[str]) -> cell.Rows:
+        stored = {group: known.stored(group) for group in groups}
+        places = np.arange(layout.size)
+        source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
+        return cell.Rows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
+
+    names = (
+        "velocity", "position", "attitude", "rest_position", "rest_orientation", "path_position", "path_orientation"
+    )  # fmt: skip
+    return cell.Model(
+        parts=layout.table,
+        tail=layout.tail(problem.changing).table,
+        weights=np.array([w.spread, w.mean, w.second, w.shift, w.centre]),
+        gyro=rows([g for g in GROUPS if g.startswith("gyro")]),
+        accel=rows([g for g in GROUPS if g.startswith("accel") or g == "lever_arms"]),
+        around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
+        robot=rows(ROBOT_GROUPS),
+        turning=turning,
+        sharing=sharing,
+        which=which,
+        stored=np.array([layout.stored(name).start if name in layout else -1 for name in names]),
+        order=settings.polynomial_order,
+        products=settings.size_effect.products,
+        inside=settings.size_effect.inside,
+        level=level,
+        down=down,
+        noise=np.array([
+            coloured.white_factor * noise.position, coloured.white_factor * noise.orientation,
+            noise.jitter_position, noise.jitter_orientation, noise.velocity, noise.stamp,
+        ]),
+        coloured=np.array([coloured.time, coloured.position, coloured.orientation]),
+        walking=np.array(walking, dtype=np.int64),
+        walk=np.repeat(list(walks.values()), 3).astype(float),
+        noise_step=NOISE_STEP,
+    )  # fmt: skip
+
+
+def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
+    """Return some updates with the poses they use."""
+    reference = problem.reference
+    poses = np.array([update.pose for update in updates])
+    positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
+    if reference.positions is not None:
+        positions = reference.positions[poses]
+    if reference.quaternions is not None:
+        quaternions = reference.quaternions[poses]
+    regressor = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
+    return cell.Steps(
+        first=np.array([update.first for update in updates]),
+        last=np.array([update.last for update in updates]),
+        tau=np.array([update.tau for update in updates]),
+        resting=np.array([update.rest is not None for update in updates]),
+        position=positions,
+        quaternion=quaternions,
+        given=np.array([reference.positions is not None, reference.quaternions is not None]),
+        regressor=np.ascontiguousarray(regressor),
+    )
+
+
+def filter_record(problem: Problem, u: int) -> cell.Record:
+    """Return room for what so many updates leave."""
+    m = cell.MEASURED
+    return cell.Record(
+        mean=np.empty((u, problem.layout.size)),
+        deviation=np.empty((u, len(problem.parameter_names))),
+        used=np.zeros(u, dtype=bool),
+        innovation=np.empty((u, m)),
+        whitened=np.zeros((u, m)),
+        factor=np.empty((u, m, m)),
+        noise=np.empty((u, m, m)),
+        gain=np.empty((u, 6, m)),
+    )

@@ -1,0 +1,146 @@
+"""Noise figures as the innovations show them, against those that were assumed."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.consistency import mean_normalised
+from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+from kreisel.recording.recording import Finding
+
+CONTRADICTION = 2.0
+"""Factor on a given standard deviation from which the data are taken to contradict it."""
+
+_AGREEMENT = 1.2
+
+
+@dataclass(frozen=True)
+class NoiseFactors:
+    """Factors by which assumed standard deviations miss what the innovations show.
+
+    position, orientation and standstill are the reference's, gyro and accel the IMU's.
+    """
+
+    position: float = 1.0
+    orientation: float = 1.0
+    standstill: float = 1.0
+    gyro: float = 1.0
+    accel: float = 1.0
+
+    def agree(self) -> bool:
+        """Whether all lie within 20 % of one."""
+        return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
+
+    def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
+        """Return the factors without those of figures that were given and are not clearly too small."""
+
+        def keep(f: float, *, given: bool) -> float:
+            return f if not given or f > CONTRADICTION else 1.0
+
+        return NoiseFactors(
+            keep(self.position, given=reference),
+            keep(self.orientation, given=reference),
+            keep(self.standstill, given=reference),
+            keep(self.gyro, given=imu),
+            keep(self.accel, given=imu),
+        )
+
+
+def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
+    """Return how far assumed and shown noise differ.
+
+    With coloured noise, innovations and what is left of them no longer show its size: the
+    mean NIS then stands for both position and orientation.
+
+    Notes
+    -----
+    Reference: innovation times what is left of it after the update has the measurement noise as its
+    expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
+    velocity against the variance the filter expected of them. The largest two per cent are left out.
+    """
+    history, excess = run.history, run.excess**0.5
+    settled = np.arange(history.nis.size) >= history.nis.size // 10
+    path = settled & ~history.at_rest & history.used
+
+    def reference(rows: slice) -> float:
+        product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
+        return excess * _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
+
+    def imu(rows: slice) -> float:
+        size = np.sum(history.correction[path, rows] ** 2, axis=1)
+        return excess * _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
+
+    at_rest = settled & history.at_rest
+    standstill = 1.0
+    if at_rest.sum() >= 6:
+        ratio = run.excess * float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
+        standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
+    size = None
+    if coloured and path.any():
+        size = excess * float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path])))
+    return NoiseFactors(
+        position=reference(slice(0, 3)) if size is None else size,
+        orientation=reference(slice(3, 6)) if size is None else size,
+        standstill=standstill,
+        gyro=imu(slice(3, 6)),
+        accel=imu(slice(0, 3)),
+    )
+
+
+def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
+    """Keep the densities within what the problem allows, and the reference's noise above a tenth of the guess."""
+    limited = []
+    for density, factor, (low, high) in zip(
+        imu_density(problem), (factors.gyro, factors.accel), problem.noise.imu_bounds, strict=True
+    ):
+        limited.append(float(np.clip(density * factor, low, high)) / density)
+    return replace(
+        factors,
+        gyro=limited[0],
+        accel=limited[1],
+        position=max(factors.position, problem.noise.min_reference[0] / problem.noise.reference.position),
+        orientation=max(factors.orientation, problem.noise.min_reference[1] / problem.noise.reference.orientation),
+    )
+
+
+def _trimmed_ratio(shown: Array, assumed: Array) -> float:
+    """Return the root of the mean ratio, without its largest and smallest two per cent."""
+    if shown.size < 15 or not np.isfinite(shown).all():
+        return 1.0
+    ratio = np.sort(shown / assumed)
+    cut = max(1, ratio.size // 50)
+    return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
+
+
+def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
+    """Return the problem with its noise figures multiplied by factors."""
+    noise = problem.noise
+    reference = noise.reference.scaled(
+        position=factors.position, orientation=factors.orientation, standstill=factors.standstill
+    )
+    readings = problem.readings.with_noise(factors.gyro, factors.accel)
+    return replace(problem, noise=replace(noise, reference=reference), readings=readings)
+
+
+def imu_density(problem: Problem) -> tuple[float, float]:
+    """Return the assumed noise densities, gyro and accelerometer, rms over the axes, SI."""
+    gyro, accel = np.sqrt(problem.readings.noise[:2].mean(axis=1))
+    return float(gyro), float(accel)
+
+
+def noise_finding(problem: Problem, *, given: bool) -> Finding:
+    """Return what to say of noise figures that were found, or that took the place of given ones."""
+    noise = problem.noise.reference
+    gyro, accel = imu_density(problem)
+    figures = (
+        f"reference {noise.position * 1e3:.3g} mm and {noise.orientation * 1e3:.3g} mrad on the path, "
+        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at rest; "
+        f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
+    )
+    if given:
+        return Finding("noise", f"given noise figures contradict the data; used instead: {figures}")
+    return Finding("noise", f"found from the data: {figures}")

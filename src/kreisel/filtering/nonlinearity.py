@@ -1,0 +1,76 @@
+"""How far the model is linear: how wide a pass may begin, and whether another one pays.
+
+Angles bend the model by their square, an offset and the matrix it is multiplied by by their product. What they bend is
+compared with standard deviations. That of an offset is taken with all else known: a weak motion shows offset and matrix
+together much less well than each of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import stored_state
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+
+MIN_INFLATION, MAX_INFLATION = 0.3, 10.0
+"""Least and largest factor between the deviations a further run begins with and those of the result before it.
+
+As wide as the model is linear over it. In a curved model the estimates must hardly move during the run: were they to,
+the model would be linearised now here, now there, and what the motion does not show would seem to be shown by the
+difference. In a linear one a wide beginning leaves room for offsets that walk, of whose beginning it is not known
+exactly how much is left at the end.
+"""
+
+LINEAR = 0.02
+"""Curvature, in deviations of the result, over which the model counts as linear."""
+
+CURVED = 0.2
+"""Curvature, in deviations of the result, from which another pass pays."""
+
+
+def linear_inflation(problem: Problem, covariance: Array) -> float:
+    """Return the factor on the deviations of a result (n, n) over which the model is linear."""
+    layout = problem.layout
+    deviation, alone = np.sqrt(np.diag(covariance)), deviation_alone(covariance)
+
+    def usual(values: Array, group: str) -> float:
+        return float(np.median(values[layout[group]]))
+
+    factors = [MAX_INFLATION]
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout:
+            factors.append((LINEAR / usual(deviation, matrix)) ** 0.5)
+        if matrix in layout and offset in layout:
+            bent = usual(deviation, matrix) * usual(deviation, offset)
+            factors.append((LINEAR * usual(alone, offset) / bent) ** 0.5)
+    return max(min(factors), MIN_INFLATION)
+
+
+def curved(problem: Problem, run: FilterRun) -> bool:
+    """Return whether the model is curved between the start of a run and its result.
+
+    By the square of the way of angles, and by the product of the ways of an offset and its matrix.
+    """
+    layout, n = problem.layout, len(problem.parameter_names)
+    way = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
+    deviation = run.belief.standard_deviation
+    alone = deviation_alone(run.belief.covariance[:n, :n])
+    angles = [layout[g] for g in ("gyro_cross_coupling", "accel_cross_coupling", "alignment") if g in layout]
+    moved = max((float(np.max(way[part])) for part in angles), default=0.0)
+    if moved**2 > CURVED * min((float(np.median(deviation[part])) for part in angles), default=np.inf):
+        return True
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout and offset in layout:
+            product = float(np.max(way[layout[matrix]]) * np.max(way[layout[offset]]))
+            if product > CURVED * float(np.median(alone[layout[offset]])):
+                return True
+    return False
+
+
+def deviation_alone(covariance: Array) -> Array:
+    """Return the standard deviation of each parameter with all others known, (n,), from their covariance (n, n)."""
+    return np.asarray(1.0 / np.sqrt(np.diag(np.linalg.inv(covariance))))

@@ -1,0 +1,90 @@
+"""Which parameters this motion shows, judged by how far it narrowed the prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import Array
+from kreisel.model.groups import REGISTRY
+from kreisel.model.problem import Problem
+
+UNSHOWN = 0.5
+"""A standard deviation still above this share of the prior's counts as not shown."""
+
+
+@dataclass(frozen=True)
+class Observability:
+    """What the motion shows of every parameter.
+
+    Attributes
+    ----------
+    names
+        Of the estimated parameters, one for each degree of freedom.
+    prior, posterior : (n,)
+        Standard deviations.
+    unobservable
+        Names of those that are not shown, or not well enough to be of use; held ones included.
+    unshown
+        The part of them whose standard deviation hardly fell.
+    """
+
+    names: tuple[str, ...]
+    prior: Array
+    posterior: Array
+    unobservable: tuple[str, ...]
+    unshown: tuple[str, ...]
+
+
+def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
+    """Return the groups to be held of which the motion shows less than half.
+
+    Parameters
+    ----------
+    deviation : (degrees,)
+        Posterior standard deviations.
+    """
+    groups = []
+    for group in (known.name for known in REGISTRY if known.held):
+        if group == "lever_arms" and problem.reference.positions is None:
+            continue  # nothing pulls them away, and what they might be belongs into the other deviations
+        if group in problem.layout:
+            ratio = deviation[problem.layout[group]] / problem.prior.width[group]
+            if float(np.median(ratio)) > UNSHOWN:
+                groups.append(group)
+    return tuple(groups)
+
+
+def observability(problem: Problem, run: FilterRun) -> Observability:
+    """Return what the motion shows of each parameter."""
+    deviation = run.belief.standard_deviation
+    names: list[str] = []
+    prior: list[float] = []
+    posterior: list[float] = []
+    unobservable: list[str] = []
+    unshown: list[str] = []
+    order = problem.settings.polynomial_order
+    for known in REGISTRY:
+        group, own = known.name, known.names(order, problem.joints)
+        if group not in problem.layout:
+            if group in problem.held:
+                unobservable += own
+                unshown += own
+            continue
+        d = problem.layout[group]
+        size = d.stop - d.start
+        width = np.resize(problem.prior.width[group], size)
+        for name, before, after in zip(own, width, deviation[d], strict=False):
+            names.append(name)
+            prior.append(float(before))
+            posterior.append(float(after))
+            lost = after > UNSHOWN * before
+            if known.known_before or group in problem.prior.stated:
+                lost = False
+            if lost:
+                unshown.append(name)
+            if lost or after > known.useful_sd:
+                unobservable.append(name)
+    return Observability(tuple(names), np.array(prior), np.array(posterior), tuple(unobservable), tuple(unshown))

@@ -1,0 +1,146 @@
+"""The prior of a run of the filter, exchanged: the run begins with a narrow one, its result carries the true one.
+
+Sigma points stay where the model is nearly linear if a run begins near the estimate, with deviations of about the
+size they will have at its end. Such a beginning is a prior that nobody stated. As parameters do not change, its
+information is part of that of the result, and is taken out again once the run is over; the stated prior is put in
+its place. What remains of the narrow prior is the point about which the model was linearised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import first_belief
+from kreisel.filtering.nonlinearity import linear_inflation
+from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import GROUPS, CellParameters
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+
+
+def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
+    """Return the belief a further run begins with: the result before, its deviations widened, within the prior."""
+    belief = first_belief(problem, run.parameters, problem.prior.covariance)
+    n = len(problem.parameter_names)
+    if n == 0:
+        return belief
+    prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
+    covariance = run.belief.covariance[:n, :n]
+    found = linear_inflation(problem, covariance) ** 2 * covariance
+    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
+    scale = np.sqrt(np.diag(prior))
+    A, B = (M / np.outer(scale, scale) for M in (prior, found))
+    P = A @ np.linalg.solve(A + B, B)
+    factor = belief.factor.copy()
+    factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
+    return Belief(belief.mean, factor)
+
+
+def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> FilterRun:
+    """Return a run that begins with the problem's start, its result with the stated prior."""
+    return _pass(problem, problem.prior.start, first_belief(problem, problem.prior.start), gate, progress)
+
+
+def further_pass(
+    problem: Problem, run: FilterRun, *, gate: float = 1.0, progress: StepProgress | None = None
+) -> FilterRun:
+    """Return a run that begins near the result of another one, its result with the stated prior."""
+    return _pass(problem, run.parameters, narrowed_belief(problem, run), gate, progress)
+
+
+def _pass(
+    problem: Problem, start: CellParameters, begun: Belief, gate: float, progress: StepProgress | None
+) -> FilterRun:
+    run = run_filter(problem, start, belief=begun, gate=gate, progress=progress)
+    return with_stated_prior(problem, run, begun)
+
+
+def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> FilterRun:
+    """Return a run whose result carries the problem's prior instead of the belief it began with.
+
+    Parameters
+    ----------
+    begun
+        What the run began with.
+
+    Notes
+    -----
+    With information matrices of the result I, of the belief begun with B and of the prior A, and the distances b
+    and a of their centres from the result: the new information is I - B + A, the new mean lies (I - B + A)^-1
+    (A a - B b) away. An offset that walks has changed since; B and A are then those of the beginning with the walk's
+    variance added, which is at most what the result contains of them.
+    """
+    layout, n = problem.layout, len(problem.parameter_names)
+    if n == 0:
+        return run
+    covariance = run.belief.covariance
+    scale = np.sqrt(np.diag(covariance)[:n])
+    size, walk = np.outer(scale, scale), np.diag(problem.walked_variance)
+    prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
+    P = covariance[:n, :n] / size
+    I_run, I_begun, I_prior = (
+        np.linalg.inv(M) for M in (P, _start(begun, n, walk) / size, _start(prior, n, walk) / size)
+    )
+    to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
+    information = I_run - I_begun + I_prior
+    fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
+    noise = _information_of_noise(problem, run, scale)
+    damped = _at_most(0.5, noise, information)
+    # (21)
+    step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
+    noise = _at_most(0.9, noise, information)
+    P_new = np.linalg.inv(information - noise)
+    moved = _moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
+    return replace(moved, fitted=fitted)
+
+
+def _information_of_noise(problem: Problem, run: FilterRun, scale: Array) -> Array:
+    """Return the part of the information (n, n), scaled, that noise of the rates pretends to have on the clocks.
+
+    A pose is carried to its own time by the rate read last. With a slow motion the noise of that reading is no
+    smaller than the rate, and the filter takes its square for information on the time offset. It is no such thing: it
+    only adds noise to the estimate.
+    """
+    out = np.zeros((scale.size, scale.size))
+    if "time_offset" not in problem.layout:
+        return out
+    K = run.parameters.sensors.K_omega
+    variance = problem.noise.rate_scatter**2 * float(np.sum(K**2)) / 3.0
+    i = problem.layout["time_offset"].start
+    out[i, i] = variance * float(np.sum(run.history.turn_information)) * scale[i] ** 2
+    return out
+
+
+def _at_most(share: float, part: Array, information: Array) -> Array:
+    """Return a part of an information matrix, one number on its diagonal, as no more than a share of the whole."""
+    i = int(np.argmax(np.diag(part)))
+    most = share / float(np.linalg.inv(information)[i, i])
+    return part * min(1.0, most / max(float(part[i, i]), 1e-300))
+
+
+def _start(belief: Belief, n: int, walk: Array) -> Array:
+    """Return a belief's covariance of the parameters (n, n), as it stands once the offsets have walked."""
+    return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
+
+
+def _moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
+    """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
+
+    What else is in the state follows by its regression on the parameters.
+    """
+    layout, n = problem.layout, step.size
+    old = run.belief.covariance
+    gain = np.vstack([np.eye(n), np.linalg.solve(old[:n, :n], old[:n, n:]).T])
+    new = old + gain @ (covariance - old[:n, :n]) @ gain.T
+    mean = layout.plus(run.belief.mean, (gain @ step)[:, None])[:, 0].copy()
+    scale = np.sqrt(np.diag(new))
+    correlation = new / np.outer(scale, scale)
+    factor = scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-13 * np.eye(scale.size))
+    values = {g: run.parameters.stored(g) for g in GROUPS}
+    values.update({g: mean[layout.stored(g)] for g in problem.groups})
+    return replace(run, belief=Belief(mean, factor), parameters=CellParameters.from_stored(values))

@@ -1,0 +1,62 @@
+"""The problem of a further pass: updates by the clocks found, attitudes by the run before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import apply, conjugate, exp, multiply
+from kreisel.inertial.readings import attitudes_at
+from kreisel.inertial.strapdown import SensorColumns
+from kreisel.model.problem import Problem
+from kreisel.model.schedule import MIN_UPDATES
+from kreisel.preparation.scheduling import schedule_updates
+from kreisel.preparation.standstill import find_rests
+from kreisel.synchronization.clock import Clock
+
+_ATTITUDE_SD = 0.01
+"""rad; how well attitudes are known once the rates are integrated back from the end of a run."""
+
+
+def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
+    """Return whether another clock assigns poses to other samples."""
+    step = float(np.median(np.diff(problem.readings.stamps[:1000])))
+    return problem.schedule.clock.distance(clock, problem.reference.seconds) > 0.5 * step
+
+
+def rescheduled(problem: Problem, clock: Clock) -> Problem:
+    """Return the problem with updates and rests by other clocks, where these differ by a sample or so."""
+    if problem.reference.quaternions is None or not assigns_otherwise(problem, clock):
+        return problem
+    schedule, tau = problem.schedule, problem.reference.seconds
+    rests = schedule.rests
+    if schedule.stillness is not None:
+        rests = find_rests(schedule.stillness, problem.reference, clock, problem.noise.reference)
+    updates = schedule_updates(problem.readings, clock.imu_time(tau), tau, rests, schedule.interval)
+    if len(updates) < MIN_UPDATES:
+        return problem
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))
+    schedule = replace(schedule, clock=clock, rests=rests, updates=updates, attitude=attitude)
+    return replace(problem, schedule=schedule)
+
+
+def with_attitudes_of(problem: Problem, run: FilterRun) -> Problem:
+    """Return the problem with attitudes integrated back from the end of a run, where the reference shows none.
+
+    A run that begins with a guess of the attitude is nonlinear until it has found it; the next one need not
+    guess. With gaps in the readings nothing can be carried over, and the problem is returned as it is.
+    """
+    readings, schedule = problem.readings, problem.schedule
+    if problem.reference.quaternions is not None or len(readings.segments) > 1:
+        return problem
+    p, samples = run.parameters, np.array([update.last for update in schedule.updates])
+    columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
+    free = attitudes_at(readings, columns.rate[..., 0], samples)
+    level, down = problem.site.earth_rate_units
+    earth = apply(p.q_rn, np.array([*(level * p.north), down * p.earth_down]))
+    turned = exp(-(readings.stamps[samples] - readings.stamps[samples[-1]])[:, None] * earth)
+    at_end = multiply(run.belief.mean[problem.layout.stored("attitude")], conjugate(free[-1]))
+    attitude = multiply(turned, multiply(at_end, free))
+    return replace(problem, schedule=replace(schedule, attitude=attitude, attitude_sd=_ATTITUDE_SD))

@@ -1,0 +1,570 @@
+"""Recordings in ROS bags and MCAP files: which topics are meant, and what their messages say."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import LARGEST_YAML, read_text
+from kreisel.formats.bounds import Budget, bounded, check_files, unpack, unzstd
+from kreisel.formats.description import description_beside
+from kreisel.formats.mcap import (
+    IMU_TOPIC,
+    JOINT_TOPIC,
+    NOTE_TYPE,
+    ORIENTATION_TOPIC,
+    POSE_TOPIC,
+    POSITION_TOPIC,
+    RECORDED,
+    WARN,
+    Contents,
+    Topic,
+    in_log_order,
+    one_line,
+    read_mcap,
+    reason,
+)
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import Finding, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.settings import RecordingSettings, read_settings, what_is_wrong
+
+IMU = "sensor_msgs/msg/Imu"
+JOINTS = "sensor_msgs/msg/JointState"
+_POINT = "geometry_msgs/msg/PointStamped"
+_TURN = "geometry_msgs/msg/QuaternionStamped"
+_STORES = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
+
+
+def _vector(v: Any) -> tuple[float, ...]:
+    return (v.x, v.y, v.z)
+
+
+def _turn(q: Any) -> tuple[float, ...]:
+    return (q.w, q.x, q.y, q.z)
+
+
+def _imu_row(message: Any) -> tuple[float, ...]:
+    """Return rates, accelerations and the two marks that are -1 where there are none."""
+    marks = (message.angular_velocity_covariance[0], message.linear_acceleration_covariance[0])
+    return (*_vector(message.angular_velocity), *_vector(message.linear_acceleration), *marks)
+
+
+def _pose_row(pose: Any) -> tuple[float, ...]:
+    return (*_vector(pose.position), *_turn(pose.orientation))
+
+
+def _transform_row(message: Any) -> tuple[float, ...]:
+    return (*_vector(message.transform.translation), *_turn(message.transform.rotation))
+
+
+REFERENCE_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    "geometry_msgs/msg/PoseStamped": lambda message: _pose_row(message.pose),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose_row(message.pose.pose),
+    "geometry_msgs/msg/TransformStamped": _transform_row,
+    "nav_msgs/msg/Odometry": lambda message: _pose_row(message.pose.pose),
+    _POINT: lambda message: _vector(message.point),
+    _TURN: lambda message: _turn(message.quaternion),
+}
+_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    IMU: _imu_row,
+    JOINTS: lambda message: tuple(message.position),
+    **REFERENCE_ROWS,
+}
+
+WANTED = frozenset({*_ROWS, NOTE_TYPE})
+"""Message types a recording is made of."""
+
+Decoded = tuple[Stamps, list[str], Sequence[Sequence[float]] | Array]
+Decode = Callable[[Topic, Path], Decoded]
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a topic is wanted for, how it is chosen, and which ones kreisel itself writes.
+
+    Attributes
+    ----------
+    option
+        What stands before a topic's name where one is chosen.
+    """
+
+    what: str
+    option: str
+    msgtypes: frozenset[str]
+    own: tuple[str, ...]
+
+
+IMU_ROLE = Role("IMU readings", "--imu ", frozenset({IMU}), (IMU_TOPIC,))
+REFERENCE_ROLE = Role(
+    "reference poses",
+    "--reference ",
+    frozenset(REFERENCE_ROWS),
+    (POSE_TOPIC, POSITION_TOPIC, ORIENTATION_TOPIC),
+)
+
+
+def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -> Recording:
+    """Return the recording in an MCAP file, a ROS 1 bag, a ROS 2 bag folder or one of its files.
+
+    Parameters
+    ----------
+    path
+        An .mcap file (also one that is cut), a .bag or .db3 file, or a folder with metadata.yaml.
+    reference, imu
+        Topics, as `TOPIC` or, where bodies share a topic, as `TOPIC@FRAME_ID`. By default kreisel's own,
+        or the only one of a fitting type.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, it is not clear which topic is meant, or a topic does not hold what is
+        needed; the message lists the topics and says how to choose.
+
+    Notes
+    -----
+    Stamps are those of the headers; the time of logging only where every header says zero. Types are those
+    ROS defines: definitions stored in the file are not consulted.
+    """
+    try:
+        return _load(path, reference, imu)
+    except RecordingError as error:
+        # names in a damaged file may hold line breaks
+        raise RecordingError(one_line(error.message), file=error.file, line=error.line) from error.__cause__
+
+
+def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
+    return recording_of(_read(path), reference, imu)
+
+
+def recording_of(
+    contents: Contents, reference: str | None = None, imu: str | None = None, decode: Decode | None = None
+) -> Recording:
+    """Return the recording that the contents of a bag are; see `load_bag`.
+
+    Parameters
+    ----------
+    decode
+        Return stamps, keys and rows of a topic's messages, if they need not all be decoded anew.
+    """
+    path, findings, decode = contents.path, list(contents.findings), decode or decode_topic
+    settings = _settings(contents, findings)
+    samples = imu_of(body_of(contents, IMU_ROLE, imu, findings, decode), contents)
+    poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, findings, decode), path)
+    joints = _joint_angles(contents, None if poses is None else poses.name, findings, decode)
+    findings += _notes(contents)
+    urdf = contents.urdf or description_beside(path.parent, settings)
+    return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
+
+
+def notes_of(contents: Contents) -> list[tuple[int, str]]:
+    """Return level and text of what a recorder noted."""
+    notes = []
+    for topic in contents.topics:
+        if topic.msgtype == NOTE_TYPE and topic.encoding == "cdr":
+            with _translated(contents.path, "record again", f"a note on {topic.name}"):
+                messages = [_deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
+            notes += [(int(message.level), one_line(message.msg)) for message in messages]
+    return notes
+
+
+def _notes(contents: Contents) -> list[Finding]:
+    """Return what was noted that may have cost readings: the first few, and how many more there are."""
+    texts = [text for level, text in notes_of(contents) if level >= WARN]
+    more = [f"and {len(texts) - 3} more such notes"] if len(texts) > 4 else []
+    return [Finding("while recording", text) for text in texts[: 3 if more else 4] + more]
+
+
+# Files -> messages
+
+
+def _read(path: Path) -> Contents:
+    if not path.exists():
+        raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
+    if path.is_file() and path.suffix.lower() == ".mcap":
+        return read_mcap(path, WANTED)
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    if [file.name for file in files] == [RECORDED]:
+        return read_mcap(files[0], WANTED)
+    findings: list[Finding] = []
+    if files and (mode := _compression(path, findings)) is not None:
+        return _read_each(path, files, findings, packed=mode == "message")
+    zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
+    if zipped:
+        with TemporaryDirectory() as folder:
+            with _translated(path, _RECOVER):
+                files = [unpack(file, Path(folder) / file.stem) for file in zipped]
+            return _read_each(path, files, findings, packed=False)
+    with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
+        return _read_with_rosbags(path)
+
+
+def _compression(folder: Path, findings: list[Finding]) -> str | None:
+    """Return how the .mcap files of a ROS 2 bag are compressed besides; None where they are not what it is made of."""
+    file = folder / "metadata.yaml"
+    if not file.is_file():
+        said = "no metadata.yaml, as where a recorder was stopped; read its .mcap files"
+        findings.append(Finding(folder.name, said))
+        return "none"
+    try:
+        facts = YAML(typ="safe").load(read_text(file, LARGEST_YAML))["rosbag2_bagfile_information"]
+        mode = str(facts.get("compression_mode") or "none").lower()
+        return mode if facts["storage_identifier"] == "mcap" and mode in ("none", "message") else None
+    except (
+        OSError,
+        UnicodeDecodeError,
+        YAMLError,
+        AttributeError,
+        KeyError,
+        TypeError,
+        ValueError,
+        RecursionError,
+    ) as error:
+        said = f"metadata.yaml cannot be read ({reason(error)}); read its .mcap files one by one"
+        findings.append(Finding(folder.name, said))
+        return "none"
+
+
+_REINDEX = "if its recorder was stopped, `rosbag reindex` may repair it; otherwise copy it again"
+_RECOVER = "copy it again, or rebuild the bag with `ros2 bag reindex`"
+
+
+@contextmanager
+def _translated(path: Path, advice: str, where: str = "") -> Iterator[None]:
+    """Turn whatever a library raises over a damaged file into one line that names the file."""
+    try:
+        yield
+    except Exception as error:
+        raise RecordingError(f"{where or 'it'} cannot be read: {reason(error)}; {advice}", file=path) from error
+
+
+def _read_with_rosbags(path: Path) -> Contents:
+    is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
+    messages: dict[tuple[str, str], list[tuple[int, bytes]]] = defaultdict(list)
+    counts: dict[tuple[str, str], int] = defaultdict(int)
+    check_files(path)
+    budget = Budget(sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path])))
+    with Ros1Reader(path) if is_ros1 else Ros2Reader(path) as reader:
+        unpack = bounded(reader)
+        for connection in reader.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        wanted = [connection for connection in reader.connections if connection.msgtype in WANTED]
+        # An empty list would mean all connections.
+        for connection, log_time, payload in reader.messages(wanted) if wanted else ():
+            content = unpack(payload)
+            budget.take(len(content))
+            messages[connection.topic, connection.msgtype].append((log_time, content))
+    encoding = "ros1" if is_ros1 else "cdr"
+    topics = [in_log_order(*key, encoding, count, messages[key]) for key, count in counts.items()]
+    return Contents(path, tuple(topics))
+
+
+def _read_each(path: Path, files: list[Path], said: list[Finding], *, packed: bool) -> Contents:
+    """Return the contents of several MCAP files as if they were one.
+
+    Parameters
+    ----------
+    packed
+        Whether each message is compressed by itself.
+    """
+    parts = [read_mcap(file, WANTED) for file in files]
+    groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
+    settings: dict[str, str] = {}
+    urdf = None
+    budget = Budget(sum(file.stat().st_size for file in files))
+    for part in parts:
+        settings.update(part.settings)
+        urdf = urdf or part.urdf
+        for topic in part.topics:
+            groups[topic.name, topic.msgtype, topic.encoding].append(topic)
+    topics = []
+    for key, group in groups.items():
+        messages = [m for topic in group for m in zip(topic.log_times_ns, topic.payloads, strict=True)]
+        if packed:
+            with _translated(path, _RECOVER, f"a message on {key[0]}"):
+                messages = [(log_time, _taken_out(payload, budget)) for log_time, payload in messages]
+        topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
+    findings = [*said, *(f for part in parts for f in part.findings)]
+    return Contents(path, tuple(topics), settings, tuple(findings), urdf)
+
+
+def _taken_out(payload: bytes, budget: Budget) -> bytes:
+    content = unzstd(payload)
+    budget.take(len(content))
+    return content
+
+
+# Settings
+
+
+def _settings(contents: Contents, findings: list[Finding]) -> RecordingSettings:
+    path, stored = contents.path, contents.settings
+    beside = path / "recording.toml" if path.is_dir() else path.with_suffix(".toml")
+    if beside.is_file():
+        if stored:
+            findings.append(Finding("settings", f"taken from {beside.name}, not those stored in {path.name}"))
+        return read_settings(beside)
+    tables: dict[str, dict[str, str]] = defaultdict(dict)
+    for name, text in stored.items():
+        table, _, key = name.partition(".")
+        tables[table][key] = text
+    try:
+        return RecordingSettings.model_validate(tables)
+    except ValidationError as error:
+        raise RecordingError(
+            f"the stored setting {what_is_wrong(error)}; write the right ones into {beside.name} beside it",
+            file=path,
+        ) from error
+
+
+# Which topic
+
+
+@dataclass(frozen=True)
+class Body:
+    """The decoded messages of one body on one topic; `keep` says which of the topic's they are."""
+
+    topic: Topic
+    stamps_ns: Stamps
+    values: Array
+    keep: NDArray[np.bool_]
+
+
+def body_of(contents: Contents, role: Role, asked: str | None, findings: list[Finding], decode: Decode) -> Body | None:
+    """Return the messages meant; None where none were asked for and the bag has none; see `choose_topic`."""
+    path = contents.path
+    topic, frame = choose_topic(contents, role, asked, findings)
+    if topic is None:
+        return None
+    stamps, frames, rows = decode(topic, path)
+    keep = _of_frame(frames, frame, topic, role, path)
+    values = np.array(rows, dtype=np.float64)[keep]
+    return Body(topic, _stamps(stamps, topic, findings)[keep], values, keep)
+
+
+def choose_topic(
+    contents: Contents, role: Role, asked: str | None, findings: list[Finding]
+) -> tuple[Topic | None, str | None]:
+    """Return the topic meant by `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
+
+    Raises
+    ------
+    RecordingError
+        If it is not clear which topic is meant, or the one asked for is not there or holds something else.
+    """
+    fitting = _fitting(contents, role.msgtypes)
+    name, frame = _split(asked, fitting)
+    return _choose(fitting, role, name, contents, findings), frame
+
+
+def joint_topic(contents: Contents, reference: str | None, findings: list[Finding]) -> Topic | None:
+    """Return the topic with the robot's joint angles, on the same clock as the reference where kreisel wrote them."""
+    topics = _fitting(contents, frozenset({JOINTS}))
+    epoch = re.search(r"_\d+$", reference or "")
+    own = f"{JOINT_TOPIC}{epoch[0]}" if epoch and JOINT_TOPIC in {topic.name for topic in topics} else JOINT_TOPIC
+    chosen = [topic for topic in topics if topic.name == own] or topics
+    if len(chosen) > 1:
+        names = ", ".join(topic.name for topic in chosen)
+        findings.append(Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
+    return chosen[0] if len(chosen) == 1 else None
+
+
+def _fitting(contents: Contents, msgtypes: frozenset[str]) -> list[Topic]:
+    topics = [topic for topic in contents.topics if topic.msgtype in msgtypes and topic.encoding in _STORES]
+    return [topic for topic in topics if topic.payloads]
+
+
+def _split(asked: str | None, topics: list[Topic]) -> tuple[str | None, str | None]:
+    """Return topic and frame id of `TOPIC` or `TOPIC@FRAME_ID`; the leading slash may be left out."""
+    if asked is None:
+        return None, None
+    name, at, frame = asked.partition("@")
+    known = {topic.name for topic in topics}
+    if name not in known and f"/{name}" in known:
+        name = f"/{name}"
+    return name, frame if at else None
+
+
+def _choose(
+    topics: list[Topic], role: Role, name: str | None, contents: Contents, findings: list[Finding]
+) -> Topic | None:
+    path = contents.path
+    if name is not None:
+        named = [topic for topic in topics if topic.name == name]
+        if not named:
+            raise RecordingError(_not_found(name, topics, role, contents), file=path)
+        return _only(named, role, path)
+    for own in role.own:
+        named = [topic for topic in topics if topic.name == own]
+        if named and len(topics) > len(named):
+            others = ", ".join(topic.name for topic in topics)
+            findings.append(Finding("topics", f"took {own} of {others}; {role.option.strip()} picks another"))
+        if named:
+            return _only(named, role, path)
+    return _only(topics, role, path) if topics else None
+
+
+def _only(topics: list[Topic], role: Role, path: Path) -> Topic:
+    """Return the one topic, or raise the error that lists them all."""
+    if len(topics) == 1:
+        return topics[0]
+    remedy = f"choose with {role.option}TOPIC"
+    if len({topic.name for topic in topics}) == 1:
+        remedy = "they share a name, so record them again under names of their own"
+    raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {listed(topics)}; {remedy}", file=path)
+
+
+def listed(topics: Iterable[Topic]) -> str:
+    """Return topics with what they hold, for a message."""
+    return ", ".join(f"{t.name} ({t.msgtype or t.encoding}, {t.count} messages)" for t in topics)
+
+
+def _not_found(name: str, topics: list[Topic], role: Role, contents: Contents) -> str:
+    for topic in contents.topics:
+        if topic.name == name:
+            expected = ", ".join(sorted(role.msgtypes))
+            return (
+                f"the topic {name} holds {topic.count} messages of type {topic.msgtype or 'unknown'} "
+                f"({topic.encoding}); expected {role.what}: {expected}. Choose with {role.option}TOPIC"
+            )
+    known = [topic.name for topic in topics] or [f"none: no topic holds {role.what}"]
+    return f"{unknown_name(f'topic with {role.what}', name, known)}; choose with {role.option}TOPIC"
+
+
+def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, path: Path) -> Any:
+    """Return the mask of one body's messages; bodies on one topic are told apart by their frame id."""
+    known = sorted(set(frames))
+    if frame is not None and frame not in known:
+        raise RecordingError(unknown_name(f"frame id on {topic.name}", frame, known), file=path)
+    if frame is None and len(known) > 1:
+        listed = " or ".join(f"{role.option}'{topic.name}@{name}'" for name in known)
+        raise RecordingError(
+            f"{len(known)} bodies share the topic {topic.name}, with the frame ids "
+            f"{', '.join(repr(name) for name in known)}; expected one. Choose with {listed}",
+            file=path,
+        )
+    return np.array([frame is None or name == frame for name in frames])
+
+
+# Messages -> numbers
+
+
+@cache
+def _deserializer(encoding: str) -> Callable[[bytes, str], Any]:
+    store = get_typestore(_STORES[encoding])
+    return store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr
+
+
+def decode_topic(topic: Topic, path: Path) -> Decoded:
+    """Return the headers' stamps, the keys of the bodies, and rows of numbers."""
+    deserialize, row = _deserializer(topic.encoding), _ROWS[topic.msgtype]
+    stamps, keys, rows = [], [], []
+    where = f"a message on {topic.name}"
+    with _translated(path, "the file is damaged there; record again, or filter these messages out", where):
+        for payload in topic.payloads:
+            message = deserialize(payload, topic.msgtype)
+            stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+            keys.append(_key(message))
+            rows.append(row(message))
+        return np.array(stamps, dtype=np.int64), keys, rows
+
+
+def _key(message: Any) -> str:
+    """Return what tells bodies on one topic apart: frame id, or the child's, or the joints' names."""
+    if hasattr(message, "position") and hasattr(message, "effort"):
+        return ", ".join(message.name)
+    return getattr(message, "child_frame_id", "") or str(message.header.frame_id)
+
+
+def _stamps(stamps: Stamps, topic: Topic, findings: list[Finding]) -> Stamps:
+    if stamps.any():
+        return stamps
+    message = f"every header on {topic.name} is stamped zero; took the times of logging, which jitter"
+    findings.append(Finding("stamps", message))
+    return np.array(topic.log_times_ns, dtype=np.int64)
+
+
+def _source(path: Path, topic: Topic) -> Path:
+    """Return a name for messages: the file with the topic behind it."""
+    return path / topic.name.lstrip("/")
+
+
+def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuSamples:
+    """Return the IMU readings that messages are.
+
+    Raises
+    ------
+    RecordingError
+        If there are none, or they lack rates or accelerations.
+    """
+    if body is None:
+        raise RecordingError(_no_imu(contents), file=contents.path)
+    for mark, quantity in ((6, "angular_velocity"), (7, "linear_acceleration")):
+        without = int(np.sum(body.values[:, mark] == -1.0))
+        if without:
+            raise RecordingError(
+                f"{without} of {len(body.values)} messages on {body.topic.name} have no {quantity}, as their "
+                f"{quantity}_covariance[0] = -1 says; both are needed. Choose another topic with {role.option}TOPIC",
+                file=contents.path,
+            )
+    rates, accelerations = body.values[:, 0:3].copy(), body.values[:, 3:6].copy()
+    return ImuSamples(body.stamps_ns, rates, accelerations, _source(contents.path, body.topic))
+
+
+def _no_imu(contents: Contents) -> str:
+    got = listed(contents.topics) or "no topics at all"
+    broken = "".join(f" ({finding.message})" for finding in contents.findings)
+    return f"no IMU readings; expected a topic of type {IMU}, got {got}{broken}; record the IMU's raw topic"
+
+
+def poses_of(body: Body | None, path: Path) -> ReferencePoses | None:
+    """Return the poses that messages are."""
+    if body is None:
+        return None
+    positions = None if body.topic.msgtype == _TURN else body.values[:, :3].copy()
+    quaternions = None if body.topic.msgtype == _POINT else body.values[:, -4:].copy()
+    return ReferencePoses(body.topic.name, body.stamps_ns, positions, quaternions, _source(path, body.topic))
+
+
+def _joint_angles(
+    contents: Contents, reference: str | None, findings: list[Finding], decode: Decode
+) -> JointAngles | None:
+    topic = joint_topic(contents, reference, findings)
+    return None if topic is None else joints_of(topic, contents.path, findings, decode)
+
+
+def joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
+    """Return the joint angles on a topic.
+
+    Raises
+    ------
+    RecordingError
+        If they are not always those of the same joints in the same order.
+    """
+    stamps, names, rows = decode(topic, path)
+    for k, (name, row) in enumerate(zip(names, rows, strict=True)):
+        if name != names[0] or len(row) != len(rows[0]) or len(row) == 0:
+            raise RecordingError(
+                f"message {k + 1} on {topic.name} has {len(row)} positions of the joints [{name}], expected "
+                f"{len(rows[0]) or 'some'} of [{names[0]}] as in the first; "
+                "record one robot, its joints always in the same order, on this topic",
+                file=path,
+            )
+    angles = np.array(rows, dtype=np.float64)
+    return JointAngles(_stamps(stamps, topic, findings), angles, _source(path, topic))

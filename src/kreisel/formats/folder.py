@@ -1,0 +1,260 @@
+"""Recording folders in the EuRoC/ASL layout."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from kreisel.errors import RecordingError, unknown_name
+from kreisel.files import LARGEST_YAML, read_bytes
+from kreisel.formats.description import description_beside, is_there
+from kreisel.formats.table import Column, Table, read_table
+from kreisel.recording.header import UNITS, HeaderUnits
+from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.settings import RecordingSettings, read_settings
+
+_PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
+_IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+_POSE_HEADER = "#timestamp [ns],p_x [m],p_y,p_z,q_w [],q_x,q_y,q_z"
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether a path is a recording folder, or the folder above EuRoC's `mav0`."""
+    return path.is_dir() and any((path / inner / "imu0").is_dir() for inner in ("", "mav0"))
+
+
+def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> Recording:
+    """Return the recording in a folder.
+
+    Parameters
+    ----------
+    path
+        The folder that holds `imu0`, or the one above `mav0`.
+    reference
+        Name of the reference's folder; by default `pose0`, or the most direct measurement there is.
+    imu
+        Name of the IMU's folder.
+
+    Raises
+    ------
+    RecordingError
+        If a file is missing or cannot be read; the message names it and the line.
+    """
+    root = path if (path / "imu0").is_dir() else path / "mav0"
+    findings: list[Finding] = []
+    settings = read_settings(path / "recording.toml") if is_there(path / "recording.toml") else RecordingSettings()
+    samples = _read_imu(_imu_folder(root, imu), findings)
+    datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
+    poses = _read_poses(root, reference, findings)
+    joints = _read_joints(root / "joint0" / "data.csv", findings)
+    urdf = _read_urdf(path, settings, findings, needed=joints is not None)
+    return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet, urdf)
+
+
+def _imu_folder(root: Path, name: str) -> Path:
+    known = [folder.name for folder in root.glob("imu*") if folder.is_dir()]
+    if known and name not in known:
+        raise RecordingError(f"{unknown_name('IMU', name, known)}; choose with --imu", file=root)
+    return root / name
+
+
+def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
+    table = read_table(folder / "data.csv", "IMU readings")
+    findings.extend(table.findings)
+    if len(table.columns) < 7:
+        raise RecordingError(
+            f"{len(table.columns)} columns, expected 7 or more: {_IMU_HEADER}; correct the header, or record again",
+            file=table.source,
+            line=1,
+        )
+    gyro, accel = _imu_columns(table)
+    rates = table.take(gyro, "rate")
+    accelerations = table.take(accel, "acceleration")
+    units = _header_units(table, rate=gyro, acceleration=accel)
+    _note_conversion(table, {"rate": gyro, "acceleration": accel}, findings)
+    return ImuSamples(table.stamps_ns, rates, accelerations, table.source, units)
+
+
+def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:
+    """Return what a header states of a stream's stamps, and of groups of columns by their quantity."""
+    stated = {quantity: table.with_units(columns)[0].unit for quantity, columns in groups.items() if columns}
+    return HeaderUnits(table.columns[0].unit, **stated)
+
+
+def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
+    """Return the columns of rates and of accelerations: two to seven, unless their names say otherwise.
+
+    Raises
+    ------
+    RecordingError
+        If a name says that the column holds something else than its place does.
+    """
+    triads = list(table.columns[1:4]), list(table.columns[4:7])
+    for triad, meant, wanted in zip(triads, ("rate", "acceleration"), (("w_x", "w_y", "w_z"), ("a_x", "a_y", "a_z")),
+                                    strict=True):  # fmt: skip
+        for column, axis, usual in zip(triad, "xyz", wanted, strict=True):
+            quantity, named = _meaning(column.name)
+            if quantity not in (meant, "") or named not in (axis, ""):
+                raise RecordingError(
+                    f"column {column.index + 1} is '{column.name}' where {usual} ({meant}) is expected, as in "
+                    f"{_IMU_HEADER}; put the columns into this order, or correct the header",
+                    file=table.source,
+                    line=1,
+                )
+    return triads
+
+
+def _meaning(name: str) -> tuple[str, str]:
+    """Return the quantity and the axis a column's name speaks of, each empty where it does not."""
+    plain = name.lower().replace(" ", "_")
+    axis = plain[-1:] if re.fullmatch(r"(.*[_.\[])?[a-z]{1,5}[xyz]|.*[_.][xyz]", plain) else ""
+    if re.match(r"(w|omega|gyr|g)_?[xyz]?(_|$)|gyro|omega|ang", plain):
+        return "rate", axis
+    if re.match(r"(a|acc|f)_?[xyz]?(_|$)|acc|lin|force", plain):
+        return "acceleration", axis
+    return ("another quantity", "") if re.match(r"temp|mag|m_?[xyz]$|press|baro|time|q_|p_", plain) else ("", "")
+
+
+def _note_conversion(table: Table, groups: dict[str, list[Column]], findings: list[Finding]) -> None:
+    found = {
+        str(column.unit)
+        for quantity, columns in groups.items()
+        for column in table.with_units(columns)
+        if column.unit is not None and UNITS[quantity][column.unit] != 1.0
+    }
+    if found:
+        units = ", ".join(f"[{unit}]" for unit in sorted(found))
+        findings.append(Finding(_short_name(table), f"converted from {units} to SI"))
+
+
+def _short_name(table: Table) -> str:
+    return f"{table.source.parent.name}/{table.source.name}"
+
+
+def _reference_folders(root: Path) -> dict[str, Path]:
+    taken = ("imu", "cam", "joint")
+    folders = [f for f in sorted(root.iterdir()) if is_there(f / "data.csv") and not f.name.startswith(taken)]
+    return {folder.name: folder for folder in folders}
+
+
+def _read_poses(root: Path, name: str | None, findings: list[Finding]) -> ReferencePoses | None:
+    folders = _reference_folders(root)
+    if name is not None and name not in folders:
+        raise RecordingError(unknown_name("reference", name, folders or ["none: this folder has no poses"]), file=root)
+    if not folders:
+        return None
+    if name is None:
+        name = next((n for n in _PREFERRED if n in folders), next(iter(folders)))
+        if len(folders) > 1:
+            findings.append(Finding("reference", f"took {name} of {', '.join(folders)}; --reference picks another"))
+    table = read_table(folders[name] / "data.csv", "reference poses")
+    findings.extend(table.findings)
+    return _poses(table, name, findings)
+
+
+def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
+    positions, quaternions = _pose_columns(table)
+    if not positions and not quaternions:
+        raise _not_poses(table, "; --reference picks another folder")
+    if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
+        raise _not_poses(table, "; angles are not read: convert them to quaternions")
+    if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
+        order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
+        findings.append(Finding(_short_name(table), f"quaternions stand as {order}; read by these names"))
+    p = table.take(positions, "length") if positions else None
+    q = table.take(quaternions, "quaternion") if quaternions else None
+    _note_conversion(table, {"length": positions}, findings)
+    return ReferencePoses(name, table.stamps_ns, p, q, table.source, _header_units(table, length=positions))
+
+
+def _not_poses(table: Table, remedy: str) -> RecordingError:
+    names = ", ".join(column.name for column in table.columns[1:9]) or "stamps alone"
+    return RecordingError(
+        f"columns are {names}; expected {_POSE_HEADER}, or only its p or its q columns{remedy}",
+        file=table.source,
+        line=1,
+    )
+
+
+_POSITION = re.compile(r"p.*[xyz]|(t|trans.*)?_?[xyz]")
+_ANGLE = re.compile(r"roll|pitch|yaw|heading|euler|rot|[abc]$|r_?[xyz]$|angle")
+
+
+def _pose_columns(table: Table) -> tuple[list[Column], list[Column]]:
+    """Return the columns of p (x, y, z) and of q (w, x, y, z), whatever order the header gives them in."""
+    columns = [(column, column.name.lower()) for column in table.columns[1:]]
+    p = [column for column, name in columns if _POSITION.fullmatch(name)][:3]
+    q = [column for column, name in columns if name.startswith("q") and name[-1:] in "wxyz"][:4]
+    p.sort(key=lambda c: "xyz".index(c.name.lower()[-1]))
+    q.sort(key=lambda c: "wxyz".index(c.name.lower()[-1]))
+    if len({c.name.lower()[-1] for c in p}) not in (0, 3) or len({c.name.lower()[-1] for c in q}) not in (0, 4):
+        raise _not_poses(table, "; correct the header")
+    return p, q
+
+
+def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
+    if not is_there(path):
+        return None
+    table = read_table(path, "joint angles")
+    findings.extend(table.findings)
+    if len(table.columns) < 2:
+        raise RecordingError(
+            "no joint columns; expected #timestamp [ns],q_1 [rad],…; without joint angles, remove the folder",
+            file=path,
+            line=1,
+        )
+    columns = list(table.columns[1:])
+    angles = table.take(columns, "angle")
+    _note_conversion(table, {"angle": columns}, findings)
+    return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
+
+
+def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding], *, needed: bool) -> str | None:
+    """Return the text of the robot's description; a name that leads nowhere is an error only where it is needed."""
+    name = settings.robot.urdf
+    if name is not None and not is_there(path / name):
+        if needed:
+            raise RecordingError(
+                "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
+                file=path / name,
+            )
+        findings.append(Finding("robot", f"recording.toml names {name}, which is not there; no joint angles need it"))
+    return description_beside(path, settings)
+
+
+def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
+    """Return the noise figures of EuRoC's sensor.yaml, or None where there are none."""
+    if not is_there(path):
+        return None
+    sheet = _parse_datasheet(path)
+    if sheet is None:
+        findings.append(Finding("noise", f"{path.name} holds no noise densities that can be read; it was left out"))
+        return None
+    findings.append(
+        Finding(
+            "noise",
+            f"densities and random walks taken from {path.name}: gyro {sheet.gyro_noise_density:.4g} rad/s/sqrt(Hz), "
+            f"accelerometer {sheet.accel_noise_density:.4g} m/s^2/sqrt(Hz)",
+        )
+    )
+    return sheet
+
+
+def _parse_datasheet(path: Path) -> Datasheet | None:
+    try:
+        lines = read_bytes(path, LARGEST_YAML).decode("utf-8", errors="replace").splitlines()
+        text = "\n".join(line for line in lines if not line.startswith("%"))  # OpenCV's first line is not YAML
+        content: dict[str, Any] = YAML(typ="safe").load(text) or {}
+        densities = [float(content[f"{name}_noise_density"]) for name in ("gyroscope", "accelerometer")]
+        walks = [float(content.get(f"{name}_random_walk", 0.0)) for name in ("gyroscope", "accelerometer")]
+    except (OSError, YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        return None
+    figures = np.array([*densities, *walks])
+    if not np.isfinite(figures).all() or (figures < 0.0).any() or (figures[:2] == 0.0).any():
+        return None
+    return Datasheet(*densities, *walks)

@@ -1,0 +1,284 @@
+"""Traces of KUKA's controllers ($TRACE): the poses and joint angles in them, and their way into a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.errors import RecordingError, RobotError
+from kreisel.files import read_bytes
+from kreisel.formats.description import description_beside
+from kreisel.formats.diadem import BEGIN, read_diadem
+from kreisel.formats.kuka_channels import JOINTS, ORIENTATION, POSITION, Channel, choose, factor, meaning
+from kreisel.formats.kuka_trace_text import read_text
+from kreisel.formats.write import add_reference
+from kreisel.geometry.interpolation import continuous
+from kreisel.geometry.kuka import from_abc
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import Finding, JointAngles, ReferencePoses, Stamps
+from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.robot.kinematics import parse_arm, poses
+from kreisel.units import DEG
+
+SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")
+"""Endings of the files a trace is made of; only headers and texts are read by name."""
+
+_NO_VALUE = 1e30
+"""DIAdem marks what is missing by 9.9e34."""
+
+_LARGEST_TRACE = 1 << 28
+"""Bytes of a trace as text, 256 MiB: hours of it."""
+
+_TURNED = 2.0 * np.pi
+"""Degrees that all angles of a robot stay within only if they are radians."""
+
+_FAR = {"angle": 720.0 * DEG, "length": 100.0}
+"""rad and m that no axis and no tool reaches; angles of motors before the gear do."""
+
+_NEAR = 10.0
+"""Millimetres that a tool stays within only if they are metres."""
+
+
+_QUANTITY = {JOINTS: "angle", POSITION: "length", ORIENTATION: "angle"}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a trace holds of a robot's motion, on the controller's clock from its first sample on."""
+
+    joints: JointAngles | None
+    reference: ReferencePoses | None
+    findings: tuple[Finding, ...]
+
+
+def is_trace(path: Path) -> bool:
+    """Return whether a file's name is one of a trace, and of no recording."""
+    return path.suffix.lower() in SUFFIXES and not path.is_dir()
+
+
+def read_trace(path: Path) -> Trace:
+    """Return the measured joint angles A1 to A6 and the measured pose X to C of a trace, as far as they are in it.
+
+    Parameters
+    ----------
+    path
+        The header (.dat) of a KR C4's trace, with its .r64 beside it; or a trace as text.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, holds nothing of these, or says impossible things; the message says where.
+    """
+    text = _text(path)
+    diadem = BEGIN in text or text.startswith("DIA")
+    channels, findings = (read_diadem if diadem else read_text)(path, text)
+    stamps = _stamps(channels, path)
+    taken = {wanted: chosen for wanted in _QUANTITY if (chosen := choose(channels, wanted, path)) is not None}
+    if not taken:
+        raise _nothing(channels, path)
+    _check_numbers([channel for chosen in taken.values() for channel in chosen], stamps.size, path)
+    findings += [Finding("trace", f"took {_named(chosen)}{_unsaid(chosen)}") for chosen in taken.values()]
+    values = {wanted: _values(chosen, _QUANTITY[wanted], path) for wanted, chosen in taken.items()}
+    joints, p, abc = (values.get(wanted) for wanted in _QUANTITY)
+    q = None if abc is None else continuous(np.array([from_abc(*angles) for angles in abc.tolist()]))
+    return Trace(
+        None if joints is None else JointAngles(stamps, joints, path),
+        None if p is None and q is None else ReferencePoses("pose0", stamps, p, q, path),
+        tuple(findings),
+    )
+
+
+def add_trace(path: Path, folder: Path) -> tuple[Finding, ...]:
+    """Write the poses and joint angles of a trace into a recording folder, new or there already.
+
+    Where the trace holds joint angles alone, the folder's robot.urdf makes poses of them.
+
+    Returns
+    -------
+    findings
+        What was taken from where, and what is still to be put into the folder.
+
+    Raises
+    ------
+    RecordingError
+        If the trace cannot be read, the folder has poses or joint angles already, or they are joint angles alone.
+    RobotError
+        If the folder's robot.urdf is no arm of six joints.
+    """
+    trace = read_trace(path)
+    root = folder / "mav0" if (folder / "mav0" / "imu0").is_dir() else folder
+    reference, findings = trace.reference, list(trace.findings)
+    if reference is None and trace.joints is not None:
+        reference, said = _by_kinematics(trace.joints, folder)
+        findings.append(said)
+    add_reference(root, reference, trace.joints)
+    if not (root / "imu0").is_dir():
+        findings.append(Finding("imu0", f"is not there yet: put the IMU's readings into {root / 'imu0' / 'data.csv'}"))
+    return tuple(findings)
+
+
+def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, Finding]:
+    toml = folder / "recording.toml"
+    settings = read_settings(toml) if toml.exists() else RecordingSettings()
+    urdf, name = description_beside(folder, settings), settings.robot.urdf or "robot.urdf"
+    if urdf is None:
+        raise RecordingError(
+            f"holds joint angles alone, and there is no {name} in {folder} to make poses of them; put the robot's "
+            "description there and convert again, or trace X, Y, Z, A, B, C of the tool as well",
+            file=joints.source,
+        )
+    arm = parse_arm(urdf, settings.robot.tcp, str(folder / name))
+    if len(arm.joints) != len(JOINTS):
+        raise RobotError(
+            f"{folder / name}: {len(arm.joints)} joints move '{arm.tcp}' ({', '.join(arm.joints)}), expected the six "
+            "of the trace; correct it, or robot.tcp in recording.toml"
+        )
+    p, q = poses(arm, joints.angles)
+    reference = ReferencePoses("pose0", joints.stamps_ns, p, q, joints.source)
+    return reference, Finding("pose0", f"poses of '{arm.tcp}' by {name} from these angles: the trace holds none")
+
+
+def _text(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix == ".r64":
+        raise RecordingError("holds the values alone; give the .dat beside it, which names them", file=path)
+    try:
+        data = read_bytes(path, _LARGEST_TRACE)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}; give a trace's .dat or text", file=path) from error
+    if b"\0" in data:
+        remedy = "export it as text" if suffix == ".trc" else "give a trace's .dat (KR C4) or its text (KR C2)"
+        raise RecordingError(f"is binary (byte {data.index(0)} is zero); {remedy}", file=path)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")  # the controllers' own: ° is one byte
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _stamps(channels: Sequence[Channel], path: Path) -> Stamps:
+    times = [channel for channel in channels if channel.time]
+    if len(times) != 1:
+        raise RecordingError(
+            f"{len(times)} channels hold the time{f': {_named(times)}' if times else ''}; expected one, 'Zeit', with "
+            "the step between samples: trace again",
+            file=path,
+        )
+    time = times[0]
+    if meaning(time.name) is not None:
+        raise RecordingError(
+            f"the first column is '{time.name}', expected the time; export the trace with its time",
+            file=path,
+            line=time.line,
+        )
+    seconds = time.values * factor(time, "time", "s", path)
+    if not np.all(np.abs(seconds) < 4e9):
+        k = int(np.argmin(np.abs(seconds) < 4e9))
+        raise _fault(path, time, f"{time.values[k]:g} at sample {k + 1} is no possible time; trace again")
+    stamps = np.round(seconds * 1e9).astype(np.int64)
+    steps = np.diff(stamps)
+    back = np.flatnonzero(steps <= 0)
+    if back.size:
+        k = int(back[0])
+        raise _fault(
+            path,
+            time,
+            f"time goes from {time.values[k]:g} to {time.values[k + 1]:g} at sample {k + 2}, and so in {back.size} "
+            "places; expected it to grow: split the trace there, or export all digits",
+        )
+    rate = 1e9 / float(np.median(steps)) if steps.size else 0.0
+    if not 0.5 <= rate <= 20e3:
+        raise _fault(
+            path,
+            time,
+            f"{stamps.size} samples, {rate:g} a second in [{time.unit}]; expected 0.5 to "
+            "20000: write the unit after the name, as in 'Zeit [s]'",
+        )
+    return stamps - stamps[0]  # before the trigger time is negative, which not every format holds
+
+
+def _check_numbers(chosen: Sequence[Channel], size: int, path: Path) -> None:
+    """Raise an error unless each channel has as many numbers as there are stamps, and these move."""
+    for channel in chosen:
+        if channel.values.size != size:
+            raise _fault(
+                path, channel, f"{channel.values.size} values, but the time has {size}; expected as many: trace again"
+            )
+        missing = np.flatnonzero(~(np.abs(channel.values) < _NO_VALUE))
+        if missing.size:
+            k = int(missing[0])
+            raise _fault(
+                path,
+                channel,
+                f"{channel.values[k]:g} at sample {k + 1} of {size}, and {missing.size - 1} more such, are no values; "
+                "expected numbers throughout: trace again",
+            )
+    # the last digit of what is measured always moves
+    still = [channel for channel in chosen if np.all(channel.values == channel.values[0])]
+    if still:
+        which = "as are all others" if len(still) == len(chosen) else f"but {_named(chosen)} are not all so"
+        raise _fault(
+            path,
+            still[0],
+            f"{still[0].values[0]:g} throughout, {which}; what is measured never stands so still: it was not recorded, "
+            "or the robot did not move. Trace again",
+        )
+
+
+def _values(chosen: Sequence[Channel], quantity: str, path: Path) -> Array:
+    """Return channels (n, k) in SI, unless their numbers look like another unit's."""
+    usual = "°" if quantity == "angle" else "mm"
+    factors = np.array([factor(channel, quantity, usual, path) for channel in chosen])
+    values = np.column_stack([channel.values for channel in chosen]) * factors
+    largest = np.abs(values).max(axis=0)
+    k = int(np.argmax(largest))
+    seen = f"up to {largest[k] / factors[k]:.6g} [{chosen[k].unit or usual}]"
+    if largest[k] > _FAR[quantity]:
+        raise _fault(
+            path,
+            chosen[k],
+            f"{seen}, farther than any robot reaches; expected angles of axes (not of motors, before the gear) and "
+            "places of the tool: correct the unit, or trace those",
+        )
+    small, si = (_TURNED, "rad") if quantity == "angle" else (_NEAR, "m")
+    if largest[k] < small * factors[k] and factors[k] < 1.0:
+        raise _fault(
+            path, chosen[k], f"{seen}, and no more in {_named(chosen)}: they look like [{si}]; correct the unit"
+        )
+    return values
+
+
+def _nothing(channels: Sequence[Channel], path: Path) -> RecordingError:
+    """Return the error for a trace without what is needed: what it holds, and what to trace."""
+    others = [channel for channel in channels if not channel.time]
+    commanded = [c for c in others if (known := meaning(c.name)) is not None and known[0] == "commanded"]
+    said = f" ({_named(commanded)}: commanded, not measured)" if commanded else ""
+    if any(channel.name.lower() in ("istposition", "sollposition") for channel in others):
+        said += " (a drive's own position is that of its motor, before the gear)"
+    return RecordingError(
+        "no measured motion: expected AxisPos_Act1 to AxisPos_Act6, or X, Y, Z or A, B, C with Act in their names; the "
+        f"channels are {_named(others)}{said}. Add those to the trace's configuration (module KRCIpo) and trace again",
+        file=path,
+    )
+
+
+def _named(channels: Sequence[Channel]) -> str:
+    names = [channel.name or "(no name)" for channel in channels[:40]]
+    return ", ".join(names) + (f" and {len(channels) - 40} more" if len(channels) > 40 else "")
+
+
+def _unsaid(chosen: Sequence[Channel]) -> str:
+    """Return what to say of channels whose name leaves something open."""
+    said = ""
+    if any((known := meaning(channel.name)) is not None and known[0] == "bare" for channel in chosen):
+        said += "; their names do not say whether they are measured or commanded"
+    if any(channel.unit is None for channel in chosen):
+        said += "; without unit, so taken in ° and mm"
+    return said
+
+
+def _fault(path: Path, channel: Channel, message: str) -> RecordingError:
+    return RecordingError(f"channel '{channel.name}': {message}", file=path, line=channel.line)

@@ -1,0 +1,543 @@
+"""MCAP files: kreisel's own recordings written, anybody's read, whole or cut.
+
+What is written is a ROS 2 file (CDR messages, `ros2msg` schemas, zstd chunks of 64 KiB) that Foxglove,
+rosbags and the mcap tools open. It is read as a stream, never through its index, because the index stands
+at the end and is missing where a recorder was stopped.
+"""
+
+from __future__ import annotations
+
+import operator
+import struct
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from kreisel._version import __version__
+from kreisel.errors import RecordingError
+from kreisel.formats.bounds import LARGEST_CHUNK, Budget, chunk_content, within
+from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.settings import RecordingSettings
+
+IMU_TOPIC = "/imu/data_raw"
+POSE_TOPIC = "/robot/pose"
+POSITION_TOPIC = "/robot/position"
+ORIENTATION_TOPIC = "/robot/orientation"
+JOINT_TOPIC = "/robot/joint_states"
+NOTE_TOPIC = "/kreisel/notes"
+"""What happened while recording: devices lost and back, clocks that leapt."""
+
+NOTE_TYPE = "rcl_interfaces/msg/Log"
+INFO, WARN = 20, 30
+"""Levels of notes."""
+
+SETTINGS_RECORD = "kreisel/recording"
+"""Name of the metadata record with the settings; its keys are `table.key` as in `recording.toml`."""
+
+URDF_RECORD = "kreisel.robot"
+"""Name of the metadata record with the robot's description, under the key `urdf`."""
+
+RECORDED = "recording.mcap"
+"""Name of the file in the folder of a recording that was made live."""
+
+CHUNK_SIZE = 64 * 1024
+"""Bytes in a chunk before compression: what a recorder that is killed may lose."""
+
+_LAST_STAMP = 2**31 * 10**9 - 1  # seconds are an int32 in a ROS header
+_NO_COVARIANCE = np.zeros(9)
+_NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 says that there is none
+_NO_EFFORT = np.zeros(0)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+_RECORD_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
+
+
+class McapWriter:
+    """Write IMU readings, reference poses and joint angles into an MCAP stream, in any order.
+
+    Parameters
+    ----------
+    stream
+        A binary stream open for writing; it stays open.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._writer = Writer(stream, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library=f"kreisel {__version__}")
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        self._channels: dict[str, int] = {}
+        self._counts: dict[str, int] = defaultdict(int)
+
+    def add_settings(self, settings: RecordingSettings) -> None:
+        """Write the settings that are set; call it first, so that a cut file has them too."""
+        tables = settings.model_dump(exclude_none=True)
+        pairs = {f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()}
+        if pairs:
+            self._writer.add_metadata(SETTINGS_RECORD, pairs)
+
+    def add_urdf(self, text: str) -> None:
+        """Write the robot's description; like the settings, before the messages."""
+        self._writer.add_metadata(URDF_RECORD, {"urdf": text})
+
+    def add_imu(
+        self, stamp_ns: int, rate: Sequence[float], acceleration: Sequence[float], log_ns: int | None = None,
+        epoch: int = 1,
+    ) -> None:  # fmt: skip
+        """Write angular rate (rad/s) and acceleration (m/s^2) as sensor_msgs/Imu without orientation.
+
+        Parameters
+        ----------
+        stamp_ns, log_ns
+            The device's own time, and the host's, at which it came in; the same by default.
+        epoch
+            Which of a device's clocks it is: one that was started anew has a topic of its own.
+        """
+        message = self._new(
+            "sensor_msgs/msg/Imu",
+            self._header(stamp_ns, "imu"),
+            self._quaternion(_IDENTITY),
+            _NO_ORIENTATION,
+            self._vector(rate),
+            _NO_COVARIANCE,
+            self._vector(acceleration),
+            _NO_COVARIANCE,
+        )
+        self._add(_of_epoch(IMU_TOPIC, epoch), stamp_ns, message, log_ns)
+
+    def add_pose(
+        self, stamp_ns: int, position: Sequence[float] | None, quaternion: Sequence[float] | None,
+        log_ns: int | None = None, epoch: int = 1,
+    ) -> None:  # fmt: skip
+        """Write a pose as PoseStamped, or its one half as PointStamped or QuaternionStamped; see `add_imu`."""
+        header = self._header(stamp_ns, "reference")
+        if position is not None and quaternion is not None:
+            pose = self._new("geometry_msgs/msg/Pose", self._point(position), self._quaternion(quaternion))
+            posed = self._new("geometry_msgs/msg/PoseStamped", header, pose)
+            self._add(_of_epoch(POSE_TOPIC, epoch), stamp_ns, posed, log_ns)
+        elif position is not None:
+            point = self._new("geometry_msgs/msg/PointStamped", header, self._point(position))
+            self._add(_of_epoch(POSITION_TOPIC, epoch), stamp_ns, point, log_ns)
+        elif quaternion is not None:
+            turn = self._new("geometry_msgs/msg/QuaternionStamped", header, self._quaternion(quaternion))
+            self._add(_of_epoch(ORIENTATION_TOPIC, epoch), stamp_ns, turn, log_ns)
+
+    def add_joints(self, stamp_ns: int, angles: Sequence[float], log_ns: int | None = None, epoch: int = 1) -> None:
+        """Write joint angles (rad) as sensor_msgs/JointState with the names joint_1, joint_2, …; see `add_imu`."""
+        names = [f"joint_{k}" for k in range(1, len(angles) + 1)]
+        header = self._header(stamp_ns, "robot")
+        message = self._new("sensor_msgs/msg/JointState", header, names, np.array(angles), _NO_EFFORT, _NO_EFFORT)
+        self._add(_of_epoch(JOINT_TOPIC, epoch), stamp_ns, message, log_ns)
+
+    def add_note(self, stamp_ns: int, level: int, source: str, text: str) -> None:
+        """Write what happened, as rcl_interfaces/Log, on the host's clock."""
+        stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
+        self._add(NOTE_TOPIC, stamp_ns, self._new(NOTE_TYPE, stamp, level, source, text, "", "", 0))
+
+    def flush(self) -> None:
+        """Write out the chunk that is being filled, so that a stop costs nothing written before."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self) -> None:
+        """Write the index and the footer; nothing can be added afterwards."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _new(self, msgtype: str, *fields: object) -> Any:
+        return self._store.types[msgtype](*fields)  # type: ignore[arg-type]
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
+        return self._new("std_msgs/msg/Header", stamp, frame)
+
+    def _vector(self, v: Sequence[float]) -> Any:
+        return self._new("geometry_msgs/msg/Vector3", *v)
+
+    def _point(self, p: Sequence[float]) -> Any:
+        return self._new("geometry_msgs/msg/Point", *p)
+
+    def _quaternion(self, q: Sequence[float]) -> Any:
+        w, x, y, z = q
+        return self._new("geometry_msgs/msg/Quaternion", x, y, z, w)
+
+    def _add(self, topic: str, stamp_ns: int, message: Any, log_ns: int | None = None) -> None:
+        msgtype = message.__msgtype__
+        if topic not in self._channels:
+            text, _ = self._store.generate_msgdef(msgtype, ros_version=2)
+            schema = self._writer.register_schema(msgtype, "ros2msg", text.encode())
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+        data = bytes(self._store.serialize_cdr(message, msgtype, little_endian=True))
+        log = stamp_ns if log_ns is None else log_ns
+        self._writer.add_message(self._channels[topic], log, data, stamp_ns, self._counts[topic])
+        self._counts[topic] += 1
+
+
+def _of_epoch(topic: str, epoch: int) -> str:
+    return topic if epoch == 1 else f"{topic}_{epoch}"
+
+
+def write_mcap(recording: Recording, path: Path) -> None:
+    """Write a recording as one MCAP file; the log time of a message is its header's stamp.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written, or a stamp does not fit a ROS header.
+    """
+    if path.exists():
+        raise RecordingError("exists already; delete it, or give another name", file=path)
+    for stream in _stamped(recording):
+        _check_stamps(stream.stamps_ns, stream.source)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            _write_all(recording, McapWriter(file))
+        part.replace(path)
+    except OSError as error:
+        raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _stamped(recording: Recording) -> list[Any]:
+    return [stream for stream in (recording.imu, recording.reference, recording.joints) if stream is not None]
+
+
+def _check_stamps(stamps: Stamps, source: Path) -> None:
+    outside = np.flatnonzero((stamps < 0) | (stamps > _LAST_STAMP))
+    if outside.size:
+        raise RecordingError(
+            f"the stamp {stamps[outside[0]]} ns does not fit a ROS header, expected 0 to {_LAST_STAMP} ns; "
+            "shift all stamps of the recording by one constant, or write a folder",
+            file=source,
+        )
+
+
+def _write_all(recording: Recording, writer: McapWriter) -> None:
+    """Write settings and streams, merged in the order of their stamps."""
+    writer.add_settings(recording.settings)
+    if recording.urdf is not None:
+        writer.add_urdf(recording.urdf)
+    adders = [_imu_adder(recording, writer)]
+    if recording.reference is not None:
+        adders.append(_pose_adder(recording.reference, writer))
+    if recording.joints is not None:
+        adders.append(_joint_adder(recording.joints, writer))
+    streams = _stamped(recording)
+    stamps = np.concatenate([stream.stamps_ns for stream in streams])
+    owner = np.repeat(np.arange(len(streams)), [stream.stamps_ns.size for stream in streams])
+    index = np.concatenate([np.arange(stream.stamps_ns.size) for stream in streams])
+    order = np.argsort(stamps, kind="stable")
+    for who, stamp, k in np.column_stack([owner, stamps, index])[order].tolist():
+        adders[who](stamp, k)
+    writer.finish()
+
+
+def _imu_adder(recording: Recording, writer: McapWriter) -> Callable[[int, int], None]:
+    imu = recording.imu
+    return lambda stamp, k: writer.add_imu(stamp, imu.rates[k].tolist(), imu.accelerations[k].tolist())
+
+
+def _pose_adder(reference: ReferencePoses, writer: McapWriter) -> Callable[[int, int], None]:
+    p, q = reference.positions, reference.quaternions
+    return lambda stamp, k: writer.add_pose(
+        stamp, None if p is None else p[k].tolist(), None if q is None else q[k].tolist()
+    )
+
+
+def _joint_adder(joints: JointAngles, writer: McapWriter) -> Callable[[int, int], None]:
+    return lambda stamp, k: writer.add_joints(stamp, joints.angles[k].tolist())
+
+
+@dataclass(frozen=True)
+class Topic:
+    """The messages of one topic, as stored, in the order of their log times.
+
+    Attributes
+    ----------
+    msgtype
+        Such as `sensor_msgs/msg/Imu`, for ROS 1 too.
+    encoding
+        `cdr` or `ros1`; anything else is listed, never decoded.
+    count
+        Messages in the file; `payloads` is empty where nobody wanted them.
+    """
+
+    name: str
+    msgtype: str
+    encoding: str
+    count: int
+    log_times_ns: list[int] = field(default_factory=list)
+    payloads: list[bytes] = field(default_factory=list)
+
+
+def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: Iterable[tuple[int, bytes]]) -> Topic:
+    """Return a topic from pairs of log time and payload, sorted by the times."""
+    ordered = sorted(messages, key=operator.itemgetter(0))
+    return Topic(name, msgtype, encoding, count, [m[0] for m in ordered], [m[1] for m in ordered])
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a bag holds: topics, settings as `table.key` -> text, findings, the robot's description.
+
+    Attributes
+    ----------
+    begun_ns
+        The earliest log time of all messages; None where it is not known.
+    """
+
+    path: Path
+    topics: tuple[Topic, ...]
+    settings: dict[str, str] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    urdf: str | None = None
+    begun_ns: int | None = None
+
+
+def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
+    """Return what is whole in an MCAP file, from its beginning to where it ends or breaks.
+
+    Parameters
+    ----------
+    wanted
+        Message types whose payloads are kept.
+
+    Raises
+    ------
+    RecordingError
+        If it is not an MCAP file or cannot be opened. A cut or damaged one gives a finding that says where
+        it broke and what is lost.
+    """
+    scan = McapScan(frozenset(wanted))
+    try:
+        with path.open("rb") as file:
+            check_magic(file.read(len(MCAP0_MAGIC)), path)
+            scan.read(file, path.stat().st_size)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
+    lost = scan.lost()
+    findings = (Finding(path.name, lost),) if lost else ()
+    return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf, scan.begun_ns)
+
+
+def check_magic(start: bytes, path: Path) -> None:
+    """Raise an error unless a file starts as MCAP files do."""
+    if not start:
+        raise RecordingError("is empty; expected an MCAP file", file=path)
+    if start != MCAP0_MAGIC:
+        raise RecordingError(
+            f"is not an MCAP file: starts with {start.hex(' ')}, expected {MCAP0_MAGIC.hex(' ')}; "
+            "check that it was copied whole and is what its name says",
+            file=path,
+        )
+
+
+class _BrokenRecordError(Exception):
+    """A record that goes on past the end of what holds it."""
+
+    def __init__(self, offset: int, opcode: int, beginning: bytes) -> None:
+        self.offset, self.opcode, self.beginning = offset, opcode, beginning
+        super().__init__(f"broken record at byte {offset}")
+
+
+def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+    """Yield offset, opcode and content of the records; contents nobody reads stay empty."""
+    while (start := stream.tell()) < size:
+        head = stream.read(_RECORD_HEAD.size)
+        if len(head) < _RECORD_HEAD.size:
+            raise _BrokenRecordError(start, 0, b"")
+        opcode, length = _RECORD_HEAD.unpack(head)
+        end = start + _RECORD_HEAD.size + length
+        # A zero is no opcode, but what a file system leaves after a loss of power.
+        if opcode == 0 or end > size:
+            raise _BrokenRecordError(start, opcode, stream.read(16))
+        if opcode in _READ:
+            yield start, opcode, stream.read(min(length, LARGEST_CHUNK + 1))
+        else:
+            yield start, opcode, b""
+        stream.seek(end)
+
+
+class McapScan:
+    """One pass through a file: what was found so far, and what was lost."""
+
+    def __init__(self, wanted: frozenset[str]) -> None:
+        self.settings: dict[str, str] = {}
+        self.urdf: str | None = None
+        self.begun_ns: int | None = None
+        self._wanted = wanted
+        self._kept = wanted | {None}  # what is not known yet may turn out to be wanted
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._messages: dict[int, list[tuple[int, bytes]]] = defaultdict(list)
+        self._counts: dict[int, int] = defaultdict(int)
+        self._announced: int | None = None
+        self._lost: list[str] = []
+        self._budget = Budget(0)
+
+    def read(self, stream: BinaryIO, size: int) -> None:
+        """Take all records up to the footer, or to where the file breaks."""
+        self._budget = Budget(size)
+        try:
+            for offset, opcode, content in _records(stream, size):
+                if opcode == Opcode.FOOTER:
+                    return
+                self._try(offset, opcode, content)
+        except _BrokenRecordError as broken:
+            self._lost.append(_cut(broken, size))
+        else:
+            self._lost.append("it ends without a footer, as where a recorder was stopped; the rest is missing")
+
+    def follow(self, stream: BinaryIO, offset: int, size: int) -> tuple[int, bool]:
+        """Take the records from an offset on that are whole by now; return where the next begins, and whether any will.
+
+        For a file that is still being written.
+        """
+        self._budget = Budget(size - offset)
+        stream.seek(offset)
+        try:
+            for start, opcode, content in _records(stream, size):
+                if opcode == Opcode.FOOTER:
+                    return start, False
+                self._try(start, opcode, content)
+        except _BrokenRecordError as broken:
+            return broken.offset, True
+        return size, True
+
+    def _try(self, offset: int, opcode: int, content: bytes) -> None:
+        """Take a record, or note that it is damaged: the library raises whatever it stumbles over."""
+        try:
+            if opcode == Opcode.CHUNK:
+                self._take_chunk(within(content))
+            else:
+                self._take(opcode, within(content))
+        except Exception as error:
+            name = Opcode(opcode).name.lower()
+            span = _span(content[:16]) if opcode == Opcode.CHUNK else ""
+            self._lost.append(f"the {name} at byte {offset} is damaged{span} ({reason(error)})")
+
+    def _take_chunk(self, content: bytes) -> None:
+        chunk = Chunk.read(record_stream(content))
+        data = chunk_content(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
+        for _, opcode, inner in _records(BytesIO(data), len(data)):
+            self._take(opcode, inner)
+
+    def _take(self, opcode: int, content: bytes) -> None:
+        if opcode == Opcode.MESSAGE:
+            self._take_message(content)
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(record_stream(content))
+            self._schemas.setdefault(schema.id, schema)
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(record_stream(content))
+            self._channels.setdefault(channel.id, channel)
+        elif opcode == Opcode.STATISTICS:
+            self._announced = Statistics.read(record_stream(content)).message_count
+        elif opcode == Opcode.METADATA:
+            metadata = Metadata.read(record_stream(content))
+            if metadata.name == SETTINGS_RECORD:
+                self.settings.update(metadata.metadata)
+            elif metadata.name == URDF_RECORD:
+                self.urdf = metadata.metadata.get("urdf")
+
+    def _take_message(self, content: bytes) -> None:
+        channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(content)
+        self._counts[channel] += 1
+        if self.begun_ns is None or log_time < self.begun_ns:
+            self.begun_ns = log_time
+        if self._type(channel) in self._kept:
+            self._budget.take(len(content))
+            self._messages[channel].append((log_time, content[_MESSAGE_HEAD.size :]))
+
+    def _type(self, number: int) -> str | None:
+        """Return a channel's message type; None where its definition is not (or not yet) known.
+
+        The definitions are repeated at the end, which helps where the chunk that held them is damaged.
+        """
+        channel = self._channels.get(number)
+        if channel is None or channel.schema_id == 0:
+            return None if channel is None else ""
+        schema = self._schemas.get(channel.schema_id)
+        return None if schema is None else normal_type(schema.name)
+
+    def topics(self) -> Iterator[Topic]:
+        """Yield the topics; channels of one name, type and encoding are one topic."""
+        groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
+        for number, channel in self._channels.items():
+            groups[channel.topic, self._type(number) or "", channel.message_encoding].append(number)
+        for (name, msgtype, encoding), numbers in groups.items():
+            count = sum(self._counts[number] for number in numbers)
+            kept = [m for number in numbers for m in self._messages[number]] if msgtype in self._wanted else []
+            yield in_log_order(name, msgtype, encoding, count, kept)
+
+    def take_fresh(self) -> Iterator[Topic]:
+        """Yield the topics with what has come of them since the last call, and forget it."""
+        for number, messages in self._messages.items():
+            channel = self._channels.get(number)
+            if channel is None or not messages:
+                continue
+            yield in_log_order(
+                channel.topic, self._type(number) or "", channel.message_encoding, self._counts[number], messages
+            )
+            messages.clear()
+
+    def lost(self) -> str:
+        """Return the sentence that says what is missing; empty where the file is whole."""
+        lost = list(self._lost)
+        orphans = sum(count for number, count in self._counts.items() if self._type(number) is None)
+        if orphans:
+            lost.append(f"the definition of {orphans} messages is missing, so they are too")
+        found = sum(self._counts.values())
+        if not lost and self._announced is not None and self._announced != found:
+            lost.append(f"its statistics announce {self._announced} messages, {found} were found")
+        more = f"; and {len(lost) - 3} more faults" if len(lost) > 3 else ""
+        return "; ".join(lost[:3]) + more
+
+
+def normal_type(msgtype: str) -> str:
+    """Return a message type in the form of ROS 2: sensor_msgs/Imu is sensor_msgs/msg/Imu."""
+    package, _, name = msgtype.partition("/")
+    return msgtype if "/" in name or not name else f"{package}/msg/{name}"
+
+
+def record_stream(content: bytes) -> ReadDataStream:
+    """Return the content of a record as the library reads it."""
+    return ReadDataStream(BytesIO(content))
+
+
+def _cut(broken: _BrokenRecordError, size: int) -> str:
+    span = _span(broken.beginning) if broken.opcode == Opcode.CHUNK else ""
+    rest = size - broken.offset
+    return f"it is cut or damaged at byte {broken.offset} of {size}; the last {rest} bytes are lost{span}"
+
+
+def _span(beginning: bytes) -> str:
+    """Return how long the messages of a chunk last, from the first 16 bytes of it."""
+    if len(beginning) < 16:
+        return ""
+    first, last = struct.unpack("<QQ", beginning[:16])
+    return f", with {(last - first) * 1e-9:.3g} s of messages" if 0 <= last - first < 3600 * 10**9 else ""
+
+
+def reason(error: Exception) -> str:
+    """Return what an exception says, on one line; its name where it says nothing."""
+    return one_line(str(error)).rstrip(".") or type(error).__name__
+
+
+def one_line(text: str) -> str:
+    """Return a text without line breaks and control characters, which names in a damaged file may have."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

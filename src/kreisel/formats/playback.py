@@ -1,0 +1,172 @@
+"""What one device sent, out of an MCAP file, with the times at which it came in: to be played back in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from io import SEEK_END
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+from mcap.writer import MCAP0_MAGIC
+
+from kreisel.errors import RecordingError
+from kreisel.formats.bag import (
+    IMU,
+    IMU_ROLE,
+    JOINTS,
+    REFERENCE_ROLE,
+    REFERENCE_ROWS,
+    Role,
+    body_of,
+    choose_topic,
+    decode_topic,
+    imu_of,
+    joint_topic,
+    joints_of,
+    listed,
+    poses_of,
+)
+from kreisel.formats.mcap import RECORDED, Contents, Topic, check_magic, read_mcap
+from kreisel.recording.recording import Finding, ImuSamples, JointAngles, ReferencePoses, Stamps
+
+Content = TypeVar("Content", ImuSamples, ReferencePoses, JointAngles)
+
+_OPTION = "?topic="
+_IMU_ROLE = replace(IMU_ROLE, option=_OPTION)
+_POSE_ROLE = replace(REFERENCE_ROLE, option=_OPTION)
+_ROBOT_ROLE = Role("poses or joint angles", _OPTION, frozenset({*REFERENCE_ROWS, JOINTS}), ())
+
+
+@dataclass(frozen=True)
+class Track(Generic[Content]):
+    """One topic: what its messages say, and the host's times at which they came in."""
+
+    content: Content
+    log_times_ns: Stamps
+
+
+@dataclass(frozen=True)
+class Playback:
+    """What a device sent.
+
+    Attributes
+    ----------
+    begun_ns
+        The earliest log time in the file.
+    """
+
+    file: Path
+    begun_ns: int
+    imu: Track[ImuSamples] | None = None
+    poses: Track[ReferencePoses] | None = None
+    joints: Track[JointAngles] | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def load_imu(path: Path, topic: str | None = None) -> Playback:
+    """Return what an IMU sent.
+
+    Parameters
+    ----------
+    path
+        An .mcap file, or the folder of a recording that was made live.
+    topic
+        As `TOPIC` or `TOPIC@FRAME_ID`; by default kreisel's own, or the only one there is.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file or topic, the file is no MCAP file, or it is not finished; the message lists what
+        topics there are.
+    """
+    contents, findings = _read(path, {IMU}), list[Finding]()
+    body = body_of(contents, _IMU_ROLE, topic, findings, decode_topic)
+    imu = imu_of(body, contents, _IMU_ROLE)
+    assert body is not None  # noqa: S101 - for the type checker; without one there is an error above
+    return Playback(
+        contents.path, contents.begun_ns or 0, Track(imu, _logged(body.topic)[body.keep]),
+        findings=(*contents.findings, *findings),
+    )  # fmt: skip
+
+
+def load_robot(path: Path, topic: str | None = None) -> Playback:
+    """Return what a robot sent: poses, and the joint angles on their clock; see `load_imu`.
+
+    Parameters
+    ----------
+    topic
+        Of poses or of their one half; of joint angles, for these alone.
+    """
+    contents, findings = _read(path, {*REFERENCE_ROWS, JOINTS}), list[Finding]()
+    poses = joints = None
+    named = None if topic is None else choose_topic(contents, _ROBOT_ROLE, topic, [])[0]
+    if named is not None and named.msgtype == JOINTS:
+        joints = _joints(named, contents, findings)
+    else:
+        poses = _poses(topic, contents, findings)
+        angles = joint_topic(contents, None if poses is None else poses.content.name, findings)
+        joints = None if angles is None else _joints(angles, contents, findings)
+    if poses is not None and joints is not None and not _overlap(poses.content.stamps_ns, joints.content.stamps_ns):
+        findings.append(Finding("joints", "left out, for their stamps and those of the poses are of different times"))
+        joints = None
+    if poses is None and joints is None:
+        raise RecordingError(
+            f"no poses and no joint angles of a robot; got {listed(contents.topics) or 'no topics at all'}",
+            file=contents.path,
+        )
+    return Playback(
+        contents.path, contents.begun_ns or 0, poses=poses, joints=joints, findings=(*contents.findings, *findings)
+    )
+
+
+def _read(path: Path, wanted: Collection[str]) -> Contents:
+    file = _file(path)
+    try:
+        with file.open("rb") as stream:
+            check_magic(stream.read(len(MCAP0_MAGIC)), file)
+            size = stream.seek(0, SEEK_END)
+            stream.seek(max(len(MCAP0_MAGIC), size - len(MCAP0_MAGIC)))
+            finished = stream.read() == MCAP0_MAGIC
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=file) from error
+    if not finished:
+        raise RecordingError(
+            "is still being written, or was cut: it does not end as MCAP files do; wait until its recorder has ended, "
+            f"or make it whole: kreisel recover {file}",
+            file=file,
+        )
+    return read_mcap(file, wanted)
+
+
+def _file(path: Path) -> Path:
+    """Return the file meant by a path, which may be the folder it was made in."""
+    if not path.exists():
+        raise RecordingError("no such file; a recording is played back from mcap:///PATH/FILE.mcap", file=path)
+    if not path.is_dir():
+        return path
+    files = [path / RECORDED] if (path / RECORDED).is_file() else sorted(path.glob("*.mcap"))
+    if len(files) != 1:
+        names = ", ".join(file.name for file in files) or "none"
+        raise RecordingError(f"the folder holds {len(files)} .mcap files ({names}), expected one; name it", file=path)
+    return files[0]
+
+
+def _poses(topic: str | None, contents: Contents, findings: list[Finding]) -> Track[ReferencePoses] | None:
+    body = body_of(contents, _POSE_ROLE, topic, findings, decode_topic)
+    poses = poses_of(body, contents.path)
+    return None if body is None or poses is None else Track(poses, _logged(body.topic)[body.keep])
+
+
+def _joints(topic: Topic, contents: Contents, findings: list[Finding]) -> Track[JointAngles]:
+    return Track(joints_of(topic, contents.path, findings, decode_topic), _logged(topic))
+
+
+def _logged(topic: Topic) -> Stamps:
+    return np.array(topic.log_times_ns, dtype=np.int64)
+
+
+def _overlap(a: Stamps, b: Stamps) -> bool:
+    """Return whether stamps can be of one clock."""
+    return bool(a.min() <= b.max() and b.min() <= a.max())

@@ -1,0 +1,374 @@
+"""CSV tables with a header of names and units, as EuRoC writes them."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array
+from kreisel.recording.header import UNITS
+from kreisel.recording.location import fault
+from kreisel.recording.recording import Finding, Stamps
+
+_COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
+_BLOCK = 1 << 23  # bytes read at once
+_LONGEST_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
+_MOST_COLUMNS = 1000
+_LARGEST_STAMP = 9.0e18  # ns; a little below what 64 bits hold
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's place in the table, its name and its unit (None where the header names none)."""
+
+    index: int
+    name: str
+    unit: str | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as read: header, stamps, numbers (n, columns, the stamp's place among them), findings."""
+
+    source: Path
+    columns: tuple[Column, ...]
+    stamps_ns: Stamps
+    values: Array
+    findings: tuple[Finding, ...]
+
+    def take(self, columns: list[Column], quantity: str) -> Array:
+        """Return columns of one group (n, k), converted to SI by the units the header gives; see `with_units`.
+
+        Raises
+        ------
+        RecordingError
+            If a unit is none of the quantity's, or it is not clear which unit a column is in.
+        """
+        columns = self.with_units(columns)
+        factors = np.array([self._factor(column, quantity) for column in columns])
+        out = np.empty((self.stamps_ns.size, len(columns)))
+        with np.errstate(over="ignore"):  # an infinity is found and told by the checks
+            for i, column in enumerate(columns):
+                np.multiply(self.values[:, column.index], factors[i], out=out[:, i])
+        return out
+
+    def with_units(self, columns: list[Column]) -> list[Column]:
+        """Return the columns of one group, each with its unit: one that is stated only once holds for all.
+
+        Raises
+        ------
+        RecordingError
+            If units differ and one column has none.
+        """
+        stated = list(dict.fromkeys(column.unit for column in columns if column.unit is not None))
+        if not stated or all(column.unit is not None for column in columns):
+            return columns
+        if len(stated) > 1:
+            said = ", ".join(
+                f"'{column.name}' {'without unit' if column.unit is None else f'[{column.unit}]'}" for column in columns
+            )
+            raise RecordingError(
+                f"the columns {said} belong together, and it is not clear in which unit each is; write the unit of "
+                "each, or one for all",
+                file=self.source,
+                line=1,
+            )
+        return [Column(column.index, column.name, stated[0]) for column in columns]
+
+    def _factor(self, column: Column, quantity: str) -> float:
+        known = UNITS[quantity]
+        if column.unit is None:
+            return 1.0
+        if column.unit not in known:
+            raise RecordingError(
+                f"column {column.index + 1} ('{column.name}') is in [{column.unit}]; for this {quantity} kreisel "
+                f"reads {_listed(quantity)}. Convert it, or correct the header",
+                file=self.source,
+                line=1,
+            )
+        return known[column.unit]
+
+
+def _listed(quantity: str) -> str:
+    return ", ".join(f"[{unit}]" for unit in UNITS[quantity])
+
+
+def read_table(path: Path, what: str) -> Table:
+    """Return a CSV table whose first column holds stamps.
+
+    Parameters
+    ----------
+    what
+        What the file holds, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, empty, not text, without header, or has a row that is not numbers.
+    """
+    columns: tuple[Column, ...] = ()
+    findings: list[Finding] = []
+    rows: _Rows | None = None
+    comma = False
+    for text, line in _text_blocks(path, what, findings):
+        body = text
+        if not columns:
+            header, _, body = text.partition("\n")
+            if not header.strip():
+                break
+            columns, comma = _parse_header(header, path), header.rstrip().endswith(",")
+            line += 1
+        if comma:
+            body = re.sub(r",[ \t]*$", "", body, flags=re.MULTILINE)
+        if body.strip():
+            found = _parse_rows(body, columns, path, line)
+            if rows is None:
+                rows = _Rows(round(1.02 * path.stat().st_size / len(body) * len(found[0])) + 16, len(columns))
+            rows.add(*found)
+    if not columns:
+        raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
+    if rows is None:
+        raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
+    return Table(path, columns, rows.stamps[: rows.count], rows.values[: rows.count], tuple(findings))
+
+
+class _Rows:
+    """Room for the rows of a table, as many as its size suggests: pieces to be joined would take it twice."""
+
+    def __init__(self, room: int, columns: int) -> None:
+        self.stamps = np.empty(room, dtype=np.int64)
+        self.values = np.empty((room, columns))
+        self.count = 0
+
+    def add(self, stamps: Stamps, values: Array) -> None:
+        end = self.count + len(stamps)
+        if end > len(self.stamps):
+            self.stamps = np.resize(self.stamps, 2 * end)
+            self.values = np.resize(self.values, (2 * end, self.values.shape[1]))
+        self.stamps[self.count : end] = stamps
+        self.values[self.count : end] = values
+        self.count = end
+
+
+def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+    """Yield a file's text in blocks of whole lines, and the number of their first line; a cut last line is dropped."""
+    try:
+        if not path.is_file():
+            raise RecordingError(f"{_instead(path)}; expected {what} there", file=path)
+        with path.open("rb") as file:
+            left, done, line = b"", 0, 1
+            while data := file.read(_BLOCK):
+                _check_text(data, done + len(left), line, left, path)
+                data = left + data
+                _check_lines(data, line, path)
+                # a line may end in two bytes, of which this may be the first
+                end = len(data) - 1 if data.endswith(b"\r") else len(data)
+                cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
+                left = data[cut:]
+                if cut:
+                    text = _decoded(data[:cut], done, line, what, path)
+                    yield text, line
+                    done, line = done + cut, line + text.count("\n")
+            if left:
+                yield from _last_line(_decoded(left, done, line, what, path), line, path, findings)
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be read: {error.strerror}; check its permissions, or copy it again", file=path
+        ) from error
+
+
+def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> None:
+    """Raise an error for a zero byte, of which no text has any."""
+    where = data.find(b"\0")
+    if where < 0:
+        return
+    guess = "text in UTF-16: save it as UTF-8" if start == 0 and data[:2] in (b"\xff\xfe", b"\xfe\xff") else (
+        "binary, or left so by a loss of power: take what is before, or copy it again"
+    )  # fmt: skip
+    raise RecordingError(
+        f"holds a zero byte (byte {start + where}), which no CSV does; it is {guess}",
+        file=path,
+        line=line + left.count(b"\n") + data.count(b"\n", 0, where),
+    )
+
+
+def _check_lines(data: bytes, line: int, path: Path) -> None:
+    """Raise an error for a line that is longer than any row: read as one, it would take memory without bounds."""
+    begin = 0
+    while len(data) - begin > _LONGEST_LINE:
+        end = max(data.rfind(mark, begin, begin + _LONGEST_LINE) for mark in (b"\n", b"\r"))
+        if end < 0:
+            raise RecordingError(
+                f"a line of more than {_LONGEST_LINE} bytes, expected one row of numbers in each; is it another kind "
+                "of file? Otherwise repair or delete the line",
+                file=path,
+                line=line + data.count(b"\n", 0, begin),
+            )
+        begin = end + 1
+
+
+def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
+    """Return bytes as text with plain line ends."""
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f"not UTF-8 text (byte {start + error.start}); expected {what} as CSV: save it in UTF-8",
+            file=path,
+            line=line + data.count(b"\n", 0, error.start),
+        ) from error
+    if start == 0:
+        text = text.removeprefix("\ufeff")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _last_line(text: str, line: int, path: Path, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+    """Yield a last line that has an end; drop one without: a recorder was stopped in it, perhaps in a number."""
+    if text.endswith("\n") or line == 1:
+        yield text, line
+        return
+    name = f"{path.parent.name}/{path.name}"
+    findings.append(Finding(name, f"the last line has no end ('{text[-40:]}'): it may be cut and was left out"))
+
+
+def _instead(path: Path) -> str:
+    """Return what stands where a file should be."""
+    if path.is_dir():
+        return "is a folder, not a file"
+    if path.is_symlink():
+        return "is a link that leads nowhere"
+    return "is not an ordinary file" if path.exists() else "no such file"
+
+
+def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
+    first = header.split(",")[0].strip()
+    if re.fullmatch(r"[-+0-9.eE]+", first):
+        raise RecordingError(
+            "has no header line; write one that names columns and units, such as "
+            "'#timestamp [ns],w_x [rad s^-1],…' for an IMU or '#timestamp [ns],p_x [m],…' for poses",
+            file=path,
+            line=1,
+        )
+    if "," not in header and re.search(r"[;\t]", header):
+        raise RecordingError(
+            "columns are divided by semicolons or tabs, expected commas (and points in numbers); convert the file",
+            file=path,
+            line=1,
+        )
+    if header.count(",") >= _MOST_COLUMNS:
+        raise RecordingError(
+            f"{header.count(',') + 1} columns, expected {_MOST_COLUMNS} at most; keep those of one stream",
+            file=path,
+            line=1,
+        )
+    columns: list[Column] = []
+    for i, part in enumerate(header.strip().rstrip(",").split(",")):
+        match = _COLUMN.match(part.strip().strip("\"'"))
+        if match is None:
+            raise RecordingError(
+                f"column {i + 1} of the header, '{part.strip()[:60]}', is not 'name [unit]'; correct the header",
+                file=path,
+                line=1,
+            )
+        unit = match.group(2)
+        columns.append(Column(i, match.group(1), None if unit is None else re.sub(r"\s+", " ", unit)))
+    return tuple(columns)
+
+
+def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -> tuple[Stamps, Array]:
+    """Return stamps and all columns (n, columns) of rows whose first stands in a line of the file."""
+    unit = columns[0].unit or "ns"
+    if unit not in UNITS["time"]:
+        raise RecordingError(
+            f"stamps are in [{unit}]; kreisel reads {_listed('time')}. Convert them, or correct the header",
+            file=path,
+            line=1,
+        )
+    stamp_type = "i8" if unit == "ns" else "f8"
+    dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
+    # a StringIO would keep four bytes a character and be read three times slower
+    text = io.TextIOWrapper(io.BytesIO(body.encode()), encoding="utf-8")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # rows of comments alone are no reason to warn
+            rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
+    except ValueError as error:
+        raise _bad_row(body, columns, stamp_type, path, error, line) from error
+    stamps = rows["stamp"].copy() if unit == "ns" else _in_nanoseconds(rows["stamp"], unit, path)
+    return stamps, rows.view(np.float64).reshape(-1, len(columns))
+
+
+def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
+    factor = UNITS["time"][unit]
+    bad = np.flatnonzero(~(np.abs(stamps) < _LARGEST_STAMP / factor))
+    if bad.size:
+        guess = (
+            f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
+        )
+        raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is no possible time; {guess}", int(bad[0]))
+    whole = np.floor(stamps)
+    # in two parts, for seconds since 1970 times 1e9 leave no digits behind the point
+    return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
+
+
+def _likely(stamps: Array) -> str:
+    """Return the unit in which stamps come at a rate that devices have, or units."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = float(np.median(np.diff(stamps))) if stamps.size > 1 else np.nan
+    fitting = [unit for unit, size in UNITS["time"].items() if 0.5 <= 1e9 / max(step * size, 1e-300) <= 20e3]
+    return " or ".join(f"[{unit}]" for unit in fitting or ["ns"])
+
+
+def _bad_row(
+    body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError, first: int
+) -> RecordingError:
+    """Find the first row that cannot be read and say what is wrong with it."""
+    for number, line in enumerate(body.split("\n"), start=first):
+        row = line.split("#")[0]
+        if not row:
+            continue
+        cells = row.split(",")
+        if len(cells) != len(columns):
+            got = f"{len(cells)} values" if row.strip() else "nothing but blanks"
+            return RecordingError(
+                f"{got}, expected {len(columns)} values as in the header; repair or delete the row",
+                file=path,
+                line=number,
+            )
+        for cell, column in zip(cells, columns, strict=True):
+            expected = _not_read(cell.strip(), whole=column.index == 0 and stamp_type == "i8")
+            if expected:
+                return RecordingError(
+                    f"'{cell.strip()[:40]}' in column {column.index + 1} ('{column.name}') is not {expected}",
+                    file=path,
+                    line=number,
+                )
+    return RecordingError(f"cannot be read as a table of numbers: {error}; look for odd characters", file=path)
+
+
+def _not_read(cell: str, *, whole: bool) -> str:
+    """Return what was expected in a cell, and the remedy, where it cannot be read; otherwise nothing."""
+    if not whole:
+        return "" if is_number(cell) else "a number; repair or delete the row"
+    if re.fullmatch(r"[-+]?\d+", cell):
+        fits = len(cell) < 25 and abs(int(cell)) < _LARGEST_STAMP
+        return "" if fits else "a time that fits 64 bits; repair or delete the row"
+    if is_number(cell):
+        return "a whole number of nanoseconds; write whole ones, or the unit they are in: '#timestamp [s]'"
+    return "a whole number of nanoseconds; repair or delete the row"
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell's text is a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

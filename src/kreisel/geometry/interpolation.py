@@ -1,0 +1,33 @@
+"""Attitudes and positions between samples, and means over neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+
+
+def slerp(before: Array, after: Array, share: Array | float) -> Array:
+    """Return the attitudes a share (…) of the way between attitudes before and after (…, 4), at a steady rate."""
+    turned = log(multiply(conjugate(before), after))
+    return multiply(before, exp(np.asarray(share)[..., None] * turned))
+
+
+def interpolate_columns(t: Array, known: Array, values: Array) -> Array:
+    """Return values (m, k), known at ascending times (m,), at times t (n,) by straight lines, (n, k)."""
+    return np.column_stack([np.interp(t, known, column) for column in values.T])
+
+
+def continuous(q: Array) -> Array:
+    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
+    sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
+    return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
+
+
+def running_mean(values: Array, width: int) -> Array:
+    """Return means of rows (n, k) over about `width` rows around each; fewer at the ends."""
+    padded = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    n = len(values)
+    low = np.clip(np.arange(n) - width // 2, 0, n)
+    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
+    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])

@@ -1,0 +1,203 @@
+"""The registry of parameter groups: everything the program knows of a group but the physics that uses it.
+
+State layout, priors, observability, result file, report and settings go through `REGISTRY`. How to add a group is
+described in CONTRIBUTING.md, "An error effect".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.synchronization.clock import MAX_SKEW
+from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
+
+Indices = Callable[[int, int], tuple[str, ...]]
+"""From the order of the sensor polynomials and the number of joints to what follows the path in each name."""
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """One group of parameters.
+
+    Attributes
+    ----------
+    name
+        As settings, `--fix` and the code call it.
+    meaning
+        One line for who reads a list of groups.
+    symbol
+        As the equations call it; HTML.
+    owner
+        What it belongs to: a sensor, the cell (site, frames, clocks), or the robot.
+    path
+        Its place in the result file.
+    indices
+        What follows the path in the name of each parameter; as many as there are degrees of freedom.
+    unit, size
+        The unit it is shown in, and that unit in SI.
+    usual_sd
+        Standard deviation of usual devices, SI: a parameter the motion does not narrow down below it is not observable.
+        None where the prior itself says.
+    useful_sd
+        Standard deviation, SI, above which a value is of no use, whatever was known before.
+    known_before
+        Whether something is known of it before any look at the data, so that it may stay as uncertain as it was.
+    held
+        Whether it is held at its nominal value where the motion does not show it.
+    by_choice
+        Whether it is estimated only if asked for.
+    rotation
+        Whether it is a rotation, stored as a quaternion.
+    shape
+        In which a value for it is given, for an order of the polynomials; None where it takes none.
+    limits
+        Of such a value, SI.
+    """
+
+    name: str
+    meaning: str
+    symbol: str
+    owner: Literal["gyroscope", "accelerometer", "cell", "robot"]
+    path: str
+    indices: Indices
+    unit: str
+    size: float
+    usual_sd: float | None = None
+    useful_sd: float = np.inf
+    known_before: bool = False
+    held: bool = False
+    by_choice: bool = False
+    rotation: bool = False
+    shape: Callable[[int], tuple[int, ...]] | None = None
+    limits: tuple[float, float] = (-np.inf, np.inf)
+
+    def names(self, order: int, joints: int = 0) -> tuple[str, ...]:
+        """Return the name of each parameter: its path in the result file."""
+        return tuple(self.path + index for index in self.indices(order, joints))
+
+    def degrees(self, order: int, joints: int = 0) -> int:
+        """Return the degrees of freedom."""
+        return len(self.indices(order, joints))
+
+    def nominal(self, order: int, joints: int = 0) -> Array:
+        """Return the value of a faultless cell as it is stored, for groups that have no field of their own."""
+        return np.array([1.0, 0.0, 0.0, 0.0]) if self.rotation else np.zeros(self.degrees(order, joints))
+
+    @property
+    def is_sensor(self) -> bool:
+        """Whether it belongs to the device that is calibrated."""
+        return self.owner in ("gyroscope", "accelerometer")
+
+
+def _matrix(_order: int, _joints: int) -> tuple[str, ...]:
+    return tuple(f"[{i},{j}]" for i in range(3) for j in range(3))
+
+
+def _axes(_order: int, _joints: int) -> tuple[str, ...]:
+    return ("[0]", "[1]", "[2]")
+
+
+def _two(_order: int, _joints: int) -> tuple[str, ...]:
+    return ("[0]", "[1]")
+
+
+def _one(_order: int, _joints: int) -> tuple[str, ...]:
+    return ("",)
+
+
+def _powers(order: int, _joints: int) -> tuple[str, ...]:
+    return tuple(f".{power}[{i}]" for power in range(2, order + 1) for i in range(3))
+
+
+def _placements(_order: int, joints: int) -> tuple[str, ...]:
+    return tuple(f"[{j},{i}]" for j in range(joints + 1) for i in range(6)) if joints else ()
+
+
+def _pairs_of_joints(_order: int, joints: int) -> tuple[str, ...]:
+    return tuple(f"[{j},{i}]" for j in range(joints) for i in range(2))
+
+
+def _each_joint(_order: int, joints: int) -> tuple[str, ...]:
+    return tuple(f"[{j}]" for j in range(joints))
+
+
+REGISTRY: tuple[ParameterGroup, ...] = (
+    ParameterGroup(
+        "gyro_cross_coupling", "K_omega: scale, misalignment and mounting of the gyros", "K<sub>ω</sub>",
+        "gyroscope", "gyroscope.cross_coupling", _matrix, "1", 1.0, 0.05, 3e-3, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
+        "gyro_offset", "k_w0, rad/s", "k<sub>ω0</sub>",
+        "gyroscope", "gyroscope.offset", _axes, "deg/h", DEG_PER_HOUR, 0.02, 5e-3, shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "gyro_polynomial", "k_wi, i = 2 and above", "k<sub>ωi</sub>",
+        "gyroscope", "gyroscope.polynomial", _powers, "SI", 1.0, 0.02, held=True, shape=lambda order: (order - 1, 3),
+    ),
+    ParameterGroup(
+        "accel_cross_coupling", "K_a: scale, misalignment and mounting of the accelerometers", "K<sub>a</sub>",
+        "accelerometer", "accelerometer.cross_coupling", _matrix, "1", 1.0, 0.05, 5e-3, held=True,
+        shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
+        "accel_offset", "k_a0, m/s^2", "k<sub>a0</sub>",
+        "accelerometer", "accelerometer.offset", _axes, "mg", MG, 0.6, 0.1, shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "accel_polynomial", "k_ai, i = 2 and above", "k<sub>ai</sub>",
+        "accelerometer", "accelerometer.polynomial", _powers, "SI", 1.0, 0.005, held=True,
+        shape=lambda order: (order - 1, 3),
+    ),
+    ParameterGroup(
+        "lever_arms", "r_j: positions of the accelerometers in b, m", "r",
+        "accelerometer", "accelerometer.lever_arms", _matrix, "mm", MM, 0.1, 0.03, held=True, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
+        "alignment", "tilt of the reference frame against the local level", "φ",
+        "cell", "alignment.tilt", _two, "mrad", MRAD, 0.05, known_before=True, rotation=True,
+    ),
+    ParameterGroup(
+        "north", "level part of the Earth's rotation: where north lies", "n",
+        "cell", "alignment.north", _two, "1", 1.0, 0.7, known_before=True,
+    ),
+    ParameterGroup(
+        "earth_down", "downward part of the Earth's rotation, where the latitude is not given", "n<sub>d</sub>",
+        "cell", "alignment.earth_down", _one, "1", 1.0, 3**-0.5, known_before=True,
+    ),
+    ParameterGroup(
+        "gravity", "magnitude of gravity, as far as latitude or a stated value leave it open", "g",
+        "cell", "alignment.gravity_magnitude", _one, "m/s²", 1.0, known_before=True, shape=lambda _: (),
+        limits=(9.7, 9.9),
+    ),
+    ParameterGroup(
+        "time_offset", "offset of the reference's clock", "t<sub>0</sub>",
+        "cell", "timing.offset", _one, "ms", MS, 0.01, 2e-3, shape=lambda _: (),
+    ),
+    ParameterGroup(
+        "time_skew", "ratio of the clocks, less one", "s",
+        "cell", "timing.skew", _one, "ppm", PPM, MAX_SKEW, shape=lambda _: (), limits=(-0.02, 0.02),
+    ),
+    ParameterGroup(
+        "robot_placement", "errors of the robot's joint placements: lengths and angles", "robot",
+        "robot", "robot.placement", _placements, "mm, mrad", 1e-3, known_before=True,
+    ),
+    ParameterGroup(
+        "robot_gears", "gear eccentricity: sine and cosine of each joint angle, rad", "gears",
+        "robot", "robot.gears", _pairs_of_joints, "mrad", MRAD, known_before=True, by_choice=True,
+    ),
+    ParameterGroup(
+        "robot_compliance", "elastic sag: compliance of each joint against gravity's torque, rad/(N m)", "sag",
+        "robot", "robot.compliance", _each_joint, "rad/(N m)", 1.0, known_before=True, by_choice=True,
+    ),
+)  # fmt: skip
+"""All groups, in the order of the state: the sensors' first, gyros before accelerometers; see `estimation.filter`."""
+
+
+def group_named(name: str) -> ParameterGroup:
+    """Return the group of a name that is known."""
+    return next(group for group in REGISTRY if group.name == name)

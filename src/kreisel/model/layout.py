@@ -1,0 +1,34 @@
+"""The state of the filter: parameters by group, errors of the reference that last, navigation."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from kreisel.estimation.state import Part, StateLayout
+from kreisel.model.groups import group_named
+
+NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rotation=True))
+"""What changes between updates; last in the state."""
+
+REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
+"""The reference's error at the present rest: one draw for each stop."""
+
+PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
+"""The reference's coloured noise on the path."""
+
+
+def group_part(group: str, order: int, joints: int = 0) -> Part:
+    """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints."""
+    known = group_named(group)
+    return Part(group, known.degrees(order, joints), rotation=known.rotation)
+
+
+def with_coloured_noise(layout: StateLayout, present: tuple[bool, bool]) -> StateLayout:
+    """Return a layout with coloured noise of the reference in position, in orientation, or both, before navigation."""
+    kept = [part for part in layout if part not in (*PATH_ERROR, *NAVIGATION)]
+    return StateLayout([*kept, *(part for part, there in zip(PATH_ERROR, present, strict=True) if there), *NAVIGATION])
+
+
+def without(layout: StateLayout, groups: Collection[str]) -> StateLayout:
+    """Return a layout without some groups of parameters."""
+    return StateLayout([part for part in layout if part.name not in groups])

@@ -1,0 +1,125 @@
+"""Assumed errors of reference and IMU: what the filter takes for noise, and what is added to its result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+COLOURED_SHARE = 0.9
+"""Share of the variance of the reference's noise on the path that is coloured, where likelihood asks for it."""
+
+
+@dataclass(frozen=True)
+class ReferenceNoise:
+    """Standard deviations of the reference's poses (m, rad), velocity at rest (m/s) and stamps (s).
+
+    At rest the error is one draw for the whole rest (`standstill_*`) plus a small scatter (`jitter_*`).
+    """
+
+    position: float
+    orientation: float
+    standstill_position: float
+    standstill_orientation: float
+    jitter_position: float
+    jitter_orientation: float
+    velocity: float
+    stamp: float
+
+    def scaled(self, *, position: float, orientation: float, standstill: float) -> ReferenceNoise:
+        """Return the noise with its deviations multiplied by factors: on the path, and all of those at rest."""
+        return replace(
+            self,
+            position=self.position * position,
+            orientation=self.orientation * orientation,
+            standstill_position=self.standstill_position * standstill,
+            standstill_orientation=self.standstill_orientation * standstill,
+            jitter_position=self.jitter_position * standstill,
+            jitter_orientation=self.jitter_orientation * standstill,
+            velocity=self.velocity * standstill,
+        )
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """Error of reported poses that is a function of the arm's posture: as large at each pose, and correlated.
+
+    Attributes
+    ----------
+    position, orientation
+        Standard deviations, m and rad; zero where there is no arm, or its errors are estimated.
+    time
+        How long the arm, as it moves here, keeps much the same posture, s.
+    """
+
+    position: float = 0.0
+    orientation: float = 0.0
+    time: float = 0.0
+
+
+@dataclass(frozen=True)
+class ColouredNoise:
+    """Coloured (Gauss-Markov) noise of the reference on the path: its time constant (s) and size (m, rad).
+
+    The deviations of the path's noise are multiplied by `white_factor` for what is drawn anew at every update.
+    """
+
+    time: float
+    position: float
+    orientation: float
+    white_factor: float
+
+
+@dataclass(frozen=True)
+class AssumedNoise:
+    """Errors the filter assumes.
+
+    Attributes
+    ----------
+    reference
+        Of the reference.
+    min_reference
+        Least deviations of position (m) and orientation (rad) on the path that the data may lead to.
+    imu_bounds
+        Least and largest noise density of the gyros, and of the accelerometers, that the data may lead to.
+    offset_walk
+        Density of the random walk of each group of offsets.
+    rate_scatter
+        Standard deviation of the noise in a single reading of a gyro, rad/s.
+    correlation_time
+        Time constant of the reference's coloured noise, s; 0 where each update's is new.
+    frame_sd
+        How far base and tool lie from where the reference has them, m and rad, if nothing else stands for it.
+    pose_error
+        What an arm's geometric errors do to its reported poses, where they are not estimated.
+    lateness
+        How far the stamps, of the IMU or the reference, may all be late, s.
+    """
+
+    reference: ReferenceNoise
+    min_reference: tuple[float, float]
+    imu_bounds: tuple[tuple[float, float], tuple[float, float]]
+    offset_walk: dict[str, float]
+    rate_scatter: float = 0.0
+    correlation_time: float = 0.0
+    frame_sd: tuple[float, float] = (0.0, 0.0)
+    pose_error: PoseError = PoseError()
+    lateness: float = 0.0
+
+    @property
+    def coloured(self) -> ColouredNoise:
+        """The reference's coloured noise: the part found by likelihood, and that of an arm's geometry."""
+        noise, own = self.reference, self.pose_error
+        if self.correlation_time == 0.0:
+            return ColouredNoise(own.time, own.position, own.orientation, 1.0)
+        found = (COLOURED_SHARE**0.5 * noise.position, COLOURED_SHARE**0.5 * noise.orientation)
+        size = (math.hypot(found[0], own.position), math.hypot(found[1], own.orientation))
+        return ColouredNoise(self.correlation_time, *size, (1.0 - COLOURED_SHARE) ** 0.5)
+
+    @property
+    def rest_error(self) -> tuple[float, float]:
+        """Error of the pose at a rest, drawn once for each, m and rad."""
+        noise, own = self.reference, self.pose_error
+        return (
+            math.hypot(noise.standstill_position, own.position),
+            math.hypot(noise.standstill_orientation, own.orientation),
+        )

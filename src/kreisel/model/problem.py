@@ -1,0 +1,149 @@
+"""The filter's problem: readings, poses and when they are used, the state, what is known before, and the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.readings import Readings
+from kreisel.model.layout import NAVIGATION, PATH_ERROR, with_coloured_noise, without
+from kreisel.model.noise import AssumedNoise
+from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
+from kreisel.model.robot import RobotModel
+from kreisel.model.schedule import Schedule
+from kreisel.model.settings import CalibrationSettings
+from kreisel.model.site import Site
+from kreisel.recording.recording import ReferencePoses
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the parameters before the filter runs, group by group.
+
+    Attributes
+    ----------
+    start, start_covariance
+        What the first pass begins with: least squares, with wide deviations.
+    value, covariance
+        What is known before any look at the data.
+    width
+        Deviations before any look at the data, against which observability is judged.
+    stated
+        Groups whose prior is the user's word.
+    nominal
+        A faultless IMU on the mount found: values of groups that are not observable.
+    """
+
+    start: CellParameters
+    start_covariance: dict[str, Array]
+    value: CellParameters
+    covariance: dict[str, Array]
+    width: dict[str, Array]
+    stated: tuple[str, ...]
+    nominal: CellParameters
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything a filter run needs; nothing in it changes during a run.
+
+    Attributes
+    ----------
+    readings, reference
+        What IMU and reference recorded.
+    schedule
+        Which pose is used when.
+    layout
+        The state.
+    held
+        Groups held at their nominal values because they are not observable.
+    robot
+        The arm, where its errors are estimated.
+    """
+
+    readings: Readings
+    reference: ReferencePoses
+    schedule: Schedule
+    settings: CalibrationSettings
+    site: Site
+    layout: StateLayout
+    prior: Prior
+    noise: AssumedNoise
+    held: tuple[str, ...] = ()
+    robot: RobotModel | None = None
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups that are estimated, in the order of the state."""
+        return tuple(part.name for part in self.layout if part.name in GROUPS)
+
+    @property
+    def changing(self) -> int:
+        """Degrees of freedom that change between updates."""
+        return sum(part.degrees for part in (*PATH_ERROR, *NAVIGATION) if part.name in self.layout)
+
+    @property
+    def sensor_degrees(self) -> int:
+        """Degrees of freedom of the sensor parameters, first in the state."""
+        return sum(part.degrees for part in self.layout if part.name in SENSOR_GROUPS)
+
+    @property
+    def gyro_degrees(self) -> int:
+        """Degrees of freedom of the gyros' parameters, before all others."""
+        return sum(part.degrees for part in self.layout if part.name.startswith("gyro"))
+
+    @property
+    def joints(self) -> int:
+        """Joints of the robot whose errors are estimated; 0 without one."""
+        return 0 if self.robot is None else self.robot.joints
+
+    @property
+    def walked_variance(self) -> Array:
+        """Variance the walk of the offsets gathers from the first update to the last, one for each parameter, (n,)."""
+        out, updates = np.zeros(len(self.parameter_names)), self.schedule.updates
+        seconds = float(self.readings.stamps[updates[-1].last] - self.readings.stamps[updates[0].first])
+        for group, density in self.noise.offset_walk.items():
+            if group in self.layout:
+                out[self.layout[group]] = density**2 * seconds
+        return out
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Name of every estimated parameter, one for each of its degrees of freedom."""
+        names: list[str] = []
+        for group in self.groups:
+            own = parameter_names(group, self.settings.polynomial_order, self.joints)
+            names.extend(own[: self.layout[group].stop - self.layout[group].start])
+        return tuple(names)
+
+
+def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
+    """Return the problem with groups taken out of the state and held at their nominal values."""
+    prior = problem.prior
+
+    def with_nominal(values: CellParameters) -> CellParameters:
+        stored = {group: (prior.nominal if group in groups else values).stored(group) for group in GROUPS}
+        return CellParameters.from_stored(stored)
+
+    return replace(
+        problem,
+        layout=without(problem.layout, groups),
+        prior=replace(
+            prior,
+            start=with_nominal(prior.start),
+            value=with_nominal(prior.value),
+            start_covariance={g: P for g, P in prior.start_covariance.items() if g not in groups},
+            covariance={g: P for g, P in prior.covariance.items() if g not in groups},
+        ),
+        held=(*problem.held, *groups),
+    )
+
+
+def with_correlation_time(problem: Problem, time: float) -> Problem:
+    """Return the problem with coloured noise of the reference on the path, of a time constant in s."""
+    present = (problem.reference.positions is not None, problem.reference.quaternions is not None)
+    layout = with_coloured_noise(problem.layout, present)
+    return replace(problem, layout=layout, noise=replace(problem.noise, correlation_time=time))

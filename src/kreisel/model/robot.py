@@ -1,0 +1,98 @@
+"""A robot whose own errors are part of the problem: what they do to the reported poses.
+
+A controller computes the pose it reports by its nominal kinematics, from the angles its motors show. The tool stands
+elsewhere, by something that is nearly linear in a few dozen small errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.model.parameters import RobotParameters
+from kreisel.robot import kinematics
+from kreisel.robot.kinematics import Arm
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """An arm and what its errors do.
+
+    Attributes
+    ----------
+    arm
+        As its controller has it.
+    angles : (m, n)
+        Joint angles at every pose of the reference.
+    covariance
+        Of each robot group, before any look at the data.
+    """
+
+    arm: Arm
+    angles: Array
+    covariance: dict[str, Array]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.arm.joints)
+
+    def regressor(self, which: Indices) -> Array:
+        """Return what the robot's errors (9 n + 6) do to chosen poses, (k, 6, 9 n + 6): actual less reported.
+
+        Rows: position in r, rotation as a right perturbation. Columns: `RobotParameters.vector`.
+        """
+        return pose_regressor(self.arm, self.angles[which])
+
+
+def pose_regressor(arm: Arm, angles: Array) -> Array:
+    """Return what the errors of an arm (9 n + 6) do to its tool's pose at joint angles (k, n), (k, 6, 9 n + 6)."""
+    placement = kinematics.regressor(arm, angles)  # (16)
+    J = kinematics.joint_jacobian(arm, angles)
+    gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
+    sag = -J * kinematics.gravity_torques(arm, angles)[:, None]
+    return np.concatenate([placement, gears, sag], axis=2)
+
+
+@dataclass(frozen=True)
+class PoseAccuracy:
+    """How far the tool stands from its reported poses, rms over poses: m and rad.
+
+    Apart from where base and tool frame lie: those the user sets, and no IMU sees.
+    """
+
+    position: float
+    orientation: float
+
+
+def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
+    """Return the accuracy a covariance of the robot's errors (9 n + 6) stands for, over the motion's poses."""
+    J = _within_frames(model, poses)
+    return _accuracy(np.einsum("kij,jl,kil->ki", J, covariance, J))
+
+
+def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseAccuracy:
+    """Return how far errors of the robot move its tool."""
+    return _accuracy((_within_frames(model, poses) @ errors.vector) ** 2)
+
+
+def _within_frames(model: RobotModel, poses: int) -> Array:
+    """Return regressors of evenly chosen poses without what another base or tool frame would do as well."""
+    which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
+    J = model.regressor(which)
+    last = 6 * model.joints
+    frames = np.concatenate([J[:, :, :6], J[:, :, last : last + 6]], axis=2).reshape(-1, 12)
+    flat = J.reshape(len(frames), -1)
+    return np.asarray((flat - frames @ np.linalg.lstsq(frames, flat, rcond=None)[0]).reshape(J.shape))
+
+
+def _accuracy(square: Array) -> PoseAccuracy:
+    """Return the accuracy from squared pose errors (k, 6)."""
+    position, orientation = (float(np.sqrt(np.mean(np.sum(part, axis=1)))) for part in (square[:, :3], square[:, 3:]))
+    return PoseAccuracy(position, orientation)
+
+
+NOT_SEPARABLE = 0.9
+"""A standard deviation still above this share of the prior's: the motion does not tell this error from others."""

@@ -1,0 +1,68 @@
+"""Which pose is used when, and over which samples the motion is integrated in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from kreisel.geometry.rotation import Array
+from kreisel.model.standstill import ImuStillness, Rest
+from kreisel.synchronization.clock import Clock
+
+MIN_UPDATES = 20
+"""Updates without which nothing is estimated."""
+
+
+@dataclass(frozen=True)
+class Update:
+    """One use of the reference.
+
+    Attributes
+    ----------
+    first, last
+        Samples the motion is integrated over since the update before.
+    pose, tau
+        Index of the pose and its reference seconds.
+    rest
+        Index of the rest it lies in, or None on the path.
+    new_rest, new_segment
+        Whether it is the first in its rest, and whether navigation starts anew here.
+    """
+
+    first: int
+    last: int
+    pose: int
+    tau: float
+    rest: int | None
+    new_rest: bool
+    new_segment: bool
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The updates of a problem.
+
+    Attributes
+    ----------
+    updates
+        In the order of time.
+    interval
+        Usual time between two of them, s.
+    clock
+        The clocks by which poses were assigned to samples, and rests found.
+    rests
+        Intervals of standstill.
+    stillness
+        When the IMU stands still, for rests by other clocks; None where rests are given.
+    attitude : (updates, 4)
+        q_rb at every update, roughly: for navigation to begin with if the reference shows no attitude.
+    attitude_sd
+        Its standard deviation, rad.
+    """
+
+    updates: tuple[Update, ...]
+    interval: float
+    clock: Clock
+    rests: tuple[Rest, ...]
+    attitude: Array
+    attitude_sd: float = 0.2
+    stillness: ImuStillness | None = field(default=None, repr=False)

@@ -1,0 +1,165 @@
+"""What the user may choose about a calibration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import SettingsError, unknown_name
+from kreisel.estimation.sigma_points import WEIGHTS
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SizeEffect
+from kreisel.model.groups import REGISTRY, group_named
+from kreisel.model.parameters import GROUPS
+
+ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
+"""Estimators and the sigma points each uses by default."""
+
+BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
+"""Groups that are estimated only if asked for."""
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Choices of a calibration; the defaults suit an unknown IMU on a robot.
+
+    Attributes
+    ----------
+    estimator
+        ``spkf`` or ``ekf``.
+    sigma_points
+        Weights of the SPKF: ``central-difference`` or ``unscented``; by default the estimator's own.
+    update_interval
+        Seconds between two uses of the reference; chosen by the kind of reference if None.
+    polynomial_order
+        N of equations (1) and (2); 1 is offset and scale, 2 adds a quadratic term.
+    fixed
+        Groups of parameters that are not estimated: their names, or a mapping of names to the values they are held
+        at, in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
+        offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset` and
+        `time_skew`. A group without value, or with None, is held at its first value.
+    held_at
+        What `fixed` said of values, as flat tuples; filled from it.
+    estimated
+        Groups of `BY_CHOICE` that are estimated too.
+    skew
+        Whether the clocks' ratio is estimated; decided by the correlation if None.
+    size_effect
+        Form of the eccentricity term in equation (2).
+    passes
+        Passes over the data, each starting from the estimates of the one before; as many as pay if None.
+    """
+
+    estimator: str = "spkf"
+    sigma_points: str | None = None
+    update_interval: float | None = None
+    polynomial_order: int = 1
+    fixed: Collection[str] | Mapping[str, Any] = ()
+    estimated: Collection[str] = ()
+    skew: bool | None = None
+    size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
+    passes: int | None = None
+    held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise SettingsError(unknown_name("estimator", self.estimator, ESTIMATORS))
+        if self.sigma_points is not None and self.sigma_points not in WEIGHTS:
+            raise SettingsError(unknown_name("choice of sigma points", self.sigma_points, WEIGHTS))
+        if self.size_effect not in list(SizeEffect):
+            raise SettingsError(unknown_name("size effect", str(self.size_effect), [form.value for form in SizeEffect]))
+        object.__setattr__(self, "size_effect", SizeEffect(self.size_effect))
+        if not 1 <= self.polynomial_order <= 5:
+            raise SettingsError(f"polynomial order {self.polynomial_order}; expected 1 to 5")
+        if self.update_interval is not None and not 0.005 <= self.update_interval <= 10.0:
+            raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
+        if self.passes is not None and not 1 <= self.passes <= 10:
+            raise SettingsError(f"{self.passes} passes; expected 1 to 10")
+        self._check_groups()
+
+    def _check_groups(self) -> None:
+        values: dict[str, Any] = {group: shaped(group, value, self.polynomial_order) for group, value in self.held_at}
+        if isinstance(self.fixed, Mapping):
+            values |= {group: value for group, value in self.fixed.items() if value is not None}
+        object.__setattr__(self, "fixed", _names(self.fixed, "fixed", "group", GROUPS))
+        chosen = _names(self.estimated, "estimated", "group that is estimated by choice", BY_CHOICE)
+        object.__setattr__(self, "estimated", chosen)
+        held = [(g, held_value(g, values[g], self.polynomial_order)) for g in self.fixed if g in values]
+        object.__setattr__(self, "held_at", tuple((group, tuple(value.tolist())) for group, value in held))
+
+    def value_of(self, group: str) -> Array | None:
+        """Return the value a group is held at, as a flat array; None where none was given."""
+        value = dict(self.held_at).get(group)
+        return None if value is None else np.array(value)
+
+    @property
+    def weights(self) -> str:
+        """Name of the sigma points' weights."""
+        return self.sigma_points or ESTIMATORS[self.estimator]
+
+
+def _names(given: object, argument: str, kind: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Return names of groups, each once; one name alone is no collection of letters."""
+    names = (given,) if isinstance(given, str) else given
+    if not isinstance(names, Iterable):
+        raise SettingsError(f"{argument} = {given!r}; expected names of groups: {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise SettingsError(unknown_name(kind, str(name), known))
+    return tuple(dict.fromkeys(names))
+
+
+def _shapes(order: int) -> dict[str, tuple[int, ...]]:
+    """Return the shape in the result file of every group that may be given a value."""
+    return {group.name: group.shape(order) for group in REGISTRY if group.shape is not None}
+
+
+def shaped(group: str, value: Sequence[float], order: int) -> Array:
+    """Return a flat value of a group in its own shape, as it is where it has another size."""
+    flat, shape = np.array(value, dtype=float), _shapes(order).get(group, (-1,))
+    return flat.reshape(shape) if flat.size == math.prod(shape) else flat
+
+
+def held_value(group: str, value: object, order: int) -> Array:
+    """Return a value that a group is to be held at as it is stored, flat.
+
+    Parameters
+    ----------
+    value
+        SI, in the shape the group has in the result file; that is known, or so near that nothing is to be estimated.
+    order
+        Of the sensor polynomials.
+
+    Raises
+    ------
+    SettingsError
+        If the group has no value of its own, or the value is of another shape or impossible.
+    """
+    shapes = _shapes(order)
+    if group not in shapes:
+        raise SettingsError(
+            f"fixed['{group}'] cannot be given a value; fix it without one, or give values of {', '.join(shapes)}"
+        )
+    try:
+        out = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"fixed['{group}'] is not an array of numbers: {error}") from error
+    if out.shape != shapes[group] or not out.size:
+        hint = ", for which polynomial_order must be 2 or more" if group.endswith("polynomial") and order == 1 else ""
+        raise SettingsError(f"fixed['{group}'] has the shape {out.shape}, expected {shapes[group]}{hint}")
+    low, high = group_named(group).limits
+    if not (np.isfinite(out) & (low <= out) & (out <= high)).all():
+        expected = f"{low:g} to {high:g}" if np.isfinite(low) else "finite numbers"
+        raise SettingsError(f"fixed['{group}'] = {out.tolist()}; expected {expected}, in SI")
+    if group.endswith("cross_coupling"):
+        stretch = np.linalg.svd(out, compute_uv=False)
+        if stretch[0] > 2.0 or stretch[-1] < 0.5:
+            raise SettingsError(
+                f"fixed['{group}'] stretches readings by {stretch[-1]:.3g} to {stretch[0]:.3g}, expected about 1: a "
+                "cross-coupling matrix takes readings in SI to true values"
+            )
+    return out.ravel()

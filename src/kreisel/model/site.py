@@ -1,0 +1,35 @@
+"""Gravity and the Earth's rotation where the cell stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.earth import EARTH_RATE
+
+
+@dataclass(frozen=True)
+class Site:
+    """Gravity (m/s^2) with its standard deviation, and the Earth's rotation.
+
+    Attributes
+    ----------
+    earth_rate_n : (3,) or None
+        In north, east, down, rad/s; None where no latitude is given: it is then estimated.
+    """
+
+    gravity: float
+    gravity_sd: float
+    earth_rate_n: Array | None
+
+    @property
+    def earth_rate_units(self) -> tuple[float, float]:
+        """Earth rate, rad/s, that a unit of the parameters `north` and `earth_down` stands for."""
+        if self.earth_rate_n is None:
+            return EARTH_RATE, EARTH_RATE
+        return float(self.earth_rate_n[0]), float(self.earth_rate_n[2])
+
+    @property
+    def known_earth_down(self) -> float:
+        """Value of `earth_down` before any look at the data: 1 by the latitude, 0 without one."""
+        return 0.0 if self.earth_rate_n is None else 1.0

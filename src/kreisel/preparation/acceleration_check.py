@@ -1,0 +1,130 @@
+"""Accelerometers fitted to the reference with no assumption about them: for checks, not for start values.
+
+The readings' double integrals over half seconds, seen with the reference's attitude, plus gravity, are the
+second differences of the positions. With gravity's direction put on the other side, all else is linear, and
+needs no assumption about axes, signs or the unit of the positions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.estimation.robust import cauchy_weights, vector_scale
+from kreisel.geometry.rotation import Array
+from kreisel.preparation.preparation import Preparation
+
+_LEAST_WINDOWS = 20
+
+
+@dataclass(frozen=True)
+class AccelerationFit:
+    """What accelerations of IMU and reference say of each other.
+
+    Attributes
+    ----------
+    K_a, K_a_sd : (3, 3)
+        Cross-coupling of the accelerometers, whatever their order, signs and handedness.
+    scale
+        Bounds of the factor by which the positions are too large: noise in the positions makes the first too
+        small, noise in all else the second too large. Zero and infinity where the motion does not show it.
+    explained
+        Share of gravity, as it moves through the readings, that is explained.
+    agreement
+        Of predicted accelerations, f, and reference ones, a: 1 - var(f - a) / (var f + var a).
+    size
+        Standard deviation of the larger of the two, m/s^2.
+    """
+
+    K_a: Array
+    K_a_sd: Array
+    scale: tuple[float, float]
+    explained: float
+    agreement: float
+    size: float
+
+
+def fit_accelerations(preparation: Preparation) -> AccelerationFit:
+    """Return the fit of a recording with positions and orientations."""
+    windows = preparation.accelerometer_fit.windows
+    return _fit(windows.regressor, windows.reference, preparation.site.gravity)
+
+
+def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
+    """Fit, down-weighting windows that do not fit.
+
+    Parameters
+    ----------
+    regressor : (windows, 3, 15)
+        Predicted acceleration for a unit of nine couplings, three offsets and a common lever arm.
+    reference : (windows, 3)
+        Accelerations of the reference.
+    """
+    if len(reference) < _LEAST_WINDOWS:
+        return AccelerationFit(np.eye(3), np.full((3, 3), np.inf), (0.0, np.inf), 0.0, 1.0, 0.0)
+    unknown = np.concatenate([regressor, -reference[:, :, None]], axis=2)
+    weight = np.ones(len(reference))
+    for _ in range(8):
+        fit = _homogeneous(unknown, weight, gravity)
+        size = np.linalg.norm(fit.left, axis=1)
+        weight = cauchy_weights(size, 4.0 * vector_scale(size) + 1e-9)
+    x, sd = fit.x, fit.sd
+    inverse, inverse_sd = x[15], sd[15]
+    if inverse < -5.0 * inverse_sd or (abs(inverse) < 5.0 * inverse_sd and np.trace(x[:9].reshape(3, 3)) < 0.0):
+        x, inverse = -x, -inverse
+    moved = regressor @ x[:15]
+    agreement, amplitude = _agreement(moved, reference)
+    high = 1.0 / inverse if inverse > 5.0 * inverse_sd else np.inf
+    return AccelerationFit(
+        K_a=x[:9].reshape(3, 3),
+        K_a_sd=sd[:9].reshape(3, 3),
+        scale=(_least_scale(regressor, reference, weight, gravity), high),
+        explained=fit.explained,
+        agreement=agreement,
+        size=amplitude,
+    )
+
+
+@dataclass(frozen=True)
+class _Homogeneous:
+    """Solution x (16,) of ``unknown x = -gravity``, its deviations, what is left, and the explained share."""
+
+    x: Array
+    sd: Array
+    left: Array
+    explained: float
+
+
+def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
+    """Solve for gravity's direction, the least eigenvector of what nothing else explains, and for all else."""
+    root = np.sqrt(weight)[:, None, None]
+    M = (unknown * root).reshape(-1, unknown.shape[2])
+    G = (np.broadcast_to(np.eye(3), (len(unknown), 3, 3)) * root).reshape(-1, 3)
+    normal = M.T @ M
+    normal += 1e-9 * np.diag(np.diag(normal) + 1e-12)
+    x_of_g = -np.linalg.solve(normal, M.T @ G)
+    rest = G + M @ x_of_g
+    values, vectors = np.linalg.eigh(rest.T @ rest)
+    g = gravity * vectors[:, 0]
+    x = x_of_g @ g
+    left = unknown @ x + g
+    # windows overlap by half or more and share their noise
+    variance = 2.0 * float(np.sum(weight[:, None] * left**2)) / (3.0 * float(weight.sum()))
+    explained = 1.0 - float(values[0] / max(values[2], 1e-30))
+    return _Homogeneous(x, np.sqrt(variance * np.diag(np.linalg.inv(normal))), left, explained)
+
+
+def _least_scale(regressor: Array, reference: Array, weight: Array, gravity: float) -> float:
+    """Return gravity in the positions' unit over true gravity, fitted to the positions."""
+    root = np.sqrt(weight)[:, None, None]
+    A = (np.concatenate([regressor, np.broadcast_to(np.eye(3), (len(reference), 3, 3))], axis=2) * root).reshape(-1, 18)
+    solution, *_ = np.linalg.lstsq(A, (reference * root[:, :, 0]).reshape(-1), rcond=None)
+    return float(np.linalg.norm(solution[15:])) / gravity
+
+
+def _agreement(predicted: Array, reference: Array) -> tuple[float, float]:
+    predicted, reference = predicted - predicted.mean(axis=0), reference - reference.mean(axis=0)
+    total = float(np.mean(predicted**2) + np.mean(reference**2))
+    size = float(np.sqrt(max(np.mean(predicted**2), np.mean(reference**2))))
+    return 1.0 - float(np.mean((predicted - reference) ** 2)) / max(total, 1e-30), size

@@ -1,0 +1,153 @@
+"""The body's attitude at every sample, from gyros and reference together, before any filter runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from kreisel.geometry.interpolation import interpolate_columns, running_mean
+from kreisel.geometry.rotation import (
+    Array,
+    Indices,
+    apply,
+    conjugate,
+    exp,
+    from_matrix,
+    log,
+    multiply,
+    nearest_rotation,
+)
+from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
+from kreisel.preparation.preparation import AccelerometerFit, Preparation
+from kreisel.recording.recording import ReferencePoses
+from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.windows import Windows
+
+_MIN_POSES = 10
+_MIN_WINDOWS = 20
+_SECONDS_OF_A_TURN = 25.0
+
+
+def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
+    """Return q_rb at every IMU sample, (n, 4): integrated rates held to the reference over seconds."""
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
+    t = fit.clock.imu_time(tau)
+    k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
+    at_pose = multiply(free[k], exp((signal.rates[k] @ fit.K_omega.T + fit.bias) * (t - signal.stamps[k])[:, None]))
+    # left error: q = exp(error) * exp(first error) * free, slowly varying
+    error = multiply(q, conjugate(at_pose))
+    turned = log(multiply(error, conjugate(error[0])))
+    width = max(3, round(1.0 / float(np.median(np.diff(tau)))))
+    at_sample = interpolate_columns(signal.stamps, t, running_mean(_unwrapped(turned), width))
+    return multiply(multiply(exp(at_sample), error[0]), free)
+
+
+def _unwrapped(theta: Array) -> Array:
+    """Keep rotation vectors from jumping by a full turn as their angle passes pi."""
+    out = theta.copy()
+    for k in np.flatnonzero(np.linalg.norm(theta, axis=1) > 2.5):
+        if k > 0 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
+            angle = float(np.linalg.norm(out[k]))
+            out[k] *= (angle - 2.0 * np.pi) / angle
+    return out
+
+
+def attitude_from_positions(
+    signal: InertialSignal, fit: RateFit, tau: Array, p: Array, accelerometers: AccelerometerFit | None = None
+) -> Array:
+    """Return q_rb at every IMU sample, (n, 4), where the reference shows positions alone.
+
+    Parameters
+    ----------
+    tau, p : (m,), (m, 3)
+        Reference seconds and positions.
+    accelerometers
+        What is known of them from an attitude found before; the lever arm matters most.
+
+    Notes
+    -----
+    Integrated rates give the attitude up to one turn. That turn brings the predicted accelerations, seen from
+    the first attitude, onto the reference's; gravity is the same in both and drops out with the
+    means. Scale errors of the gyros spoil the integral as it goes on, so every `_SECONDS_OF_A_TURN` have a turn
+    of their own.
+    """
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
+    windows = Windows.over(signal, fit.clock, tau)
+    reference = windows.second_difference(p)
+    f = signal.accelerations
+    if accelerometers is not None:
+        omega, alpha = signal.rates @ fit.K_omega.T + fit.bias, signal.slopes @ fit.K_omega.T
+        arm = accelerometers.lever_arm
+        size_effect = np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
+        f = (f + accelerometers.k_a0) @ accelerometers.K_a.T - size_effect
+    predicted = windows.integrate(apply(free, f))
+    part = (windows.t[1] // _SECONDS_OF_A_TURN).astype(int)
+    turns: dict[int, Array] = {}
+    for number in np.unique(part):
+        inside = part == number
+        if inside.sum() > _MIN_WINDOWS:
+            x, y = reference[inside], predicted[inside]
+            turns[int(number)] = from_matrix(nearest_rotation((x - x.mean(axis=0)).T @ (y - y.mean(axis=0))))
+    turn = next(iter(turns.values()), np.array([1.0, 0.0, 0.0, 0.0]))
+    out = np.empty_like(free)
+    of_sample = (signal.stamps // _SECONDS_OF_A_TURN).astype(int)
+    for number in range(of_sample[0], of_sample[-1] + 1):
+        turn = turns.get(number, turn)
+        now = of_sample == number
+        out[now] = multiply(turn, free[now])
+    return out
+
+
+def with_attitude(
+    chunks: Iterable[InertialSignal],
+    fit: RateFit,
+    reference: ReferencePoses,
+    accelerometers: AccelerometerFit | None,
+) -> Iterator[tuple[InertialSignal, Array, Array | None, Array]]:
+    """Yield chunks of readings with reference seconds and positions in them, and attitudes at their samples."""
+    tau = reference.seconds
+    for signal in chunks:
+        part = slice(*np.searchsorted(fit.clock.imu_time(tau), signal.stamps[[0, -1]]))
+        if part.stop - part.start < _MIN_POSES or not signal.segments:
+            continue
+        p = None if reference.positions is None else reference.positions[part]
+        if reference.quaternions is not None:
+            q = reference_attitude(signal, fit, tau[part], reference.quaternions[part])
+        else:
+            assert p is not None  # noqa: S101 - for the type checker; a reference has one of the two
+            q = attitude_from_positions(signal, fit, tau[part], p, accelerometers)
+        yield signal, tau[part], p, q
+
+
+def start_attitudes(preparation: Preparation, samples: Indices) -> Array:
+    """Return the attitudes navigation begins with at samples, (k, 4), where the reference shows none."""
+    out = np.tile([1.0, 0.0, 0.0, 0.0], (samples.size, 1))
+    reference = preparation.reference
+    if reference.quaternions is not None:
+        return out
+    chunks = preparation.readings.stretches()
+    for signal, _, _, q in with_attitude(chunks, preparation.rate_fit, reference, preparation.accelerometer_fit):
+        inside = (samples >= signal.begin) & (samples < signal.begin + signal.stamps.size)
+        out[inside] = q[samples[inside] - signal.begin]
+    return out
+
+
+def alignment_from_gravity(gravity: Array, north: Array | None = None) -> Array:
+    """Return q_rn (4,) with n's down along gravity.
+
+    Parameters
+    ----------
+    gravity : (3,)
+        In r.
+    north : (3,)
+        A direction in r whose level part is north; r's y axis by default, which is that of a robot whose
+        x axis faces east.
+    """
+    down = gravity / np.linalg.norm(gravity)
+    if north is None:
+        north = np.array([0.0, 1.0, 0.0]) if abs(down[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    level = north - (north @ down) * down
+    level /= np.linalg.norm(level)
+    C = np.column_stack([level, np.cross(down, level), down])
+    return from_matrix(C)

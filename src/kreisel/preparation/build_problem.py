@@ -1,0 +1,198 @@
+"""The filter's problem, put together from all that comes before the filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.errors import SynchronizationError
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
+from kreisel.model.groups import REGISTRY
+from kreisel.model.noise import AssumedNoise, PoseError
+from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.problem import Prior, Problem
+from kreisel.model.schedule import MIN_UPDATES, Schedule
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.attitude import start_attitudes
+from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.robot import ANGLE_SD, LENGTH_SD
+from kreisel.preparation.scheduling import schedule_updates
+from kreisel.preparation.start_values import nominal_parameters, starting_point, stated_prior
+from kreisel.preparation.state_layout import build_layout
+from kreisel.recording.recording import ReferencePoses, angles_over
+from kreisel.synchronization.clock import Clock
+
+INTERVALS = {"robot": 0.48, "mocap": 0.24}
+"""Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
+second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
+
+NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
+"""How references are called that are no robot's, as in EuRoC recordings, where their kind is not stated."""
+
+REACH = 1.0
+"""m; over which angles of a robot's chain act on positions, and its lengths on the scale of these."""
+
+_MIN_NOISE = 0.1
+_HALF_A_CHAIN = math.sqrt(2.0)
+_POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
+
+
+def _frame_sd(preparation: Preparation) -> tuple[float, float]:
+    """Return how far a robot's errors move base and tool, m and rad, where they cannot be estimated."""
+    settings = preparation.recording.settings
+    kind = settings.reference.kind or ("mocap" if preparation.reference.name.startswith(NO_ROBOT) else "robot")
+    if preparation.robot is not None or kind == "mocap":
+        return (0.0, 0.0)
+    length, angle = settings.robot.length_sd, settings.robot.angle_sd
+    # half of the chain's errors act like another base, half like another tool
+    return (
+        _HALF_A_CHAIN * (LENGTH_SD if length is None else length),
+        _HALF_A_CHAIN * (ANGLE_SD if angle is None else angle),
+    )
+
+
+def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
+    """Return the first values with those the user holds groups at."""
+    if not settings.held_at:
+        return start
+    stored = {group: start.stored(group) for group in GROUPS}
+    for group in settings.fixed:
+        value = settings.value_of(group)
+        if value is not None:
+            stored[group] = value
+            if group == "time_offset":  # between stamps, as in the result; here between first IMU sample and first pose
+                first = int(preparation.recording.imu.stamps_ns[0]), int(preparation.reference.stamps_ns[0])
+                stored[group] = value - Clock(0.0).offset(*first)
+    return CellParameters.from_stored(stored)
+
+
+def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, Array]:
+    """Return the covariance of every group in a layout; that of usual devices where no other is known."""
+    out = {}
+    for group in REGISTRY:
+        if group.name not in layout:
+            continue
+        degrees = layout[group.name].stop - layout[group.name].start
+        usual = (group.usual_sd or 1.0) ** 2 * np.eye(degrees)
+        out[group.name] = covariance.get(group.name, usual)
+    return out
+
+
+def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
+    """Return the error of poses that another base and another tool frame leave of a robot's geometric errors.
+
+    It is taken to be as large as that of the frames; an angle acts on positions over `REACH`. It changes as the
+    posture does: much, once the tool has turned by `_POSTURE`.
+    """
+    length, angle = frame_sd
+    if max(frame_sd) == 0.0:
+        return PoseError()
+    turned = 0.0
+    if reference.quaternions is not None:
+        stride = max(1, round(0.2 / reference.interval))
+        turned = float(np.sum(angles_over(reference.quaternions, stride)[::stride]))
+    seconds = float(reference.seconds[-1])
+    time = float(np.clip(_POSTURE * seconds / max(turned, 1e-9), *_POSTURE_TIMES))
+    return PoseError(math.hypot(length, REACH * angle), angle, time)
+
+
+def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
+    """Return the problem for the filter.
+
+    Raises
+    ------
+    SynchronizationError
+        If too little of the reference lies within the IMU's recording.
+    """
+    fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
+    skewed = fit.skewed if settings.skew is None else settings.skew
+    start, start_covariance = starting_point(preparation, settings.polynomial_order)
+    if not skewed:
+        start = replace(start, skew=0.0)
+    start = _with_held_values(start, preparation, settings)
+    schedule = _schedule(preparation, settings, start.clock)
+    noise = _assumed_noise(preparation)
+    layout = build_layout(
+        settings,
+        latitude=site.earth_rate_n is not None,
+        skew=skewed,
+        rest_error=any(update.rest is not None for update in schedule.updates),
+        path_error=(
+            noise.pose_error.position > 0.0 and reference.positions is not None,
+            noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
+        ),
+        joints=preparation.joints,
+    )
+    return Problem(
+        readings=preparation.readings,
+        reference=reference,
+        schedule=schedule,
+        settings=settings,
+        site=site,
+        layout=layout,
+        prior=_prior(preparation, settings.polynomial_order, layout, start, start_covariance),
+        noise=noise,
+        robot=preparation.robot,
+    )
+
+
+def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Clock) -> Schedule:
+    """Return the updates, by the interval asked for or that suits the kind of reference."""
+    reference, readings = preparation.reference, preparation.readings
+    kind = preparation.recording.settings.reference.kind or "robot"
+    interval = settings.update_interval or INTERVALS[kind]
+    tau = reference.seconds
+    updates = schedule_updates(readings, clock.imu_time(tau), tau, preparation.rests, interval)
+    if len(updates) < MIN_UPDATES:
+        raise SynchronizationError(
+            f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
+            f"expected {MIN_UPDATES} or more: record longer, or use a shorter --update-interval"
+        )
+    attitude = start_attitudes(preparation, np.array([update.last for update in updates]))
+    return Schedule(updates, interval, clock, preparation.rests, attitude, stillness=preparation.stillness)
+
+
+def _assumed_noise(preparation: Preparation) -> AssumedNoise:
+    imu, reference = preparation.imu_noise, preparation.noise
+    frame_sd = _frame_sd(preparation)
+    return AssumedNoise(
+        reference=reference,
+        min_reference=(_MIN_NOISE * reference.position, _MIN_NOISE * reference.orientation),
+        imu_bounds=(imu.gyro_bounds, imu.accel_bounds),
+        offset_walk={"gyro_offset": imu.gyro_walk, "accel_offset": imu.accel_walk},
+        rate_scatter=imu.gyro_scatter,
+        frame_sd=frame_sd,
+        pose_error=_pose_error(preparation.reference, frame_sd),
+        lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
+    )
+
+
+def _prior(
+    preparation: Preparation,
+    order: int,
+    layout: StateLayout,
+    start: CellParameters,
+    start_covariance: dict[str, Array],
+) -> Prior:
+    """Return what is known before the filter runs; `start` and its covariance are the least squares fits'."""
+    noise = preparation.imu_noise
+    value, covariance = stated_prior(preparation, order)
+    offsets = {"gyro_offset": noise.gyro_offset_sd, "accel_offset": noise.accel_offset_sd}
+    stated = {group: np.full(3, sd) for group, sd in offsets.items() if sd is not None}
+    return Prior(
+        start=start,
+        start_covariance=_of_layout(start_covariance, layout),
+        value=value,
+        covariance=_of_layout(covariance, layout),
+        width={
+            **{g.name: np.array([g.usual_sd]) for g in REGISTRY if g.usual_sd is not None},
+            **stated,
+            "gravity": np.array([preparation.site.gravity_sd]),
+            **{g: np.sqrt(np.diag(covariance[g])) for g in ROBOT_GROUPS if g in covariance},
+        },
+        stated=tuple(stated),
+        nominal=nominal_parameters(preparation, order),
+    )

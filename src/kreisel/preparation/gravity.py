@@ -1,0 +1,99 @@
+"""Gravity and the Earth's rotation where a recording was made, as far as its settings state them.
+
+What is stated has an uncertainty of its own: a latitude without a height leaves gravity open, and a stated
+value of gravity is often one copied from a table.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kreisel.inertial.earth import earth_rate_n, normal_gravity
+from kreisel.model.site import Site
+from kreisel.recording.recording import Finding, Recording
+from kreisel.recording.settings import SiteTable
+from kreisel.units import STANDARD_GRAVITY
+
+UNKNOWN_SD = 0.015
+"""m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
+
+HEIGHT, HEIGHT_SD = 300.0, 500.0
+"""m; height of a place of which only the latitude is known. Most people live below 500 m, few above 2000 m."""
+
+ANOMALY_SD = 3e-4
+"""m/s^2; spread of gravity about its normal value at a known latitude and height (free-air anomalies)."""
+
+ROUNDED_SD = 1e-3
+"""m/s^2; uncertainty of a value stated to three digits behind the point."""
+
+CONTRADICTION = 4.0
+"""Standard deviations by which a stated value may differ from that of the latitude."""
+
+_TEXTBOOK = {"9.80665", "9.8066", "9.8067", "9.807", "9.806"}
+_FREE_AIR = 3.086e-6  # 1/s^2, change of gravity with height
+
+
+def site_of(recording: Recording) -> tuple[Site, list[Finding]]:
+    """Return gravity and Earth rate where the recording was made, and what to say of them."""
+    table = recording.settings.site
+    rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
+    value, sd, findings = _gravity(table)
+    if rate is None:
+        findings.append(
+            Finding("site", "no latitude is given: the Earth's rotation is estimated (site.latitude_deg states it)")
+        )
+    return Site(value, sd, rate), findings
+
+
+def _gravity(table: SiteTable) -> tuple[float, float, list[Finding]]:
+    """Return gravity, its standard deviation, and what to say of it."""
+    by_latitude = _by_latitude(table)
+    if table.gravity is None:
+        if by_latitude is None:
+            return STANDARD_GRAVITY, UNKNOWN_SD, []
+        return by_latitude[0], table.gravity_sd or by_latitude[1], []
+    sd = table.gravity_sd or _stated_sd(table.gravity)
+    if by_latitude is None:
+        return table.gravity, sd, _textbook_finding(table)
+    normal, normal_sd = by_latitude
+    difference = table.gravity - normal
+    if abs(difference) > CONTRADICTION * math.hypot(sd, normal_sd):
+        said = (
+            f"gravity is stated as {table.gravity:g} m/s^2, but the latitude gives {normal:.4f} +- {normal_sd:.1g}; a "
+            f"standard deviation of {abs(difference):.2g} m/s^2 is used: correct one of the two in recording.toml"
+        )
+        return table.gravity, abs(difference), [Finding("site", said)]
+    if sd <= normal_sd:
+        return table.gravity, sd, []
+    return normal, normal_sd, _textbook_finding(table, instead=normal)
+
+
+def _by_latitude(table: SiteTable) -> tuple[float, float] | None:
+    """Return normal gravity and its standard deviation, or None where no latitude is given."""
+    if table.latitude_deg is None:
+        return None
+    latitude = math.radians(table.latitude_deg)
+    if table.height_m is None:
+        return normal_gravity(latitude, HEIGHT), math.hypot(_FREE_AIR * HEIGHT_SD, ANOMALY_SD)
+    return normal_gravity(latitude, table.height_m), ANOMALY_SD
+
+
+def _stated_sd(gravity: float) -> float:
+    """Return the uncertainty of a stated value of gravity, as its digits suggest."""
+    digits = repr(gravity)
+    behind = len(digits.partition(".")[2])
+    if digits in _TEXTBOOK or behind < 3:
+        return UNKNOWN_SD
+    return ROUNDED_SD if behind == 3 else ANOMALY_SD
+
+
+def _textbook_finding(table: SiteTable, instead: float | None = None) -> list[Finding]:
+    """Return what to say of a stated value that is no measurement."""
+    if table.gravity_sd is not None or table.gravity is None or _stated_sd(table.gravity) < UNKNOWN_SD:
+        return []
+    used = (
+        f"a standard deviation of {UNKNOWN_SD} m/s^2 is used" if instead is None
+        else f"{instead:.4f} m/s^2, from the latitude, is used"
+    )  # fmt: skip
+    said = f"the stated gravity {table.gravity:g} m/s^2 looks like a textbook value, not one of this place; {used}"
+    return [Finding("site", f"{said} (site.gravity_sd states how well it is known)")]

@@ -1,0 +1,198 @@
+"""Faults that show in the start values: wrong units, mirrored triads, clocks out of step, too poor a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
+from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.preparation.acceleration_check import AccelerationFit, fit_accelerations
+from kreisel.preparation.preparation import Preparation
+from kreisel.recording.location import is_table, wrong_unit
+from kreisel.recording.recording import ReferencePoses
+from kreisel.synchronization.clock import MAX_SKEW
+from kreisel.synchronization.conventions import better_reading
+
+MAX_SENSITIVITY_SD = 0.15
+"""Standard deviation of a gyro's sensitivity from which the motion is too poor to go on with."""
+
+MIN_SENSITIVITY = 0.02
+"""Least stretch of the gyros' cross-coupling matrix; one of zero is an axis about which nothing turned."""
+
+MAX_TURN = 30.0
+"""Degrees the accelerometers' axes may be turned against the gyros' before columns must be in disorder."""
+
+MIN_AGREEMENT = 0.6
+"""Agreement of the predicted accelerations and those of the positions; 0 for two that have nothing in common."""
+
+MIN_ACCELERATION = 0.08
+"""m/s^2; standard deviation of accelerations below which agreement says nothing."""
+
+MAX_CLOCK_DRIFT = 0.004
+"""Seconds the clocks may drift apart and back between parts of a recording, beyond their uncertainty."""
+
+MAX_SCALE = 1.06
+"""Factor between the positions and what the accelerometers feel, gravity being their measure, that is let pass."""
+
+_LENGTHS = {"mm": 1e3, "cm": 100.0, "in": 39.37, "ft": 3.281, "km": 1e-3}
+_RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0, "rad s^-1": 1.0 / 57.2958}
+
+
+def check_start_values(preparation: Preparation) -> None:
+    """Raise an error if the start values show wrong units, a mirrored triad or too poor a motion.
+
+    Raises
+    ------
+    RecordingError, SynchronizationError, ExcitationError
+        With the evidence and the remedy.
+    """
+    reference = preparation.reference
+    if reference.quaternions is None:
+        return
+    _check_gyros(preparation)
+    _check_clocks(preparation)
+    if reference.positions is not None:
+        _check_accelerometers(preparation, fit_accelerations(preparation))
+
+
+def _check_gyros(preparation: Preparation) -> None:
+    imu, fit = preparation.recording.imu, preparation.rate_fit
+    source = imu.source
+    line = 1 if is_table(source) else None
+    size = float(np.cbrt(abs(np.linalg.det(fit.K_omega))))
+    for unit, factor in _RATES.items():
+        if 0.7 < size * factor < 1.4 and (factor > 1.0 or imu.units.rate is not None):
+            said = f"the gyros read {1.0 / size:.3g} times the reference's rates"
+            raise wrong_unit(imu, said, "rate", 1.0 / factor, unit)
+    interval = imu.interval
+    if 0.7 < size * interval < 1.4:
+        raise RecordingError(
+            f"the gyros read {1.0 / size:.3g} times the reference's rates: they look like angles per sample; "
+            f"divide them by the interval of {interval:.4g} s",
+            file=source,
+            line=line,
+        )
+    uncertainty = fit.K_omega_sd.max(axis=0)
+    _, singular, axes = np.linalg.svd(fit.K_omega)
+    if uncertainty.max() > MAX_SENSITIVITY_SD or singular[-1] < MIN_SENSITIVITY < singular[0] < 2.5:
+        axis = "xyz"[int(np.argmax(uncertainty if uncertainty.max() > MAX_SENSITIVITY_SD else np.abs(axes[-1])))]
+        raise ExcitationError(
+            f"{preparation.reference.source}: the motion is too poor: it tells the sensitivity of the gyro w_{axis} to "
+            f"{100 * max(uncertainty.max(), 1.0 - singular[-1]):.0f} % only, expected "
+            f"{100 * MAX_SENSITIVITY_SD:.0f} % or better. Turn about all three axes"
+        )
+    if not 0.4 < singular[-1] <= singular[0] < 2.5:
+        raise RecordingError(
+            f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
+            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; factors unlike "
+            "each other speak for poses of another run, or for a gyro that does not work",
+            file=source,
+            line=line,
+        )
+    if np.linalg.det(fit.K_omega) < 0.0:
+        raise RecordingError(
+            "the gyro axes form a left-handed triad (the determinant of their cross-coupling is negative): one axis, "
+            "or all three, have the wrong sign, or two columns are swapped; put signs and order of the columns right",
+            file=source,
+            line=line,
+        )
+
+
+def _check_clocks(preparation: Preparation) -> None:
+    fit, source = preparation.rate_fit, preparation.reference.source
+    # stamps rounded to a unit are off by that much here and there, and not at random
+    limit = max(MAX_CLOCK_DRIFT, 2.0 * 12.0**0.5 * preparation.noise.stamp)
+    tau, shift, sd = fit.clock_drift.T
+    known = (sd < 0.5 * limit) & np.isfinite(shift)
+    off = shift - float(np.median(shift[known])) if known.sum() > 2 else np.zeros(shift.size)
+    bad = np.isfinite(off) & (np.abs(off) > limit) & (np.abs(off) > 10.0 * sd)
+    if bad.any():
+        k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
+        raise SynchronizationError(
+            f"{source}: the clocks do not keep step: {tau[k]:.0f} s after the first pose they are {1e3 * off[k]:+.0f} "
+            f"ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole. Samples were lost without a gap in "
+            "their stamps, or a clock was set; split the recording there"
+        )
+    if abs(fit.clock.skew) > MAX_SKEW + 5.0 * fit.clock.skew_sd:
+        raise SynchronizationError(
+            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 1 % at the "
+            "most: look for lost samples, or stamps counted up at a wrong rate"
+        )
+
+
+def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
+    reference = preparation.reference
+    F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
+    in_order = np.linalg.det(F) > 0.0 and _angle(F) < MAX_TURN
+    agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION
+    if not (in_order and agreed):
+        reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
+        if reading is not None:
+            raise RecordingError(
+                "accelerations of the positions and of the IMU agree only where the quaternions are read "
+                f"{reading}; correct the file",
+                file=reference.source,
+            )
+    if not in_order:
+        raise _disorder(preparation, F)
+    _check_lengths(reference, fit)
+    if not agreed:
+        raise RecordingError(
+            "accelerations of the positions and of the IMU, seen with the orientations, agree by "
+            f"{100 * max(fit.agreement, 0.0):.0f} %, expected {100 * MIN_AGREEMENT:.0f} % or more: check that "
+            "positions and orientations are of the same body, run and frame, and that all three accelerometers work",
+            file=reference.source,
+        )
+
+
+def _turn_between(preparation: Preparation, K_a: Array) -> Array:
+    """Return the orthogonal matrix, of any handedness, that takes accelerations as read to the gyros' axes."""
+    U, _, V = np.linalg.svd(nearest_rotation(preparation.rate_fit.K_omega).T @ K_a)
+    return np.asarray(U @ V)
+
+
+def _angle(F: Array) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))
+
+
+def _disorder(preparation: Preparation, F: Array) -> RecordingError:
+    """Return the error for accelerometers whose axes are not the gyros', but for a few degrees."""
+    source = preparation.recording.imu.source
+    if np.trace(F) < -2.6:
+        what = (
+            "the accelerometers move against the reference: they give gravity instead of specific force, or the "
+            "reference's frames are left-handed. Change the sign of all three; at rest upward must read +9.8"
+        )
+    elif np.linalg.det(F) < 0.0:
+        what = (
+            f"the accelerometers form a left-handed triad against the gyros ({_order(F)}); put signs and order of "
+            "their columns right"
+        )
+    else:
+        what = (
+            f"the accelerometers' axes are turned by {_angle(F):.0f} deg against the gyros' ({_order(F)}); put the "
+            "columns of both in the same order, with the same signs"
+        )
+    return RecordingError(what, file=source, line=1 if is_table(source) else None)
+
+
+def _order(F: Array) -> str:
+    """Return in words which reading stands along which of the gyros' axes."""
+    names = []
+    for row, axis in zip(F, "xyz", strict=True):
+        j = int(np.argmax(np.abs(row)))
+        names.append(f"{'-' if row[j] < 0.0 else ''}a_{'xyz'[j]} lies along w_{axis}")
+    return ", ".join(names)
+
+
+def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
+    """Raise an error if the positions are in another unit than metres, as gravity tells."""
+    low, high = fit.scale
+    if low < MAX_SCALE and high > 1.0 / MAX_SCALE:
+        return
+    scale = low if low >= MAX_SCALE else high
+    evidence = f"the positions move {scale:.4g} times as far as the accelerometers feel"
+    for unit, factor in _LENGTHS.items():
+        if 0.8 < scale / factor < 1.25:
+            raise wrong_unit(reference, evidence, "length", 1.0 / factor, unit)
+    raise RecordingError(f"{evidence}, expected 1; check their unit and scale", file=reference.source)

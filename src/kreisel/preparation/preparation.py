@@ -1,0 +1,110 @@
+"""What is known once a recording is prepared, before the filter runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.readings import Readings
+from kreisel.model.noise import ReferenceNoise
+from kreisel.model.robot import RobotModel
+from kreisel.model.site import Site
+from kreisel.model.standstill import ImuStillness, OutsideRest, Rest
+from kreisel.recording.recording import Finding, Recording, ReferencePoses
+from kreisel.synchronization.results import Correlation, RateFit
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """Noise of the IMU, SI: densities (3,), random walks and prior deviations of its offsets.
+
+    `gyro_bounds` and `accel_bounds` hold the densities the data may move it between: from what the maker
+    says to well above what the readings' own scatter shows, for errors that grow with the motion. `gyro_scatter` is
+    the noise of a single reading, rad/s.
+    """
+
+    gyro: Array
+    accel: Array
+    gyro_bounds: tuple[float, float]
+    accel_bounds: tuple[float, float]
+    gyro_walk: float
+    accel_walk: float
+    given: bool
+    gyro_offset_sd: float | None
+    accel_offset_sd: float | None
+    gyro_scatter: float
+
+
+@dataclass(frozen=True)
+class AccelerationWindows:
+    """Accelerations over windows, as readings predict them and as the reference shows them.
+
+    Attributes
+    ----------
+    regressor : (windows, 3, 15)
+        Predicted acceleration for a unit of each parameter: see `_kernels.unit_forces`.
+    reference : (windows, 3)
+        By the positions; zero where there are none.
+    rest_regressor : (rests, 3, 15)
+        Means over rests, of the same columns.
+    """
+
+    regressor: Array
+    reference: Array
+    rest_regressor: Array
+
+
+@dataclass(frozen=True)
+class AccelerometerFit:
+    """Start values found for the accelerometers and gravity.
+
+    Attributes
+    ----------
+    K_a, k_a0, lever_arm, gravity
+        (3, 3), (3,), (3,), (3,); SI, gravity in r.
+    motion_slope
+        How reference accelerations scale with predicted ones, gravity taken off: about 1.
+    residual_sd
+        What is left in a window, m/s^2.
+    K_a_sd, k_a0_sd, lever_arm_sd, tilt_sd
+        Standard deviations of the fit; that of gravity's direction in rad.
+    windows
+        What it was fitted to.
+    """
+
+    K_a: Array
+    k_a0: Array
+    lever_arm: Array
+    gravity: Array
+    motion_slope: float
+    residual_sd: float
+    K_a_sd: Array
+    k_a0_sd: Array
+    lever_arm_sd: Array
+    tilt_sd: float
+    windows: AccelerationWindows
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """All that comes before the filter."""
+
+    recording: Recording
+    reference: ReferencePoses
+    site: Site
+    imu_noise: ImuNoise
+    noise: ReferenceNoise
+    readings: Readings
+    correlation: Correlation
+    rate_fit: RateFit
+    accelerometer_fit: AccelerometerFit
+    stillness: ImuStillness
+    rests: tuple[Rest, ...]
+    outside_rest: OutsideRest | None
+    robot: RobotModel | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def joints(self) -> int:
+        """Joints of the robot whose errors are estimated; 0 without one."""
+        return 0 if self.robot is None else self.robot.joints

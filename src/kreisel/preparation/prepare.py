@@ -1,0 +1,145 @@
+"""From a recording to all that comes before the filter: clocks, noise, standstill, start values, the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import RecordingError, SynchronizationError
+from kreisel.inertial.readings import Readings
+from kreisel.model.noise import ReferenceNoise
+from kreisel.model.settings import CalibrationSettings
+from kreisel.model.standstill import OutsideRest, Rest
+from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_accelerometers, joined
+from kreisel.preparation.attitude import with_attitude
+from kreisel.preparation.gravity import site_of
+from kreisel.preparation.imu_noise import imu_noise_of, readings_of
+from kreisel.preparation.preparation import AccelerometerFit, Preparation
+from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
+from kreisel.preparation.robot import robot_model
+from kreisel.preparation.standstill import find_rests, imu_stillness, rest_outside
+from kreisel.recording.recording import Finding, ImuSamples, Recording, ReferencePoses
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.conventions import check_conventions
+from kreisel.synchronization.correlation import correlate, quietest_second
+from kreisel.synchronization.rate_fit import fit_rates
+from kreisel.synchronization.results import RateFit
+
+_MIN_COMMON_SHARE = 0.7
+_ROUNDS_WITHOUT_ATTITUDE = 4
+
+
+def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Preparation:
+    """Return clocks, start values and noise of a recording.
+
+    Raises
+    ------
+    SynchronizationError, RecordingError
+        If reference and IMU do not belong together, or there is no reference.
+    """
+    imu, reference = recording.imu, recording.reference
+    if reference is None:
+        raise RecordingError(
+            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference beside imu0",
+            file=recording.path,
+        )
+    imu_noise = imu_noise_of(recording)
+    readings = readings_of(recording, imu_noise, settings.polynomial_order)
+    correlation = correlate(imu, reference)
+    check_conventions(readings, reference, correlation.clock)
+    if reference.quaternions is not None:
+        fit = fit_rates(readings, reference.seconds, reference.quaternions, correlation.clock)
+    else:
+        fit = _rates_without_attitude(imu, reference, correlation.clock)
+    site, of_site = site_of(recording)
+    noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
+    rests = find_rests(stillness, reference, fit.clock, noise)
+    accelerometers = _accelerometers(readings, fit, reference, site.gravity, rests)
+    noise = with_measured_jitter(noise, reference, rests, fit.clock)
+    outside = rest_outside(imu, stillness, reference, fit.clock)
+    robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
+    findings = (
+        *_reference_findings(reference),
+        *_overlap_finding(imu, reference, fit.clock),
+        *of_site,
+        *_rest_finding(outside),
+        *_stamp_finding(noise),
+        *of_robot,
+    )
+    return Preparation(
+        recording, reference, site, imu_noise, noise, readings, correlation, fit, accelerometers, stillness, rests,
+        outside, robot, findings,
+    )  # fmt: skip
+
+
+def _reference_findings(reference: ReferencePoses) -> list[Finding]:
+    if reference.quaternions is None:
+        return [Finding("reference", "positions only: b takes the gyros' axes, as far as they are square")]
+    if reference.positions is None:
+        return [Finding("reference", "orientations only: accelerometers are seen at rests, and between them")]
+    return []
+
+
+def _overlap_finding(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[Finding]:
+    """Return what to say where the two have little time in common, as where one began late or its clock leapt."""
+    first, last = clock.imu_time(reference.seconds[[0, -1]])
+    end = float(imu.seconds[-1])
+    common, shorter = min(float(last), end) - max(float(first), 0.0), min(float(last - first), end)
+    if common > _MIN_COMMON_SHARE * shorter:
+        return []
+    said = f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; no more is used"
+    return [Finding("overlap", said)]
+
+
+def _rest_finding(outside: OutsideRest | None) -> list[Finding]:
+    if outside is None:
+        return []
+    said = f"{outside.seconds:.1f} s of rest without reference used for the gyro offset's first value"
+    return [Finding("rest", said)]
+
+
+def _stamp_finding(noise: ReferenceNoise) -> list[Finding]:
+    if noise.stamp == 0.0:
+        return []
+    step = noise.stamp * 12**0.5 * 1e3
+    said = f"the reference's stamps are rounded to {step:.0f} ms; taken as noise along the motion"
+    return [Finding("stamps", said)]
+
+
+def _accelerometers(
+    readings: Readings, fit: RateFit, reference: ReferencePoses, gravity: float, rests: tuple[Rest, ...]
+) -> AccelerometerFit:
+    """Return the start values of the accelerometers."""
+    positions = reference.positions is not None
+    if not positions and reference.quaternions is None:
+        raise RecordingError("holds neither positions nor orientations", file=reference.source)
+    within = fit.clock.imu_time(reference.seconds[[0, -1]])
+    intervals = [(rest.start, rest.stop) for rest in rests]
+    found = None
+    # without orientations, attitude and accelerometers need each other
+    for _ in range(_ROUNDS_WITHOUT_ATTITUDE if reference.quaternions is None else 1):
+        windows = [
+            acceleration_windows(signal, fit, tau, q, p, intervals)
+            for signal, tau, p, q in with_attitude(readings.excerpt(*within), fit, reference, found)
+        ]
+        if not windows:
+            raise SynchronizationError(
+                f"{reference.source}: too few poses where IMU and reference overlap; record both all the time"
+            )
+        found = fit_accelerometers(joined(windows), fit, gravity, positions=positions)
+    assert found is not None  # noqa: S101 - for the type checker; it went round once
+    return found
+
+
+def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
+    """Return what is known of the gyros without attitudes: their mean at the quietest moment."""
+    still = quietest_second(imu)
+    return RateFit(
+        K_omega=np.eye(3),
+        k_w0=-imu.rates[still].mean(axis=0),
+        clock=clock,
+        skewed=abs(clock.skew) > 4.0 * clock.skew_sd or clock.skew_sd * float(reference.seconds[-1]) > 5e-3,
+        explained=float("nan"),
+        residual_sd=float("nan"),
+        K_omega_sd=np.full((3, 3), 0.0025),
+        k_w0_sd=np.full(3, 1e-3),
+    )

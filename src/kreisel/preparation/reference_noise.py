@@ -1,0 +1,75 @@
+"""How good the reference is assumed to be before the filter runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.model.noise import ReferenceNoise
+from kreisel.model.standstill import Rest
+from kreisel.recording.recording import ReferencePoses
+from kreisel.recording.settings import RecordingSettings
+from kreisel.synchronization.clock import Clock
+
+_DEFAULTS = {
+    "robot": (1e-3, 1e-3, 2e-4, 2e-4),
+    "mocap": (1e-3, 3e-3, 1e-3, 3e-3),
+}
+
+
+def assumed_noise(settings: RecordingSettings, reference: ReferencePoses) -> ReferenceNoise:
+    """Return the noise the recording's settings state, with defaults where they state none."""
+    table = settings.reference
+    defaults = _DEFAULTS[table.kind or "robot"]
+    position = table.position_sd or defaults[0]
+    orientation = table.orientation_sd or defaults[1]
+    still_position = table.standstill_position_sd or min(position, defaults[2])
+    still_orientation = table.standstill_orientation_sd or min(orientation, defaults[3])
+    return ReferenceNoise(
+        position=position,
+        orientation=orientation,
+        standstill_position=still_position,
+        standstill_orientation=still_orientation,
+        jitter_position=0.1 * still_position,
+        jitter_orientation=0.1 * still_orientation,
+        velocity=still_position,
+        stamp=stamp_resolution(reference) / np.sqrt(12.0),
+    )
+
+
+def stamp_resolution(reference: ReferencePoses) -> float:
+    """Return the step to which the reference's stamps were rounded, s; 0 where none shows.
+
+    Stamps that are all multiples of a millisecond or more, while poses come at uneven steps of several
+    such units, were rounded: the true moment lies anywhere within.
+    """
+    steps = np.diff(reference.stamps_ns)
+    unit = int(np.gcd.reduce(steps))
+    if unit < 1_000_000 or np.unique(steps).size < 3 or float(np.median(steps)) < 2.5 * unit:
+        return 0.0
+    return unit * 1e-9
+
+
+def with_measured_jitter(
+    noise: ReferenceNoise, reference: ReferencePoses, rests: tuple[Rest, ...], clock: Clock
+) -> ReferenceNoise:
+    """Return the noise with the scatter of poses within rests, where it exceeds what is assumed."""
+    t_pose = clock.imu_time(reference.seconds)
+    position, orientation = noise.jitter_position, noise.jitter_orientation
+    scatter_p, scatter_q = [], []
+    for rest in rests:
+        index = np.flatnonzero((t_pose >= rest.start) & (t_pose <= rest.stop))
+        if index.size < 5:
+            continue
+        if reference.positions is not None:
+            scatter_p.append(float(np.mean(np.var(reference.positions[index], axis=0))))
+        if reference.quaternions is not None:
+            q = reference.quaternions[index]
+            q = q * np.where(q @ q[0] < 0.0, -1.0, 1.0)[:, None]
+            scatter_q.append(float(4.0 * np.sum(np.var(q, axis=0)) / 3.0))
+    if scatter_p:
+        position = max(position, float(np.sqrt(np.median(scatter_p))))
+    if scatter_q:
+        orientation = max(orientation, float(np.sqrt(np.median(scatter_q))))
+    return replace(noise, jitter_position=position, jitter_orientation=orientation)

@@ -1,0 +1,77 @@
+"""Poses chosen as updates, one every interval, and assigned to samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.inertial.readings import Readings
+from kreisel.model.schedule import Update
+from kreisel.model.standstill import Rest
+
+
+def schedule_updates(
+    readings: Readings, t_pose: Array, tau: Array, rests: tuple[Rest, ...], interval: float
+) -> tuple[Update, ...]:
+    """Return the updates: one every `interval`, each with the pose nearest to it.
+
+    Parameters
+    ----------
+    t_pose
+        IMU seconds of every pose, as far as known.
+    tau
+        Reference seconds of every pose.
+    """
+    updates: list[Update] = []
+    last_rest: int | None = None
+    starts = np.array([rest.start for rest in rests])
+    stops = np.array([rest.stop for rest in rests])
+    for begin, end in readings.segments:
+        low, high = readings.stamps[begin + 1], readings.stamps[end - 1]
+        inside = np.flatnonzero((t_pose > low) & (t_pose < high))
+        if inside.size < 2:
+            continue
+        previous: int | None = None
+        for pose in _spread(t_pose, inside, interval):
+            sample = _nearest(readings.stamps, float(t_pose[pose]), begin + 1, end - 1)
+            if previous is not None and sample <= previous:
+                continue
+            rest = _containing(starts, stops, float(t_pose[pose]))
+            updates.append(
+                Update(
+                    first=sample if previous is None else previous,
+                    last=sample,
+                    pose=int(pose),
+                    tau=float(tau[pose]),
+                    rest=rest,
+                    new_rest=rest is not None and rest != last_rest,
+                    new_segment=previous is None,
+                )
+            )
+            last_rest = rest if rest is not None else last_rest
+            previous = sample
+    return tuple(updates)
+
+
+def _spread(t_pose: Array, inside: Indices, interval: float) -> Indices:
+    """Return the poses nearest to a grid of the given interval, each once."""
+    times = t_pose[inside]
+    grid = np.arange(times[0], times[-1] + 0.5 * interval, interval)
+    right = np.clip(np.searchsorted(times, grid), 1, times.size - 1)
+    nearest = np.where(grid - times[right - 1] < times[right] - grid, right - 1, right)
+    close = np.abs(times[nearest] - grid) <= 0.5 * interval
+    return np.asarray(inside[np.unique(nearest[close])])
+
+
+def _nearest(stamps: Array, t: float, low: int, high: int) -> int:
+    k = int(np.searchsorted(stamps, t))
+    if k > 0 and (k == stamps.size or t - stamps[k - 1] < stamps[k] - t):
+        k -= 1
+    return min(max(k, low), high)
+
+
+def _containing(starts: Array, stops: Array, t: float) -> int | None:
+    if starts.size == 0:
+        return None
+    k = int(np.searchsorted(starts, t, side="right")) - 1
+    return k if k >= 0 and t <= stops[k] else None

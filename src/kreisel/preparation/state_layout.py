@@ -1,0 +1,42 @@
+"""The state of the filter for what is to be estimated."""
+
+from __future__ import annotations
+
+from kreisel.estimation.state import StateLayout
+from kreisel.model.groups import REGISTRY
+from kreisel.model.layout import REST_ERROR, group_part, with_coloured_noise
+from kreisel.model.settings import BY_CHOICE, CalibrationSettings
+
+
+def build_layout(
+    settings: CalibrationSettings,
+    *,
+    latitude: bool,
+    skew: bool,
+    rest_error: bool,
+    path_error: tuple[bool, bool] = (False, False),
+    joints: int = 0,
+) -> StateLayout:
+    """Return the layout: sensor parameters, cell parameters, the robot's errors, errors of the reference, navigation.
+
+    Parameters
+    ----------
+    latitude
+        Whether the latitude is given.
+    skew
+        Whether the ratio of the clocks is estimated.
+    rest_error
+        Whether there are rests, each with an error of its own.
+    path_error
+        Whether there is coloured noise in position and in orientation.
+    joints
+        Of the robot whose errors are estimated; 0 without one.
+    """
+    absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated))
+    if latitude or "north" in absent:
+        absent.add("earth_down")
+    if not skew:
+        absent.add("time_skew")
+    parts = [group_part(g.name, settings.polynomial_order, joints) for g in REGISTRY if g.name not in absent]
+    parts = [part for part in parts if part.degrees > 0]
+    return with_coloured_noise(StateLayout([*parts, *(REST_ERROR if rest_error else ())]), path_error)

@@ -1,0 +1,58 @@
+"""What synchronisation finds: the clocks, and what the rates of IMU and reference say of each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.synchronization.clock import Clock
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """What the correlation found: the clock and the correlation coefficient over the whole overlap."""
+
+    clock: Clock
+    coefficient: float
+
+
+@dataclass(frozen=True)
+class RateFit:
+    """Gyro parameters and clock that bring integrated readings onto the reference's rotations.
+
+    Attributes
+    ----------
+    K_omega : (3, 3)
+    k_w0 : (3,)
+        rad/s.
+    clock
+        With the standard deviations of the fit.
+    skewed
+        Whether the clocks run at different rates, or could, as far as this recording tells.
+    explained
+        Share of the reference's squared rotation the fit explains, 1 being all.
+    residual_sd
+        Standard deviation of what is left of a rotation, rad, each axis.
+    K_omega_sd, k_w0_sd : (3, 3), (3,)
+        Standard deviations of the fit.
+    clock_drift : (k, 3)
+        Residual clock drift in parts of the recording: reference seconds of the middle, shift, its standard
+        deviation. It is nothing but noise where both clocks run steadily.
+    """
+
+    K_omega: Array
+    k_w0: Array
+    clock: Clock
+    skewed: bool
+    explained: float
+    residual_sd: float
+    K_omega_sd: Array
+    k_w0_sd: Array
+    clock_drift: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def bias(self) -> Array:
+        """What the corrected rate is where a gyro reads zero, K_omega k_w0, rad/s."""
+        return self.K_omega @ self.k_w0
