@@ -74,7 +74,7 @@ def test_real_robot(recordings, name):
     scale = 1.0 / np.linalg.norm(np.linalg.inv(K), axis=1)
     derived_sd = document["standard_deviation"]["derived"]
     mount_sd = np.array(derived_sd["mounting_rotation_deg"])
-    scale_sd = 1e-6 * np.array(derived_sd["gyro_scale_ppm"])
+    scale_sd = 1e-6 * np.array(derived_sd["gyro_scale_error_ppm"])
     gravity = np.array(document["alignment"]["gravity"])
     tilt = np.degrees(np.arccos(-gravity[2] / np.linalg.norm(gravity)))
     assert tilt < 1.0
@@ -138,7 +138,7 @@ def test_part_of_a_pose(recordings, missing):
     true = truth(recordings, "sim_fog_mems_300s")
     sd = document["standard_deviation"]
     assert document["verdict"]["accepted"]
-    for sensor, name in (("gyroscope", "gyro_scale_ppm"), ("accelerometer", "accel_scale_ppm")):
+    for sensor, name in (("gyroscope", "gyro_scale_error_ppm"), ("accelerometer", "accel_scale_error_ppm")):
         scale = 1e6 * (np.linalg.norm(np.linalg.inv(true[sensor]["cross_coupling"]), axis=1) - 1.0)
         assert np.all(np.abs(np.array(document["derived"][name]) - scale) < 4.0 * np.array(sd["derived"][name]))
         offset = np.array(document[sensor]["offset"]) - true[sensor]["offset"]

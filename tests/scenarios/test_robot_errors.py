@@ -186,7 +186,7 @@ def test_without_a_latitude_the_earths_rotation_is_found():
     errors = group_errors(outcome.calibration, truth)
     for name in ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling"):
         assert errors[name].ratio < 2.2, name
-    assert errors["gyro_offset"].believed < 1.0  # deg/h
+    assert errors["gyro_offset"].expected < 1.0  # deg/h
     alignment = outcome.calibration.document["alignment"]
     sd = outcome.calibration.document["standard_deviation"]["alignment"]["earth_rate"]
     off = np.array(alignment["earth_rate"]) - truth.earth_rate_r

@@ -46,7 +46,7 @@ def test_calibrate_writes_a_result_folder(cell, tmp_path):
 def test_json_is_one_object_on_standard_output(cell):
     done = run("calibrate", cell, "--json")
     document = json.loads(done.stdout)
-    assert document["schema"] == "kreisel/calibration/1"
+    assert document["schema"] == "kreisel/calibration/2"
     parts = "gyroscope accelerometer timing alignment derived consistency verdict formula frames estimator recording"
     assert set(parts.split()) <= document.keys()
     for sensor in ("gyroscope", "accelerometer", "timing", "alignment"):

@@ -9,6 +9,7 @@ import pytest
 
 import kreisel
 from kreisel.calibration.result import RESULT_FILES, Calibration
+from kreisel.calibration.result_document import from_document
 from kreisel.files import finish_replacing, read_bytes, replaced_together
 
 NAMES = ("a.yaml", "b.html", "c.urdf")
@@ -88,10 +89,17 @@ def test_what_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert (tmp_path / "a.yaml").read_text() == "old"
 
 
-def calibration(urdf: str | None) -> Calibration:
+def calibration(urdf: str | None, names: tuple[str, ...] = ("a",)) -> Calibration:
     table = {"cross_coupling": np.eye(3).tolist(), "offset": [0.0] * 3, "lever_arms": np.zeros((3, 3)).tolist()}
-    document = {"schema": "kreisel/calibration/1", "gyroscope": table, "accelerometer": table, "verdict": {}}
-    return Calibration(document, ("a",), np.eye(1), np.ones(1), np.zeros((2, 3)), urdf)
+    document = {"gyroscope": table, "accelerometer": table, "verdict": {"accepted": True}}
+    return Calibration(
+        **vars(from_document(document)),
+        names=names,
+        covariance=np.eye(1),
+        prior_deviation=np.ones(1),
+        estimates=np.zeros((2, 3)),
+        robot_urdf=urdf,
+    )
 
 
 def test_a_result_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
@@ -108,9 +116,8 @@ def test_a_result_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
 
 def test_loading_finishes_what_was_cut_short(tmp_path: Path) -> None:
     calibration(None).save(tmp_path)
-    other = Calibration.load(tmp_path)
     (tmp_path / ".kreisel-written").mkdir()
-    Calibration(other.document, ("b",), np.eye(1), np.ones(1), np.zeros((2, 3))).write(tmp_path / ".kreisel-written")
+    calibration(None, ("b",)).write(tmp_path / ".kreisel-written")
     assert Calibration.load(tmp_path / "calibration.yaml").names == ("b",)
     assert not (tmp_path / ".kreisel-written").exists()
 

@@ -1,6 +1,5 @@
 """What `kreisel calibrate` prints: the verdict in the report's words, and what was held instead of estimated."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +7,8 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.evidence import Verdict
 from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.parts import Verdict
 from kreisel.cli.tables import print_result
 from kreisel.model.settings import CalibrationSettings
 from kreisel.report.page import write_report
@@ -39,15 +38,11 @@ def test_terminal_report_and_json_say_the_same(
     reasons: tuple[str, ...],
 ) -> None:
     verdict = Verdict(not reasons, reasons, lost)
-    document = json.loads(json.dumps(outcome.calibration.document))
-    document["verdict"] = {
-        "accepted": verdict.accepted, "summary": verdict.summary, "reasons": list(reasons), "unobservable": list(lost)
-    }  # fmt: skip
     changed = replace(
         outcome,
         verdict=verdict,
         observability=replace(outcome.observability, unobservable=lost),
-        calibration=replace(outcome.calibration, document=document),
+        calibration=replace(outcome.calibration, verdict=verdict),
     )
     text = printed(changed, capsys)
     headline = "Rejected" if reasons else "Accepted, with gaps" if lost else "Accepted"
@@ -71,9 +66,13 @@ def test_what_is_held_is_not_printed_as_estimated(outcome: Outcome, capsys: pyte
     assert "0.00 ± 0.00" not in text
     assert "± 0.00 " not in text
     lines = text.split("│")
-    for title, cells in (("lever arm of accelerometer x", 3), ("gyro offset", 3), ("time offset", 1)):
+    for title, cells in (
+        ("position of accelerometer x in b", 3),
+        ("gyro bias", 3),
+        ("time offset of the reference", 1),
+    ):
         at = next(k for k, cell in enumerate(lines) if title in cell)
         assert all("held at " in cell for cell in lines[at + 2 : at + 2 + cells]), title
-    assert "held at 3 " in lines[next(k for k, cell in enumerate(lines) if "clock ratio" in cell) + 2]
-    at = next(k for k, cell in enumerate(lines) if "gyro scale error" in cell)
+    assert "held at 3 " in lines[next(k for k, cell in enumerate(lines) if "ratio of the clocks" in cell) + 2]
+    at = next(k for k, cell in enumerate(lines) if "gyro scale-factor error" in cell)
     assert all("±" in cell for cell in lines[at + 2 : at + 5])

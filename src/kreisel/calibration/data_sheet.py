@@ -1,16 +1,24 @@
-"""The result in the words and units of data sheets, with uncertainties carried over from the parameters."""
+"""The sensors' errors in the words and units of data sheets, with uncertainties carried over from the parameters.
+
+Parameters are corrections: they turn readings into true values. What stands here are the errors of the readings: a bias
+is what a sensor reads too much at rest, -k_0; a scale-factor error is positive for a sensor that reads too much.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from kreisel.calibration.parts import Measured
 from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, PPM
 
 _PAIRS = ((0, 1), (0, 2), (1, 2))
+_STEP = 1e-6
 
 
 def sensitivity(K: Array) -> tuple[Array, Array]:
@@ -41,24 +49,82 @@ def distances(lever_arms: Array) -> Array:
     return np.array([np.linalg.norm(lever_arms[i] - lever_arms[j]) for i, j in _PAIRS])
 
 
-QUANTITIES: dict[str, Callable[[SensorParameters], Array]] = {
-    "gyro_scale_ppm": lambda p: (sensitivity(p.K_omega)[0] - 1.0) / PPM,
-    "accel_scale_ppm": lambda p: (sensitivity(p.K_a)[0] - 1.0) / PPM,
-    "gyro_non_orthogonality_mrad": lambda p: non_orthogonality(p.K_omega) / MRAD,
-    "non_orthogonality_mrad": lambda p: non_orthogonality(p.K_a) / MRAD,
-    "gyro_to_accel_rotation_mrad": lambda p: gyro_to_accel(p.K_omega, p.K_a) / MRAD,
-    "mounting_rotation_deg": lambda p: mounting(p.K_omega) / DEG,
-    "offset_mg": lambda p: p.k_a[0] / MG,
-    "offset_deg_h": lambda p: p.k_w[0] / DEG_PER_HOUR,
-    "accel_distances_mm": lambda p: distances(p.lever_arms) / MM,
+@dataclass(frozen=True)
+class Quantity:
+    """A derived quantity of three numbers.
+
+    Attributes
+    ----------
+    name
+        In the result file; it ends with the unit.
+    title, unit
+        As terminal and report call it.
+    of
+        What the three numbers belong to: axes x, y, z, or pairs of axes xy, xz, yz.
+    groups
+        Groups of parameters it depends on.
+    value
+        From the sensor parameters, in its unit.
+    """
+
+    name: str
+    title: str
+    unit: str
+    of: Literal["axes", "pairs"]
+    groups: tuple[str, ...]
+    value: Callable[[SensorParameters], Array]
+
+
+_GYRO, _ACCEL = ("gyro_cross_coupling",), ("accel_cross_coupling",)
+
+QUANTITIES: tuple[Quantity, ...] = (
+    Quantity(
+        "gyro_scale_error_ppm", "Gyro scale-factor error", "ppm", "axes", _GYRO,
+        lambda p: (sensitivity(p.K_omega)[0] - 1.0) / PPM,
+    ),
+    Quantity("gyro_bias_deg_h", "Gyro bias", "deg/h", "axes", ("gyro_offset",), lambda p: -p.k_w[0] / DEG_PER_HOUR),
+    Quantity(
+        "gyro_non_orthogonality_mrad", "Gyro non-orthogonality", "mrad", "pairs", _GYRO,
+        lambda p: non_orthogonality(p.K_omega) / MRAD,
+    ),
+    Quantity(
+        "accel_scale_error_ppm", "Accelerometer scale-factor error", "ppm", "axes", _ACCEL,
+        lambda p: (sensitivity(p.K_a)[0] - 1.0) / PPM,
+    ),
+    Quantity("accel_bias_mg", "Accelerometer bias", "mg", "axes", ("accel_offset",), lambda p: -p.k_a[0] / MG),
+    Quantity(
+        "accel_non_orthogonality_mrad", "Accelerometer non-orthogonality", "mrad", "pairs", _ACCEL,
+        lambda p: non_orthogonality(p.K_a) / MRAD,
+    ),
+    Quantity(
+        "mounting_rotation_deg", "Mounting, gyro axes to b", "deg", "axes", _GYRO,
+        lambda p: mounting(p.K_omega) / DEG,
+    ),
+    Quantity(
+        "gyro_to_accel_rotation_mrad", "Accelerometer axes to gyro axes", "mrad", "axes", (*_GYRO, *_ACCEL),
+        lambda p: gyro_to_accel(p.K_omega, p.K_a) / MRAD,
+    ),
+    Quantity(
+        "accel_distances_mm", "Distance between accelerometers", "mm", "pairs", ("lever_arms",),
+        lambda p: distances(p.lever_arms) / MM,
+    ),
+)  # fmt: skip
+"""Derived quantities, in the order they are shown in."""
+
+OF_SCHEMA_1: dict[str, tuple[str, float]] = {
+    "gyro_scale_ppm": ("gyro_scale_error_ppm", 1.0),
+    "accel_scale_ppm": ("accel_scale_error_ppm", 1.0),
+    "non_orthogonality_mrad": ("accel_non_orthogonality_mrad", 1.0),
+    "offset_deg_h": ("gyro_bias_deg_h", -1.0),
+    "offset_mg": ("accel_bias_mg", -1.0),
 }
-"""Derived quantities, three numbers each: axes x, y, z, or pairs of axes xy, xz, yz."""
+"""Names in schema 1, those of today, and the sign between the two."""
 
 
 def derive(
     parameters: SensorParameters, covariance: Array, unpack: Callable[[Array], SensorParameters]
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return derived quantities and their standard deviations.
+) -> dict[str, Measured]:
+    """Return derived quantities with their standard deviations, by name.
 
     Parameters
     ----------
@@ -67,12 +133,12 @@ def derive(
     unpack
         Returns the parameters moved by changes (n,) of the estimated ones.
     """
-    values = {name: quantity(parameters) for name, quantity in QUANTITIES.items()}
     n = covariance.shape[0]
-    step = 1e-6
-    moved = [(unpack(step * e), unpack(-step * e)) for e in np.eye(n)]
-    deviations = {}
-    for name, quantity in QUANTITIES.items():
-        J = np.array([(quantity(a) - quantity(b)) / (2.0 * step) for a, b in moved]).reshape(n, 3).T
-        deviations[name] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
-    return values, deviations
+    moved = [(unpack(_STEP * e), unpack(-_STEP * e)) for e in np.eye(n)]
+    out = {}
+    for quantity in QUANTITIES:
+        value = quantity.value
+        J = np.array([(value(a) - value(b)) / (2.0 * _STEP) for a, b in moved]).reshape(n, 3).T
+        deviation = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
+        out[quantity.name] = Measured(value(parameters), deviation)
+    return out

@@ -6,24 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.calibration.parts import Consistency
 from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array
-
-
-@dataclass(frozen=True)
-class Consistency:
-    """What the innovations say.
-
-    `nis_*` are means per degree of freedom; `lag_one` the correlation of neighbouring whitened innovations
-    of position and orientation, (6,).
-    """
-
-    nis_path: float
-    nis_standstill: float
-    updates: int
-    rejected: int
-    lag_one: Array
-    correlation_factor: float
 
 
 @dataclass(frozen=True)
@@ -69,49 +54,6 @@ class Evidence:
     consistency: Consistency
     halves: SplitHalves | None
     latitude: LatitudeCheck | None
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a result may be used: the same words on the terminal, in the report and in the result file.
-
-    Attributes
-    ----------
-    accepted, reasons
-        Whether it may be used, and why not.
-    unobservable
-        Names of parameters the motion does not show, or too weakly.
-    """
-
-    accepted: bool
-    reasons: tuple[str, ...]
-    unobservable: tuple[str, ...] = ()
-
-    @property
-    def headline(self) -> str:
-        """The verdict in a word or three."""
-        if not self.accepted:
-            return "Rejected"
-        return "Accepted, with gaps" if self.unobservable else "Accepted"
-
-    @property
-    def sentence(self) -> str:
-        """What to do with the result."""
-        if not self.accepted:
-            return "Do not use this calibration."
-        lost = len(self.unobservable)
-        if lost == 0:
-            return "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
-        which, those = ("one parameter", "it") if lost == 1 else (f"{lost} parameters", "those")
-        return (
-            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be of "
-            f"use. Do not rely on {those}."
-        )
-
-    @property
-    def summary(self) -> str:
-        """Headline and sentence."""
-        return f"{self.headline}. {self.sentence}"
 
 
 @dataclass(frozen=True)

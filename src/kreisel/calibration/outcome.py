@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kreisel.calibration.evidence import Consistency, SplitHalves, Verdict
+from kreisel.calibration.evidence import SplitHalves
+from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.calibration.result import Calibration
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,42 +13,27 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.arguments import elapsed_seconds, triads
+from kreisel.calibration.parts import CalibrationParts
+from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.errors import RecordingError
 from kreisel.files import LARGEST_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.sensor_model import (
-    FORMULA,
-    SensorParameters,
-    SizeEffect,
-    correct_specific_force,
-)
+from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.inertial.strapdown import SensorColumns, prepare
-
-SCHEMA = "kreisel/calibration/1"
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result, which are of one recording."""
 
-_MOST_ENTRIES = 100_000
-_LARGEST_ARRAYS = 1 << 26
-
-FRAMES = (
-    "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
-    "i: inertial. Raw readings (primed) are corrected to true values: omega_ib_b, angular rate of b against i, "
-    "and f_b, specific force at the origin of b (at rest +g, upward), both along the axes of b. Row j of "
-    "lever_arms is the position of accelerometer j in b; rows of the inverse of cross_coupling are the "
-    "sensitive axes in b. SI and radians throughout."
-)
+_MAX_ENTRIES = 100_000
+_MAX_ARRAYS = 1 << 26
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """A calibration: the document of `calibration.yaml`, and what is too large for it.
+class Calibration(CalibrationParts):
+    """A calibration: what stands in `calibration.yaml`, and what is too large for it.
 
     Attributes
     ----------
-    document
-        The content of `calibration.yaml`, schema ``kreisel/calibration/1``.
     names
         Estimated parameters in the order of `covariance` and of the columns of `estimates`.
     covariance : (n, n)
@@ -60,27 +44,21 @@ class Calibration:
         The robot's description with the errors found, where they were estimated.
     """
 
-    document: dict[str, Any]
-    names: tuple[str, ...]
-    covariance: Array
-    prior_deviation: Array
-    estimates: Array
+    names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    prior_deviation: Array = field(default_factory=lambda: np.zeros(0))
+    estimates: Array = field(default_factory=lambda: np.zeros((0, 1)))
     robot_urdf: str | None = None
 
     @property
     def accepted(self) -> bool:
         """Whether the verdict is that the result may be used."""
-        return bool(self.document["verdict"]["accepted"])
+        return self.verdict.accepted
 
     @property
-    def sensors(self) -> SensorParameters:
-        """Parameters of the sensor model."""
-        return sensor_parameters(self.document)
-
-    @property
-    def size_effect(self) -> SizeEffect:
-        """Form of the eccentricity term the parameters belong to."""
-        return SizeEffect(self.document["estimator"].get("size_effect", SizeEffect.COMPLETED.value))
+    def document(self) -> dict[str, Any]:
+        """The content of `calibration.yaml`: mappings, lists, texts and numbers."""
+        return to_document(self)
 
     def correct(self, rates: ArrayLike, accelerations: ArrayLike, timestamps: ArrayLike) -> tuple[Array, Array]:
         """Return angular rate and specific force of b, (n, 3) each, from raw readings.
@@ -103,11 +81,10 @@ class Calibration:
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
-        sensors = self.sensors
-        signal = prepare(seconds, raw, a, order=sensors.k_w.shape[0])
-        columns = SensorColumns.single(sensors, self.size_effect)
+        signal = prepare(seconds, raw, a, order=self.sensors.k_w.shape[0])
+        columns = SensorColumns.single(self.sensors, self.size_effect)
         omega, alpha = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.slopes))
-        return omega, correct_specific_force(a, omega, alpha, sensors, self.size_effect)
+        return omega, correct_specific_force(a, omega, alpha, self.sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.
@@ -153,35 +130,39 @@ class Calibration:
         """
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
-        try:
-            finish_replacing(file.parent, RESULT_FILES)
-            document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
-        except OSError as error:
-            raise RecordingError(
-                f"cannot be read ({error.strerror}); give a result folder of `kreisel calibrate`, or its "
-                "calibration.yaml",
-                file=file,
-            ) from error
-        except (YAMLError, UnicodeDecodeError, RecursionError) as error:
-            raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
-        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-            found = document.get("schema") if isinstance(document, dict) else None
-            named = f"'{found[:60]}'" if isinstance(found, str) else f"of type {type(found).__name__}"
-            raise RecordingError(f"schema is {named}, expected '{SCHEMA}'", file=file)
-        try:
-            _check_entries(document)
-            sensor_parameters(document)
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
+        parts = _read_parts(file)
+        values = {part.name: getattr(parts, part.name) for part in fields(CalibrationParts)}
         extra = file.parent / "covariance.npz"
-        names: tuple[str, ...] = ()
-        covariance, prior = np.zeros((0, 0)), np.zeros(0)
-        if extra.is_file():
-            _check_size(extra)
-            with np.load(extra) as data:
-                names = tuple(str(name) for name in data["names"])
-                covariance, prior = data["covariance"], data["prior_deviation"]
-        return cls(document, names, covariance, prior, np.zeros((0, 1 + 2 * len(names))))
+        if not extra.is_file():
+            return cls(**values)
+        _check_size(extra)
+        with np.load(extra) as data:
+            names = tuple(str(name) for name in data["names"])
+            estimates = np.zeros((0, 1 + 2 * len(names)))
+            return cls(**values, names=names, covariance=data["covariance"], prior_deviation=data["prior_deviation"],
+                       estimates=estimates)  # fmt: skip
+
+
+def _read_parts(file: Path) -> CalibrationParts:
+    try:
+        finish_replacing(file.parent, RESULT_FILES)
+        document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be read ({error.strerror}); give a result folder of `kreisel calibrate`, or its calibration.yaml",
+            file=file,
+        ) from error
+    except (YAMLError, UnicodeDecodeError, RecursionError) as error:
+        raise RecordingError(f"not valid YAML: {str(error).splitlines()[0]}", file=file) from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema not in READ:
+        named = f"'{schema[:60]}'" if isinstance(schema, str) else f"of type {type(schema).__name__}"
+        raise RecordingError(f"schema is {named}, expected '{READ[-1]}' or '{READ[0]}'", file=file)
+    try:
+        _check_entries(document)
+        return from_document(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
 
 
 def _check_size(archive: Path) -> None:
@@ -191,9 +172,9 @@ def _check_size(archive: Path) -> None:
             size = sum(part.file_size for part in parts.infolist())
     except zipfile.BadZipFile as error:
         raise RecordingError(f"not an archive of arrays ({error}); copy the result again", file=archive) from error
-    if size > _LARGEST_ARRAYS:
+    if size > _MAX_ARRAYS:
         raise RecordingError(
-            f"arrays of {size} bytes, expected {_LARGEST_ARRAYS} at most; copy the result again", file=archive
+            f"arrays of {size} bytes, expected {_MAX_ARRAYS} at most; copy the result again", file=archive
         )
 
 
@@ -205,32 +186,5 @@ def _check_entries(document: object) -> None:
         parts = list(entry.values() if isinstance(entry, dict) else entry) if isinstance(entry, dict | list) else []
         waiting += parts
         count += len(parts)
-        if count > _MOST_ENTRIES:
-            raise ValueError(f"more than {_MOST_ENTRIES} entries")
-
-
-def sensor_parameters(document: Mapping[str, Any]) -> SensorParameters:
-    """Return the sensor model's parameters from a document."""
-
-    def coefficients(table: Mapping[str, Any]) -> Array:
-        polynomial = table.get("polynomial", {})
-        order = max([1, *(int(power) for power in polynomial)])
-        rows = [table["offset"]] + [
-            polynomial.get(i, polynomial.get(str(i), [0.0, 0.0, 0.0])) for i in range(2, order + 1)
-        ]
-        return np.array(rows, dtype=float)
-
-    gyro, accel = document["gyroscope"], document["accelerometer"]
-    k_w, k_a = coefficients(gyro), coefficients(accel)
-    order = max(len(k_w), len(k_a))
-    k_w, k_a = (np.vstack([k, np.zeros((order - len(k), 3))]) for k in (k_w, k_a))
-    return SensorParameters(
-        K_omega=np.array(gyro["cross_coupling"], dtype=float).reshape(3, 3),
-        k_w=k_w,
-        K_a=np.array(accel["cross_coupling"], dtype=float).reshape(3, 3),
-        k_a=k_a,
-        lever_arms=np.array(accel["lever_arms"], dtype=float).reshape(3, 3),
-    )
-
-
-__all__ = ["FORMULA", "FRAMES", "RESULT_FILES", "SCHEMA", "Calibration", "sensor_parameters"]
+        if count > _MAX_ENTRIES:
+            raise ValueError(f"more than {_MAX_ENTRIES} entries")

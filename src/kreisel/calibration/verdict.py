@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.evidence import Consistency, Evidence, LatitudeCheck, SplitHalves, Verdict
+from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
+from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import GATE, gate_bound, lag_one, mean_normalised
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
+from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
@@ -22,7 +24,7 @@ MAX_MOVED = 1.0
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
 
-def consistency(estimate: Estimate) -> Consistency:
+def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     """Return the consistency of an estimate's last pass.
 
     Rejected updates count with the bound they were rejected at: what the gate keeps from the estimate is evidence
@@ -39,6 +41,7 @@ def consistency(estimate: Estimate) -> Consistency:
         rejected=int(np.sum(~h.used)),
         lag_one=lag_one(h.whitened[:, :6], path & h.used),
         correlation_factor=estimate.correlation_factor,
+        synchronisation=correlation.coefficient,
     )
 
 

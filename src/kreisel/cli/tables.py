@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from math import isnan
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -11,18 +12,9 @@ from rich.table import Table
 if TYPE_CHECKING:
     from kreisel.calibration.evidence import Injection
     from kreisel.calibration.outcome import Outcome
+    from kreisel.calibration.parts import RobotErrors
+    from kreisel.calibration.result import Calibration
     from kreisel.report.devices import Device
-
-_ROWS = (
-    ("gyro scale error", "gyro_scale_ppm", "ppm", ("x", "y", "z")),
-    ("gyro non-orthogonality", "gyro_non_orthogonality_mrad", "mrad", ("xy", "xz", "yz")),
-    ("gyro offset", "offset_deg_h", "deg/h", ("x", "y", "z")),
-    ("accelerometer scale error", "accel_scale_ppm", "ppm", ("x", "y", "z")),
-    ("accelerometer non-orthogonality", "non_orthogonality_mrad", "mrad", ("xy", "xz", "yz")),
-    ("accelerometer offset", "offset_mg", "mg", ("x", "y", "z")),
-    ("mounting", "mounting_rotation_deg", "deg", ("x", "y", "z")),
-    ("gyros to accelerometers", "gyro_to_accel_rotation_mrad", "mrad", ("x", "y", "z")),
-)
 
 
 def _console() -> Console:
@@ -42,65 +34,65 @@ def _pair(value: float, deviation: float) -> str:
 
 def print_result(outcome: Outcome) -> None:
     """Print what was found, with uncertainties, and the verdict."""
-    document = outcome.calibration.document
+    from kreisel.calibration.data_sheet import QUANTITIES
+
+    calibration = outcome.calibration
     console = _console()
     for finding in outcome.findings:
         console.print(f"· {finding}", markup=False)
-    table = Table(title=f"{outcome.recording.name}: {document['recording']['reference']}", title_justify="left")
-    for name in ("quantity", "unit", "x / xy", "y / xz", "z / yz"):
-        table.add_column(name, justify="left" if name in ("quantity", "unit") else "right")
-    derived, deviations = document["derived"], document["standard_deviation"]["derived"]
-    for title, key, unit, _ in _ROWS:
-        table.add_row(title, unit, *(_pair(v, s) for v, s in zip(derived[key], deviations[key], strict=True)))
-    held = {*document["estimator"]["fixed"], *document["estimator"]["held"]}
+    table = Table(title=f"{outcome.recording.name}: {outcome.problem.reference.name}", title_justify="left")
+    for name in ("error of the sensor", "unit", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name in ("error of the sensor", "unit") else "right")
+    for quantity in QUANTITIES:
+        found = calibration.derived[quantity.name]
+        pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
+        table.add_row(_lower(quantity.title), quantity.unit, *(_pair(v, s) for v, s in pairs))
+    fixed = {*outcome.problem.settings.fixed, *outcome.problem.held}
+    arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
     for j, axis in enumerate("xyz"):
-        arms = document["accelerometer"]["lever_arms"][j]
-        sd = document["standard_deviation"]["accelerometer"]["lever_arms"][j]
-        sd = [0.0] * 3 if "lever_arms" in held else sd
-        table.add_row(
-            f"lever arm of accelerometer {axis}",
-            "mm",
-            *(_pair(1e3 * a, 1e3 * s) for a, s in zip(arms, sd, strict=True)),
-        )
-    timing, timing_sd = document["timing"], document["standard_deviation"]["timing"]
-    offset_sd = 0.0 if "time_offset" in held else timing_sd["offset"]
-    table.add_row("time offset", "ms", _pair(1e3 * timing["offset"], 1e3 * offset_sd), "", "")
-    if timing_sd["skew"] is None and timing["skew"]:
-        table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 0.0), "", "")
-    elif timing_sd["skew"]:
-        table.add_row("clock ratio less one", "ppm", _pair(1e6 * timing["skew"], 1e6 * timing_sd["skew"]), "", "")
+        known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()
+        cells = (_pair(v, s) for v, s in zip(arms[j].tolist(), known, strict=True))
+        table.add_row(f"position of accelerometer {axis} in b", "mm", *cells)
+    timing = calibration.timing
+    offset_sd = 0.0 if "time_offset" in fixed else timing.offset_sd or 0.0
+    table.add_row("time offset of the reference", "ms", _pair(1e3 * timing.offset, 1e3 * offset_sd), "", "")
+    if timing.skew or timing.skew_sd:
+        ratio = _pair(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
+        table.add_row("ratio of the clocks, less one", "ppm", ratio, "", "")
     console.print(table)
-    _print_robot(console, document)
-    _print_verdict(console, document)
+    console.print("errors of the sensors; calibration.yaml holds corrections: offset = -bias, see `frames` there")
+    _print_robot(console, calibration.robot)
+    _print_verdict(console, calibration)
 
 
-def _print_robot(console: Console, document: dict[str, Any]) -> None:
-    robot = document.get("robot")
+def _lower(title: str) -> str:
+    return title[0].lower() + title[1:]
+
+
+def _print_robot(console: Console, robot: RobotErrors | None) -> None:
     if robot is None:
         return
-    before, after = (robot["pose_error"][key] for key in ("believed_before", "believed_after"))
+    before, after = robot.before, robot.after
     console.print(
-        f"robot {robot['name']}: pose error {1e3 * before['position_rms']:.2g} mm, "
-        f"{1e3 * before['orientation_rms']:.2g} mrad before, {1e3 * after['position_rms']:.2g} mm, "
-        f"{1e3 * after['orientation_rms']:.2g} mrad once its errors are known (base and tool frames apart)",
+        f"robot {robot.name}: pose error {1e3 * before.position:.2g} mm, {1e3 * before.orientation:.2g} mrad before, "
+        f"{1e3 * after.position:.2g} mm, {1e3 * after.orientation:.2g} mrad once its errors are known (base and tool "
+        "frames apart)",
         markup=False,
     )
 
 
-def _print_verdict(console: Console, document: dict[str, Any]) -> None:
-    facts, verdict = document["consistency"], document["verdict"]
-    still = facts["nis_standstill"]
+def _print_verdict(console: Console, calibration: Calibration) -> None:
+    facts, verdict = calibration.consistency, calibration.verdict
+    still = "" if isnan(facts.nis_standstill) else f", standstill {facts.nis_standstill:.2f}"
     console.print(
-        f"normalised innovation squared (expected 1): path {facts['nis_path']:.2f}"
-        + ("" if still is None else f", standstill {still:.2f}")
-        + f"; rejected {facts['rejected_updates']} of {facts['updates']} updates",
+        f"normalised innovation squared (expected 1): path {facts.nis_path:.2f}{still}; rejected {facts.rejected} of "
+        f"{facts.updates} updates",
         markup=False,
     )
-    if verdict["unobservable"]:
-        names = verdict["unobservable"]
-        console.print(f"not shown by this motion, or too weakly: {', '.join(names)}", markup=False)
-    reasons = f" Reasons: {'; '.join(verdict['reasons'])}" if verdict["reasons"] else ""
-    console.print(f"verdict: {verdict['summary'][0].lower()}{verdict['summary'][1:]}{reasons}", markup=False)
+    if verdict.unobservable:
+        console.print(f"not observable, or too weakly: {', '.join(verdict.unobservable)}", markup=False)
+    reasons = f" Reasons: {'; '.join(verdict.reasons)}" if verdict.reasons else ""
+    console.print(f"verdict: {_lower(verdict.summary)}{reasons}", markup=False)
 
 
 def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -124,7 +116,7 @@ def print_devices(devices: Sequence[Device]) -> None:
         table.add_column(device.name, justify="right")
     for name, group in devices[0].errors.items():
         cells = [device.errors[name] for device in devices]
-        table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.believed:.3g}; {c.ratio:.1f})" for c in cells))
+        table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.expected:.3g}; {c.ratio:.1f})" for c in cells))
     console = _console()
     console.print(table)
     console.print("the paper's accelerometer offsets were uncertain by up to 0.1 mg", markup=False)

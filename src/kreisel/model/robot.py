@@ -14,6 +14,7 @@ from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.parameters import RobotParameters
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
+from kreisel.robot.pose_accuracy import PoseAccuracy
 
 
 @dataclass(frozen=True)
@@ -54,17 +55,6 @@ def pose_regressor(arm: Arm, angles: Array) -> Array:
     gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
     sag = -J * kinematics.gravity_torques(arm, angles)[:, None]
     return np.concatenate([placement, gears, sag], axis=2)
-
-
-@dataclass(frozen=True)
-class PoseAccuracy:
-    """How far the tool stands from its reported poses, rms over poses: m and rad.
-
-    Apart from where base and tool frame lie: those the user sets, and no IMU sees.
-    """
-
-    position: float
-    orientation: float
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:

@@ -148,7 +148,7 @@ class Uncertainty:
     """Tracks by quantity, three axes each or one alone; prior and posterior; correlations (n, n).
 
     `names` and `groups` say to which parameter a row of the others belongs. Tracks of lever arms and time
-    offset are less the reported value.
+    offset are less the reported value; those of offsets are biases, -k_0.
     """
 
     tracks: dict[str, tuple[Track, ...]]
@@ -441,14 +441,14 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
         return Track(axis, single[0], single[1], single[2], reported, reported_sd)
 
     for group, unit, relative, labels in (
-        ("accel_offset", MG, False, "xyz"),
-        ("gyro_offset", DEG_PER_HOUR, False, "xyz"),
+        ("accel_offset", -MG, False, "xyz"),
+        ("gyro_offset", -DEG_PER_HOUR, False, "xyz"),
         ("lever_arms", MM, True, "xyzxyzxyz"),
         ("time_offset", MS, True, "x"),
     ):
         if group not in groups:
             continue
-        value, sd = values[:, columns(group)] / unit, deviations[:, columns(group)] / unit
+        value, sd = values[:, columns(group)] / unit, deviations[:, columns(group)] / abs(unit)
         reported, own = parameters.stored(group) / unit, covariance[columns(group), columns(group)] / unit**2
         if relative:
             value, reported = value - reported, np.zeros_like(reported)

@@ -53,7 +53,7 @@ def error_table(devices: Sequence[Device]) -> Table:
             group.title,
             group.unit,
             *(
-                f"{number(d.errors[name].size)} ({number(d.errors[name].believed)}; {number(d.errors[name].ratio, 2)})"
+                f"{number(d.errors[name].size)} ({number(d.errors[name].expected)}; {number(d.errors[name].ratio, 2)})"
                 for d in devices
             ),
         ))
@@ -112,7 +112,7 @@ def offset_figure(devices: Sequence[Device]) -> Figure:
     layout["xaxis"]["anchor"] = f"y{n}" if n > 1 else "y"
     return Figure(
         "offsets",
-        "Accelerometer offsets while the filter runs",
+        "Accelerometer offsets (corrections, k_a0) while the filter runs",
         "As figure 4 of Fox and Janocha (2005): estimates with bands of two standard deviations, truth dotted. The "
         "filter begins knowing the grade alone. Good: bands close in on the truth and hold it.",
         plots.plot(data, layout),

@@ -147,8 +147,8 @@ def track_figures(u: Uncertainty) -> list[Figure]:
     """Return the estimates over time of section 4."""
     figures = []
     for group, name, title, unit in (
-        ("accel_offset", "accel-offsets", "Accelerometer offsets", "mg"),
-        ("gyro_offset", "gyro-offsets", "Gyro offsets", "deg/h"),
+        ("accel_offset", "accel-offsets", "Accelerometer biases", "mg"),
+        ("gyro_offset", "gyro-offsets", "Gyro biases", "deg/h"),
         ("accel_cross_coupling", "accel-scales", "Accelerometer scale factor errors", "ppm"),
         ("gyro_cross_coupling", "gyro-scales", "Gyro scale factor errors", "ppm"),
     ):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.evidence import Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.parts import Measured, Timing
+from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
+from kreisel.robot.pose_accuracy import PoseAccuracy
 from kreisel.synchronization.clock import Clock
 from kreisel.units import MG, MM, MRAD, MS, PPM
 
@@ -124,74 +127,43 @@ class Support:
         return "too weakly" if name in self.unobservable else "yes"
 
 
-_KEY_ROWS: tuple[tuple[str, str, str, tuple[str, ...], str], ...] = (
-    ("Gyro scale factor error", "gyro_scale_ppm", "ppm", ("gyro_cross_coupling",), "axes"),
-    ("Gyro offset", "offset_deg_h", "deg/h", ("gyro_offset",), "axes"),
-    ("Gyro non-orthogonality", "gyro_non_orthogonality_mrad", "mrad", ("gyro_cross_coupling",), "pairs"),
-    ("Accelerometer scale factor error", "accel_scale_ppm", "ppm", ("accel_cross_coupling",), "axes"),
-    ("Accelerometer offset", "offset_mg", "mg", ("accel_offset",), "axes"),
-    ("Accelerometer non-orthogonality", "non_orthogonality_mrad", "mrad", ("accel_cross_coupling",), "pairs"),
-    ("Mounting, gyro axes to b", "mounting_rotation_deg", "deg", ("gyro_cross_coupling",), "axes"),
-    (
-        "Accelerometer axes to gyro axes",
-        "gyro_to_accel_rotation_mrad",
-        "mrad",
-        ("gyro_cross_coupling", "accel_cross_coupling"),
-        "axes",
-    ),
-    ("Distance between accelerometers", "accel_distances_mm", "mm", ("lever_arms",), "pairs"),
-)
-
-
 def key_table(outcome: Outcome) -> Table:
-    """Return the result in the words and units of data sheets."""
-    document, support = outcome.calibration.document, Support.of(outcome)
-    derived, deviations = document["derived"], document["standard_deviation"]["derived"]
+    """Return the result in the words and units of data sheets: the sensors' errors."""
+    calibration, support = outcome.calibration, Support.of(outcome)
     rows = []
-    for title, key, unit, groups, which in _KEY_ROWS:
-        if key not in derived:
-            continue
-        word = support.word(groups)
-        title = f"{title} (xy, xz, yz)" if which == "pairs" else title
-        rows.append(_key_row(title, unit, derived[key], deviations[key], word))
-    arms, sd = (
-        document["accelerometer"]["lever_arms"],
-        document["standard_deviation"]["accelerometer"]["lever_arms"],
-    )
+    for quantity in QUANTITIES:
+        title = f"{quantity.title} (xy, xz, yz)" if quantity.of == "pairs" else quantity.title
+        word = support.word(quantity.groups)
+        rows.append(_key_row(title, quantity.unit, calibration.derived[quantity.name], word))
+    arms, sd = calibration.sensors.lever_arms / MM, calibration.sensor_sd.lever_arms / MM
     for j, axis in enumerate("xyz"):
         word = support.word(("lever_arms",), slice(3 * j, 3 * j + 3))
-        title = f"Position of accelerometer {axis} in b"
-        rows.append(_key_row(title, "mm", _scaled(arms[j], MM), _scaled(sd[j], MM), word))
-    rows.extend(_timing_rows(document, support))
-    gravity = document["alignment"]["gravity"], document["standard_deviation"]["alignment"]["gravity"]
-    rows.append(
-        _key_row("Gravity in r", "m/s²", *gravity, "yes" if "alignment" in outcome.problem.groups else "no: fixed")
-    )
-    return Table("Result", ("Quantity", "Unit", "x / xy", "y / xz", "z / yz", "Shown"), tuple(rows), 2, broad=True)
+        rows.append(_key_row(f"Position of accelerometer {axis} in b", "mm", Measured(arms[j], sd[j]), word))
+    rows.extend(_timing_rows(calibration.timing, support))
+    word = "yes" if "alignment" in outcome.problem.groups else "no: fixed"
+    rows.append(_key_row("Gravity in r", "m/s²", calibration.alignment.gravity, word))
+    columns = ("Error of the sensor", "Unit", "x / xy", "y / xz", "z / yz", "Shown")
+    return Table("Result", columns, tuple(rows), 2, broad=True)
 
 
-def _key_row(title: str, unit: str, values: Sequence[Any], deviations: Sequence[Any], word: str) -> Row:
+def _key_row(title: str, unit: str, found: Measured, word: str) -> Row:
     bare = word in ("no: fixed", "no: held at nominal")  # of several groups one may be estimated
-    cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in zip(values, deviations, strict=True)]
+    pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
+    cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in pairs]
     return Row((title, unit, *cells, word), weak=word != "yes")
 
 
-def _scaled(values: Sequence[Any], unit: float) -> list[float | None]:
-    return [None if v is None else v / unit for v in values]
-
-
-def _timing_rows(document: dict[str, Any], support: Support) -> list[Row]:
-    timing, sd = document["timing"], document["standard_deviation"]["timing"]
+def _timing_rows(timing: Timing, support: Support) -> list[Row]:
     word = support.word(("time_offset",))
-    size = timing["offset"] / MS
-    offset = held(size) if word.startswith("no: ") else pair(size, (sd["offset"] or 0.0) / MS)
+    size = timing.offset / MS
+    offset = held(size) if word.startswith("no: ") else pair(size, (timing.offset_sd or 0.0) / MS)
     rows = [Row(("Time offset of the reference", "ms", offset, "", "", word), weak=word != "yes")]
-    if sd["skew"]:
+    if timing.skew_sd:
         word = support.word(("time_skew",))
-        skew = pair(timing["skew"] / PPM, sd["skew"] / PPM)
+        skew = pair(timing.skew / PPM, timing.skew_sd / PPM)
         rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=word != "yes"))
-    elif timing["skew"]:
-        skew, word = held(timing["skew"] / PPM), "no: fixed"
+    elif timing.skew:
+        skew, word = held(timing.skew / PPM), "no: fixed"
         rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=True))
     return rows
 
@@ -269,21 +241,20 @@ def nis_table(residuals: Residuals) -> Table:
 
 def noise_table(outcome: Outcome) -> Table:
     """Return the noise figures finally believed."""
-    noise, reference = outcome.calibration.document["estimator"]["noise"], outcome.problem.reference
+    noise, reference = outcome.problem.noise.reference, outcome.problem.reference
+    gyro, accel = imu_density(outcome.problem)
     absent = {"mm": reference.positions is None, "mrad": reference.quaternions is None}
     rows = []
-    for title, key, unit, size in (
-        ("Reference position, path", "position_sd", "mm", MM),
-        ("Reference attitude, path", "orientation_sd", "mrad", MRAD),
-        ("Reference position, rest", "standstill_position_sd", "mm", MM),
-        ("Reference attitude, rest", "standstill_orientation_sd", "mrad", MRAD),
-        ("Gyro noise density", "gyro_density", "mrad/s/√Hz", MRAD),
-        ("Accelerometer noise density", "accel_density", "mg/√Hz", MG),
+    for title, value, unit, size in (
+        ("Reference position, path", noise.position, "mm", MM),
+        ("Reference attitude, path", noise.orientation, "mrad", MRAD),
+        ("Reference position, standstill", noise.standstill_position, "mm", MM),
+        ("Reference attitude, standstill", noise.standstill_orientation, "mrad", MRAD),
+        ("Gyro noise density", gyro, "mrad/s/√Hz", MRAD),
+        ("Accelerometer noise density", accel, "mg/√Hz", MG),
     ):
-        if absent.get(unit):
-            continue
-        value = noise.get(key)
-        rows.append(Row((title, unit, NOTHING if value is None else number(value / size))))
+        if not absent.get(unit):
+            rows.append(Row((title, unit, number(value / size))))
     return Table("Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
 
 
@@ -311,7 +282,7 @@ def parameter_table(data: ReportData) -> Table:
     for group in outcome.problem.groups:
         stored = [None] * 3 if group == "alignment" else list(parameters.stored(group))
         if group == "time_offset":
-            stored = [outcome.calibration.document["timing"]["offset"]]
+            stored = [outcome.calibration.timing.offset]
         part = outcome.problem.layout[group]
         values.extend(stored[: part.stop - part.start])
     rows: list[Row] = []
@@ -342,14 +313,14 @@ def parameter_table(data: ReportData) -> Table:
 
 def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
     """Return the robot's errors joint by joint, and what they do to its poses; None where none were estimated."""
-    robot = outcome.calibration.document.get("robot")
+    robot = outcome.calibration.robot
     if robot is None:
         return None
-    names = [*robot["joints"], f"{robot['tcp']} (tool)"]
-    lost = set(robot["not_separable"])
+    names = [*robot.joints, f"{robot.tcp} (tool)"]
+    lost = set(robot.not_separable)
     rows = []
     for j, (name, values, sds) in enumerate(
-        zip(names, robot["placement"], robot["placement_standard_deviation"], strict=True)
+        zip(names, robot.placement.value.tolist(), robot.placement.deviation.tolist(), strict=True)
     ):
         own = [f"robot.placement[{j},{i}]" in lost for i in range(6)]
         cells = tuple(
@@ -357,23 +328,22 @@ def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
         )
         rows.append(Row((name, *cells), weak=all(own)))
     placements = Table(
-        f"Errors of {robot['name']}: how far each placement lies from the model's",
+        f"Errors of {robot.name}: how far each placement lies from the model's",
         ("Joint", "x (mm)", "y (mm)", "z (mm)", "about x (mrad)", "about y (mrad)", "about z (mrad)"),
         tuple(rows),
         broad=True,
     )
-    error = robot["pose_error"]
 
-    def row(title: str, key: str) -> Row:
-        return Row((title, number(1e3 * error[key]["position_rms"]), number(1e3 * error[key]["orientation_rms"])))
+    def row(title: str, error: PoseAccuracy) -> Row:
+        return Row((title, number(1e3 * error.position), number(1e3 * error.orientation)))
 
     poses = Table(
         "Pose error, rms over the motion's poses, apart from where base and tool frames lie",
         ("", "Position (mm)", "Orientation (mrad)"),
         (
-            row("Believed before", "believed_before"),
-            row("Taken away by the errors found", "found"),
-            row("Believed to be left", "believed_after"),
+            row("Expected before", robot.before),
+            row("Taken away by the errors found", robot.found),
+            row("Expected to be left", robot.after),
         ),
     )
     return poses, placements

@@ -36,7 +36,7 @@ class GroupError:
         return self.factor * float(np.sqrt(np.mean(self.error**2)))
 
     @property
-    def believed(self) -> float:
+    def expected(self) -> float:
         """Rms standard deviation, in `unit`."""
         return self.factor * float(np.sqrt(np.mean(self.deviation**2)))
 
@@ -49,30 +49,28 @@ class GroupError:
 
 def group_errors(calibration: Calibration, truth: Truth) -> dict[str, GroupError]:
     """Return the errors of every group."""
-    document, found, true = calibration.document, calibration.sensors, truth.sensors
-    sd = document["standard_deviation"]
-    gyro, accel = sd["gyroscope"], sd["accelerometer"]
-    gravity = np.array(document["alignment"]["gravity"])
+    found, sd, true = calibration.sensors, calibration.sensor_sd, truth.sensors
+    gravity = calibration.alignment.gravity
     down = truth.gravity_r / np.linalg.norm(truth.gravity_r)
     across = np.linalg.svd(down[None])[2][1:]  # two directions across gravity
     size = float(np.linalg.norm(truth.gravity_r))
     rows = {
         "gyro_cross_coupling": (
-            "gyro cross-coupling", "ppm", 1e6, found.K_omega - true.K_omega, gyro["cross_coupling"],
+            "gyro cross-coupling", "ppm", 1e6, found.K_omega - true.K_omega, sd.K_omega,
         ),
-        "gyro_offset": ("gyro offset", "deg/h", 1.0 / DEG_PER_HOUR, found.k_w[0] - true.k_w[0], gyro["offset"]),
+        "gyro_offset": ("gyro offset", "deg/h", 1.0 / DEG_PER_HOUR, found.k_w[0] - true.k_w[0], sd.k_w[0]),
         "accel_cross_coupling": (
-            "accelerometer cross-coupling", "ppm", 1e6, found.K_a - true.K_a, accel["cross_coupling"],
+            "accelerometer cross-coupling", "ppm", 1e6, found.K_a - true.K_a, sd.K_a,
         ),
-        "accel_offset": ("accelerometer offset", "mg", 1.0 / MG, found.k_a[0] - true.k_a[0], accel["offset"]),
-        "lever_arms": ("lever arms", "mm", 1e3, found.lever_arms - true.lever_arms, accel["lever_arms"]),
+        "accel_offset": ("accelerometer offset", "mg", 1.0 / MG, found.k_a[0] - true.k_a[0], sd.k_a[0]),
+        "lever_arms": ("lever arms", "mm", 1e3, found.lever_arms - true.lever_arms, sd.lever_arms),
         "alignment": (
-            "gravity's direction", "urad", 1e6, across @ gravity / size,
-            np.sqrt((across**2) @ np.array(sd["alignment"]["gravity"]) ** 2) / size,
+            "gravity's direction", "urad", 1e6, across @ gravity.value / size,
+            np.sqrt((across**2) @ gravity.deviation**2) / size,
         ),
         "time_offset": (
             "time offset", "ms", 1e3,
-            np.array([document["timing"]["offset"] - truth.time_offset]), [sd["timing"]["offset"]],
+            np.array([calibration.timing.offset - truth.time_offset]), [calibration.timing.offset_sd],
         ),
     }  # fmt: skip
     return {

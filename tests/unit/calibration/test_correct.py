@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_document import from_document
 from kreisel.errors import RecordingError
 
 N = 400
@@ -20,8 +21,8 @@ FORCES = np.add(np.cos(np.outer(T, [2.0, 4.0, 6.0])), [0.0, 0.0, 9.8])
 def calibration() -> Calibration:
     table = {"cross_coupling": np.diag([1.1, 0.9, 1.0]).tolist(), "offset": [0.1, 0.2, 0.3]}
     arms = {"lever_arms": [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]]}
-    document: dict[str, Any] = {"estimator": {}, "gyroscope": table, "accelerometer": table | arms}
-    return Calibration(document, (), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 1)))
+    document: dict[str, Any] = {"gyroscope": table, "accelerometer": table | arms, "verdict": {"accepted": True}}
+    return Calibration(**vars(from_document(document)))
 
 
 def refusal(calibration: Calibration, rates: Any = RATES, accelerations: Any = FORCES, timestamps: Any = T) -> str:

@@ -259,7 +259,8 @@ def test_a_result_that_refers_to_itself_without_end_is_refused(tmp_path: Path) -
 def test_arrays_that_stand_for_much_are_not_read(tmp_path: Path) -> None:
     (tmp_path / "calibration.yaml").write_text(
         "{schema: kreisel/calibration/1, gyroscope: {cross_coupling: [1,0,0,0,1,0,0,0,1], offset: [0,0,0]}, "
-        "accelerometer: {cross_coupling: [1,0,0,0,1,0,0,0,1], offset: [0,0,0], lever_arms: [0,0,0,0,0,0,0,0,0]}}"
+        "accelerometer: {cross_coupling: [1,0,0,0,1,0,0,0,1], offset: [0,0,0], lever_arms: [0,0,0,0,0,0,0,0,0]}, "
+        "verdict: {accepted: true}}"
     )
     with zipfile.ZipFile(tmp_path / "covariance.npz", "w", zipfile.ZIP_DEFLATED) as file, \
             file.open("covariance.npy", "w") as part:  # fmt: skip

@@ -13,8 +13,9 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.evidence import CrossValidation, Injection, Verdict
+from kreisel.calibration.evidence import CrossValidation, Injection
 from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.parts import Verdict
 from kreisel.calibration.validation import cross_validate, inject
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -107,11 +108,10 @@ def test_every_estimated_parameter_appears(page: str, outcome: Outcome) -> None:
 
 def test_names_from_outside_are_escaped(outcome: Outcome, tmp_path: Path) -> None:
     hostile = "<img src=x onerror=alert(1)>'\"</script><script>alert(2)</script>"
-    document = outcome.calibration.document
-    document = {**document, "recording": {**document["recording"], "name": hostile, "reference": hostile}}
+    recording = replace(outcome.calibration.recording, name=hostile, reference=hostile)
     changed = replace(
         outcome,
-        calibration=replace(outcome.calibration, document=document),
+        calibration=replace(outcome.calibration, recording=recording),
         findings=(Finding(hostile, hostile),),
         verdict=Verdict(False, (hostile,)),
     )
@@ -224,7 +224,7 @@ def test_packing_keeps_single_precision_and_shape() -> None:
 def test_estimates_over_time_end_at_what_is_reported(outcome: Outcome) -> None:
     tracks = extract(outcome).uncertainty.tracks
     derived = outcome.calibration.document["standard_deviation"]["derived"]
-    for group, key in (("gyro_cross_coupling", "gyro_scale_ppm"), ("accel_offset", "offset_mg")):
+    for group, key in (("gyro_cross_coupling", "gyro_scale_error_ppm"), ("accel_offset", "accel_bias_mg")):
         assert [t.reported_sd for t in tracks[group]] == pytest.approx(derived[key], rel=1e-5)
         for track in tracks[group]:
             rounding = 1e-6 * abs(track.reported)  # curves are single precision
@@ -244,12 +244,11 @@ def test_the_causes_of_the_difference_add_up(outcome: Outcome) -> None:
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_snippet_does_what_the_calibration_does(outcome: Outcome, order: int) -> None:
-    document = json.loads(json.dumps(outcome.calibration.document))
+    sensors = outcome.calibration.sensors
     if order == 2:
-        for triad in ("gyroscope", "accelerometer"):
-            document[triad]["polynomial"] = {2: [1e-3, -2e-3, 3e-3]}
-    calibration = replace(outcome.calibration, document=document)
-    sensors = calibration.sensors
+        bend = [1e-3, -2e-3, 3e-3]
+        sensors = replace(sensors, k_w=np.vstack([sensors.k_w, bend]), k_a=np.vstack([sensors.k_a, bend]))
+    calibration = replace(outcome.calibration, sensors=sensors)
     t = np.arange(0.0, 10.0, 0.005)
     phase = 3.0 * t[:, None] + [0.0, 1.0, 2.0]
     rates, accelerations = np.sin(phase), 5.0 * np.cos(phase) + [0.0, 0.0, 9.8]

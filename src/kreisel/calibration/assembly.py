@@ -1,0 +1,275 @@
+"""The calibration put together from the estimate and what was judged of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.parts import (
+    Alignment,
+    CalibrationParts,
+    Consistency,
+    EstimatorFacts,
+    FinalNoise,
+    Measured,
+    RecordingFacts,
+    RobotErrors,
+    Timing,
+    Verdict,
+)
+from kreisel.calibration.result import Calibration
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.noise_adaptation import imu_density
+from kreisel.filtering.observability import Observability
+from kreisel.geometry.rotation import Array, exp, matrix, multiply
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import (
+    GROUPS,
+    ROBOT_GROUPS,
+    SENSOR_GROUPS,
+    CellParameters,
+    other_groups,
+    parameter_names,
+)
+from kreisel.model.problem import Problem
+from kreisel.model.robot import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
+from kreisel.recording.recording import Finding, Recording
+from kreisel.robot.urdf import calibrated_urdf
+from kreisel.synchronization.clock import Clock
+
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What was judged of an estimate, and how many seconds the estimation took."""
+
+    observability: Observability
+    consistency: Consistency
+    verdict: Verdict
+    seconds: float
+
+
+def assemble(recording: Recording, found: Estimate, judged: Judged, findings: tuple[Finding, ...]) -> Calibration:
+    """Return the calibration of a recording."""
+    problem, run = found.problem, found.run
+    parts = CalibrationParts(
+        sensors=run.parameters.sensors,
+        sensor_sd=_sensor_deviations(found),
+        size_effect=problem.settings.size_effect,
+        timing=_timing(recording, found),
+        alignment=_alignment(found),
+        derived=_derived(found),
+        consistency=judged.consistency,
+        verdict=judged.verdict,
+        recording=_recording_facts(recording, problem, findings),
+        estimator=_estimator_facts(found, judged),
+        robot=None if problem.robot is None else _robot_errors(found, problem.robot),
+        others=_others(found),
+    )
+    n = len(judged.observability.names)
+    robot = problem.robot
+    return Calibration(
+        **vars(parts),
+        names=judged.observability.names,
+        covariance=run.belief.covariance[:n, :n],
+        prior_deviation=judged.observability.prior,
+        estimates=_estimates(recording, found, n),
+        robot_urdf=None if robot is None else calibrated_urdf(robot.arm, run.parameters.robot.placement),
+    )
+
+
+def _recording_facts(recording: Recording, problem: Problem, findings: tuple[Finding, ...]) -> RecordingFacts:
+    imu, reference = recording.imu, problem.reference
+    return RecordingFacts(
+        name=recording.name,
+        reference=reference.name,
+        imu_samples=int(imu.stamps_ns.size),
+        imu_rate_hz=1.0 / imu.interval,
+        reference_poses=int(reference.stamps_ns.size),
+        duration_s=float(imu.seconds[-1]),
+        findings=tuple(str(finding) for finding in findings),
+    )
+
+
+def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
+    problem = found.problem
+    settings, noise = problem.settings, problem.noise.reference
+    gyro_density, accel_density = imu_density(problem)
+    return EstimatorFacts(
+        name=settings.estimator,
+        sigma_points=settings.weights,
+        states=problem.layout.degrees,
+        update_interval=problem.schedule.interval,
+        updates=judged.consistency.updates,
+        passes=found.passes,
+        filter_seconds=judged.seconds,
+        polynomial_order=settings.polynomial_order,
+        fixed=tuple(settings.fixed),
+        held=problem.held,
+        noise=FinalNoise(
+            gyro_density,
+            accel_density,
+            noise.position,
+            noise.orientation,
+            noise.standstill_position,
+            noise.standstill_orientation,
+        ),
+    )
+
+
+def _deviation_of(found: Estimate, group: str) -> Array:
+    """Return the standard deviations of a group: of a held one, what was assumed of it; of a fixed one, zero."""
+    problem = found.problem
+    if group in problem.layout:
+        return found.run.belief.standard_deviation[problem.layout[group]]
+    size = group_named(group).degrees(problem.settings.polynomial_order, problem.joints)
+    return np.resize(problem.prior.width[group], size) if group in problem.held else np.zeros(size)
+
+
+def _sensor_deviations(found: Estimate) -> SensorParameters:
+    of = {group: _deviation_of(found, group) for group in SENSOR_GROUPS}
+    return SensorParameters(
+        K_omega=of["gyro_cross_coupling"].reshape(3, 3),
+        k_w=np.vstack([of["gyro_offset"], of["gyro_polynomial"].reshape(-1, 3)]),
+        K_a=of["accel_cross_coupling"].reshape(3, 3),
+        k_a=np.vstack([of["accel_offset"], of["accel_polynomial"].reshape(-1, 3)]),
+        lever_arms=of["lever_arms"].reshape(3, 3),
+    )
+
+
+def _timing(recording: Recording, found: Estimate) -> Timing:
+    p = found.run.parameters
+    offset, skew = (float(_deviation_of(found, group)[0]) for group in ("time_offset", "time_skew"))
+    first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
+    return Timing(float(p.clock.offset(*first)), float(p.skew), offset, skew or None)
+
+
+def _alignment(found: Estimate) -> Alignment:
+    problem, p = found.problem, found.run.parameters
+    gravity = Measured(gravity_r(p), _gravity_deviation(found))
+    if "north" not in problem.layout:
+        return Alignment(gravity)
+    C = matrix(p.q_rn)
+    if "earth_down" in problem.layout:
+        J = C * problem.site.earth_rate_units[0]
+        return Alignment(
+            gravity, earth_rate=Measured(earth_rate_r(problem, p), _carried(found, J, "north", "earth_down"))
+        )
+    return Alignment(gravity, north=Measured(north_r(p), _carried(found, C[:, :2], "north")))
+
+
+def gravity_r(parameters: CellParameters) -> Array:
+    """Return gravity in r, (3,), m/s^2."""
+    return matrix(parameters.q_rn)[:, 2] * parameters.gravity
+
+
+def north_r(parameters: CellParameters) -> Array:
+    """Return north in r, (3,), a level vector of about unit length (exactly so only as far as it is seen)."""
+    return matrix(parameters.q_rn)[:, :2] @ parameters.north
+
+
+def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
+    """Return the Earth's rotation in r, (3,), rad/s, where it is estimated."""
+    level, down = problem.site.earth_rate_units
+    return matrix(parameters.q_rn) @ np.array([*(level * parameters.north), down * parameters.earth_down])
+
+
+def _carried(found: Estimate, J: Array, *groups: str) -> Array:
+    """Return the standard deviations of J (k, n) times the groups' parameters (n,)."""
+    index = np.concatenate([np.r_[found.problem.layout[group]] for group in groups])
+    P = found.run.belief.covariance[np.ix_(index, index)]
+    return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", J, P, J)))
+
+
+def _gravity_deviation(found: Estimate) -> Array:
+    """Return the standard deviation of gravity's components in r, (3,)."""
+    layout, p = found.problem.layout, found.run.parameters
+    present = [name for name in ("alignment", "gravity") if name in layout]
+    if not present:
+        return np.zeros(3)
+    columns = []
+    if "alignment" in layout:
+        for i in range(layout["alignment"].stop - layout["alignment"].start):
+            turned = multiply(p.q_rn, exp(_STEP * np.eye(3)[i]))
+            columns.append((gravity_r(replace(p, q_rn=turned)) - gravity_r(p)) / _STEP)
+    if "gravity" in layout:
+        columns.append(matrix(p.q_rn)[:, 2])
+    return _carried(found, np.column_stack(columns), *present)
+
+
+def _derived(found: Estimate) -> Mapping[str, Measured]:
+    problem, p = found.problem, found.run.parameters
+    layout = problem.layout
+    estimated = [group for group in SENSOR_GROUPS if group in layout]
+    n = problem.sensor_degrees
+    stored = {group: p.stored(group) for group in GROUPS}
+
+    def moved(change: Array) -> SensorParameters:
+        values = dict(stored)
+        for group in estimated:
+            values[group] = stored[group] + change[layout[group]]
+        return CellParameters.from_stored(values).sensors
+
+    return derive(p.sensors, found.run.belief.covariance[:n, :n], moved)
+
+
+def _others(found: Estimate) -> dict[str, Measured]:
+    """Return the estimated groups that have no part of their own, by their place in the result file."""
+    p = found.run.parameters
+    present = [group for group in other_groups() if group in found.problem.layout]
+    return {group_named(g).path: Measured(p.stored(g), _deviation_of(found, g)) for g in present}
+
+
+def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
+    """Return the robot's errors, and the accuracy of its poses before and after."""
+    problem, layout = found.problem, found.problem.layout
+    errors = found.run.parameters.robot
+    present = [group for group in ROBOT_GROUPS if group in layout]
+    after = np.zeros((errors.vector.size,) * 2)
+    before = np.zeros_like(after)
+    index = np.concatenate([np.r_[layout[group]] for group in present])
+    place = np.concatenate([np.r_[errors.part(group)] for group in present])
+    after[np.ix_(place, place)] = found.run.belief.covariance[np.ix_(index, index)]
+    for group in present:
+        part = errors.part(group)
+        before[part, part] = problem.prior.covariance[group]
+    deviation, prior = np.sqrt(np.diag(after)), np.sqrt(np.diag(before))
+    names = [name for group in ROBOT_GROUPS for name in parameter_names(group, 1, errors.joints)]
+    lost = [n for n, a, b in zip(names, deviation, prior, strict=True) if b > 0.0 and a > NOT_SEPARABLE * b]
+
+    def measured(group: str, value: Array) -> Measured:
+        return Measured(value, deviation[errors.part(group)].reshape(value.shape))
+
+    return RobotErrors(
+        name=robot.arm.name,
+        tcp=robot.arm.tcp,
+        joints=tuple(robot.arm.joints),
+        placement=measured("robot_placement", errors.placement),
+        gears=measured("robot_gears", errors.gears) if "robot_gears" in layout else None,
+        compliance=measured("robot_compliance", errors.compliance) if "robot_compliance" in layout else None,
+        before=expected_accuracy(robot, before),
+        found=shift(robot, errors),
+        after=expected_accuracy(robot, after),
+        not_separable=tuple(lost),
+    )
+
+
+def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
+    """Return IMU seconds, estimates and deviations at every update; the last row is the result itself."""
+    history, run, layout = found.run.history, found.run, found.problem.layout
+    table = np.column_stack([history.seconds, history.parameters, history.deviations * found.correlation_factor])
+    for group in found.problem.groups:
+        if group != "alignment":
+            d = layout[group]
+            table[-1, 1 + d.start : 1 + d.stop] = run.parameters.stored(group)
+    if "time_offset" in layout:
+        # from the first pose's IMU time to the offset between stamps, as in the result
+        first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
+        table[:, 1 + layout["time_offset"].start] += Clock(0.0).offset(*first)
+    table[-1, 1 + n :] = run.belief.standard_deviation[:n]
+    return table

@@ -1,0 +1,224 @@
+"""The typed parts of a calibration: what each section of the result file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.robot.pose_accuracy import PoseAccuracy
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard deviation, arrays of one shape, SI or the unit a name states; 0 for what was held."""
+
+    value: Array
+    deviation: Array
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How the clocks relate: t_imu = t_ref + offset + skew (t_ref - first t_ref), s and 1.
+
+    `skew_sd` is None where the ratio of the clocks was not estimated.
+    """
+
+    offset: float = 0.0
+    skew: float = 0.0
+    offset_sd: float | None = None
+    skew_sd: float | None = None
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Directions in r: gravity, m/s^2; north, a level vector of about unit length; the Earth's rotation, rad/s.
+
+    North is there with a stated latitude, the Earth's rotation without one.
+    """
+
+    gravity: Measured
+    north: Measured | None = None
+    earth_rate: Measured | None = None
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """What was calibrated from."""
+
+    name: str
+    reference: str
+    imu_samples: int
+    imu_rate_hz: float
+    reference_poses: int
+    duration_s: float
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FinalNoise:
+    """Noise figures finally assumed, SI: densities of the IMU, rms over the axes, and the reference's deviations."""
+
+    gyro_density: float
+    accel_density: float
+    position_sd: float
+    orientation_sd: float
+    standstill_position_sd: float
+    standstill_orientation_sd: float
+
+
+@dataclass(frozen=True)
+class EstimatorFacts:
+    """How it was estimated.
+
+    `filter_seconds` is what the estimation took; `fixed` are groups the user held, `held` those not observable.
+    """
+
+    name: str
+    sigma_points: str
+    states: int
+    update_interval: float
+    updates: int
+    passes: int
+    filter_seconds: float
+    polynomial_order: int
+    fixed: tuple[str, ...]
+    held: tuple[str, ...]
+    noise: FinalNoise
+
+
+@dataclass(frozen=True)
+class RobotErrors:
+    """The robot's own errors, joint by joint, and what they do to its poses.
+
+    Attributes
+    ----------
+    placement : (n + 1, 6)
+        Of joints and tool; see `model.parameters.RobotParameters`.
+    gears, compliance : (n, 2), (n,)
+        Where they were estimated.
+    before, found, after
+        Pose error expected before, taken away by the errors found, and expected to be left.
+    not_separable
+        Names of errors this motion does not tell from others.
+    """
+
+    name: str
+    tcp: str
+    joints: tuple[str, ...]
+    placement: Measured
+    gears: Measured | None
+    compliance: Measured | None
+    before: PoseAccuracy
+    found: PoseAccuracy
+    after: PoseAccuracy
+    not_separable: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the innovations say.
+
+    Attributes
+    ----------
+    nis_path, nis_standstill
+        Mean normalised innovation squared per degree of freedom; 1 is expected.
+    updates, rejected
+        Numbers of updates, and of those that were rejected.
+    lag_one : (6,)
+        Correlation of neighbouring whitened innovations of position and orientation.
+    correlation_factor
+        Factor on standard deviations for innovations that are correlated in time.
+    synchronisation
+        Correlation coefficient of the rates of IMU and reference.
+    """
+
+    nis_path: float
+    nis_standstill: float
+    updates: int
+    rejected: int
+    lag_one: Array
+    correlation_factor: float
+    synchronisation: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a result may be used: the same words on the terminal, in the report and in the result file.
+
+    Attributes
+    ----------
+    accepted, reasons
+        Whether it may be used, and why not.
+    unobservable
+        Names of parameters the motion does not show, or too weakly.
+    """
+
+    accepted: bool
+    reasons: tuple[str, ...]
+    unobservable: tuple[str, ...] = ()
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a word or three."""
+        if not self.accepted:
+            return "Rejected"
+        return "Accepted, with gaps" if self.unobservable else "Accepted"
+
+    @property
+    def sentence(self) -> str:
+        """What to do with the result."""
+        if not self.accepted:
+            return "Do not use this calibration."
+        lost = len(self.unobservable)
+        if lost == 0:
+            return "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
+        which, those = ("one parameter", "it") if lost == 1 else (f"{lost} parameters", "those")
+        return (
+            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be of "
+            f"use. Do not rely on {those}."
+        )
+
+    @property
+    def summary(self) -> str:
+        """Headline and sentence."""
+        return f"{self.headline}. {self.sentence}"
+
+
+@dataclass(frozen=True)
+class CalibrationParts:
+    """All that stands in `calibration.yaml`.
+
+    Attributes
+    ----------
+    sensors, sensor_sd
+        Parameters of the sensor model, and their standard deviations in the same form.
+    size_effect
+        Form of the eccentricity term the parameters belong to.
+    timing, alignment
+        Clocks and directions.
+    derived
+        The sensors' errors in data-sheet words, by name; see `calibration.data_sheet`.
+    consistency, verdict
+        What supports the result, and whether it may be used.
+    recording, estimator
+        What was calibrated from, and how; None in a file that does not say.
+    robot
+        The robot's own errors, where they were estimated.
+    others
+        Groups of parameters without a field of their own, by their place in the result file.
+    """
+
+    sensors: SensorParameters
+    sensor_sd: SensorParameters
+    size_effect: SizeEffect
+    timing: Timing
+    alignment: Alignment
+    derived: Mapping[str, Measured]
+    consistency: Consistency
+    verdict: Verdict
+    recording: RecordingFacts | None = None
+    estimator: EstimatorFacts | None = None
+    robot: RobotErrors | None = None
+    others: Mapping[str, Measured] = field(default_factory=dict)

@@ -1,0 +1,376 @@
+"""The content of `calibration.yaml`, schema kreisel/calibration/2, to and from the parts of a calibration.
+
+Schema 1 is read too: it names some derived quantities otherwise. `result-schema.json` describes schema 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from kreisel._version import __version__
+from kreisel.calibration.data_sheet import OF_SCHEMA_1
+from kreisel.calibration.parts import (
+    Alignment,
+    CalibrationParts,
+    Consistency,
+    EstimatorFacts,
+    FinalNoise,
+    Measured,
+    RecordingFacts,
+    RobotErrors,
+    Timing,
+    Verdict,
+)
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import other_groups
+from kreisel.robot.pose_accuracy import PoseAccuracy
+
+SCHEMA = "kreisel/calibration/2"
+
+READ = ("kreisel/calibration/1", SCHEMA)
+"""Schemas that can be read."""
+
+FRAMES = (
+    "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
+    "i: inertial. Raw readings (primed) are corrected to true values: omega_ib_b, angular rate of b against i, "
+    "and f_b, specific force at the origin of b (at rest +g, upward), both along the axes of b. Row j of "
+    "lever_arms is the position of accelerometer j in b; rows of the inverse of cross_coupling are the "
+    "sensitive axes in b. gyroscope and accelerometer hold corrections (offset is added to a reading); derived holds "
+    "the sensors' errors (a bias is what a sensor reads too much). SI and radians throughout, but where a name in "
+    "derived ends with another unit."
+)
+
+
+def to_document(parts: CalibrationParts) -> dict[str, Any]:
+    """Return the document of a calibration, schema 2: mappings, lists, texts, numbers, in the order of the file."""
+    document: dict[str, Any] = {"schema": SCHEMA, "kreisel": __version__}
+    if parts.recording is not None:
+        document["recording"] = _recording_table(parts.recording)
+    if parts.estimator is not None:
+        document["estimator"] = _estimator_table(parts.estimator, parts.size_effect)
+    values = {**_sensor_tables(parts.sensors), "timing": _timing_table(parts.timing)}
+    deviations = {**_sensor_tables(parts.sensor_sd), "timing": _timing_sd_table(parts.timing)}
+    for tables, of in ((values, "value"), (deviations, "deviation")):
+        directions = {name: getattr(parts.alignment, name) for name in ("gravity", "north", "earth_rate")}
+        tables["alignment"] = {name: _plain(getattr(d, of)) for name, d in directions.items() if d is not None}
+        for path, other in parts.others.items():
+            _put(tables, path, _plain(getattr(other, of)))
+    derived = {name: _plain(quantity.value) for name, quantity in parts.derived.items()}
+    deviations["derived"] = {name: _plain(quantity.deviation) for name, quantity in parts.derived.items()}
+    document |= {"formula": dict(FORMULA), "frames": FRAMES, **values}
+    document |= {"standard_deviation": deviations, "derived": derived}
+    if parts.robot is not None:
+        document["robot"] = _robot_table(parts.robot)
+    return document | {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
+
+
+def from_document(document: Mapping[str, Any]) -> CalibrationParts:
+    """Return the parts in a document of schema 1 or 2.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If something is missing or of another kind; the message says which.
+    """
+    sd = _table(document, "standard_deviation")
+    values, deviations = _sensors(document), _sensors(sd) if sd else None
+    estimator = document.get("estimator")
+    return CalibrationParts(
+        sensors=values,
+        sensor_sd=_no_deviations(values) if deviations is None else deviations,
+        size_effect=SizeEffect((estimator or {}).get("size_effect", SizeEffect.COMPLETED.value)),
+        timing=_timing(_table(document, "timing"), _table(sd, "timing")),
+        alignment=_alignment(_table(document, "alignment"), _table(sd, "alignment")),
+        derived=_derived(_table(document, "derived"), _table(sd, "derived")),
+        consistency=_consistency(_table(document, "consistency")),
+        verdict=_verdict(document["verdict"]),
+        recording=_recording(document["recording"]) if "recording" in document else None,
+        estimator=None if estimator is None else _estimator(estimator),
+        robot=_robot(document["robot"]) if "robot" in document else None,
+        others=_others(document, sd),
+    )
+
+
+# Sensors, clocks and directions
+
+
+def _sensor_tables(p: SensorParameters) -> dict[str, dict[str, Any]]:
+    tables: dict[str, dict[str, Any]] = {}
+    for name, K, k in (("gyroscope", p.K_omega, p.k_w), ("accelerometer", p.K_a, p.k_a)):
+        tables[name] = {"cross_coupling": _plain(K), "offset": _plain(k[0])}
+        if k.shape[0] > 1:
+            tables[name]["polynomial"] = {i + 1: _plain(k[i]) for i in range(1, k.shape[0])}
+    tables["accelerometer"]["lever_arms"] = _plain(p.lever_arms)
+    return tables
+
+
+def _sensors(document: Mapping[str, Any]) -> SensorParameters:
+    def coefficients(table: Mapping[str, Any]) -> Array:
+        polynomial = table.get("polynomial") or {}
+        order = max([1, *(int(power) for power in polynomial)])
+        rows = [polynomial.get(i, polynomial.get(str(i), [0.0, 0.0, 0.0])) for i in range(2, order + 1)]
+        return _array([table["offset"], *rows], (order, 3))
+
+    gyro, accel = document["gyroscope"], document["accelerometer"]
+    k_w, k_a = coefficients(gyro), coefficients(accel)
+    order = max(len(k_w), len(k_a))
+    k_w, k_a = (np.vstack([k, np.zeros((order - len(k), 3))]) for k in (k_w, k_a))
+    return SensorParameters(
+        K_omega=_array(gyro["cross_coupling"], (3, 3)),
+        k_w=k_w,
+        K_a=_array(accel["cross_coupling"], (3, 3)),
+        k_a=k_a,
+        lever_arms=_array(accel["lever_arms"], (3, 3)),
+    )
+
+
+def _no_deviations(p: SensorParameters) -> SensorParameters:
+    return SensorParameters(*(np.full(x.shape, np.nan) for x in (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)))
+
+
+def _timing_table(timing: Timing) -> dict[str, Any]:
+    return {"offset": timing.offset, "skew": timing.skew}
+
+
+def _timing_sd_table(timing: Timing) -> dict[str, Any]:
+    return {"offset": _rounded(timing.offset_sd), "skew": _rounded(timing.skew_sd)}
+
+
+def _timing(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> Timing:
+    return Timing(
+        _number(values.get("offset", 0.0)),
+        _number(values.get("skew", 0.0)),
+        _optional(deviations.get("offset")),
+        _optional(deviations.get("skew")),
+    )
+
+
+def _alignment(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> Alignment:
+    def direction(name: str) -> Measured | None:
+        if name not in values:
+            return None
+        return Measured(_array(values[name], (3,)), _array(deviations.get(name, [np.nan] * 3), (3,)))
+
+    gravity = direction("gravity") or Measured(np.full(3, np.nan), np.full(3, np.nan))
+    return Alignment(gravity, direction("north"), direction("earth_rate"))
+
+
+def _derived(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> dict[str, Measured]:
+    out = {}
+    for name, value in values.items():
+        new, sign = OF_SCHEMA_1.get(name, (name, 1.0))
+        out[new] = Measured(sign * _array(value, (3,)), _array(deviations.get(name, [np.nan] * 3), (3,)))
+    return out
+
+
+def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Measured]:
+    """Return the groups of parameters without a part of their own."""
+    out = {}
+    for path in (group_named(group).path for group in other_groups()):
+        value, deviation = _get(document, path), _get(sd, path)
+        if value is not None:
+            value = np.asarray(value, dtype=float)
+            out[path] = Measured(value, np.asarray(np.full(value.shape, np.nan) if deviation is None else deviation))
+    return out
+
+
+# What it was found from, and how
+
+
+def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
+    return {
+        "name": facts.name,
+        "reference": facts.reference,
+        "imu_samples": facts.imu_samples,
+        "imu_rate_hz": _rounded(facts.imu_rate_hz),
+        "reference_poses": facts.reference_poses,
+        "duration_s": _rounded(facts.duration_s),
+        "findings": list(facts.findings),
+    }
+
+
+def _recording(table: Mapping[str, Any]) -> RecordingFacts:
+    return RecordingFacts(
+        str(table["name"]),
+        str(table["reference"]),
+        int(table["imu_samples"]),
+        _number(table["imu_rate_hz"]),
+        int(table["reference_poses"]),
+        _number(table["duration_s"]),
+        tuple(str(finding) for finding in table.get("findings", ())),
+    )
+
+
+_NOISE = (
+    *("gyro_density", "accel_density", "position_sd", "orientation_sd"),
+    *("standstill_position_sd", "standstill_orientation_sd"),
+)
+
+
+def _estimator_table(facts: EstimatorFacts, form: SizeEffect) -> dict[str, Any]:
+    return {
+        "name": facts.name,
+        "sigma_points": facts.sigma_points,
+        "states": facts.states,
+        "update_interval": facts.update_interval,
+        "updates": facts.updates,
+        "passes": facts.passes,
+        "filter_seconds": _rounded(facts.filter_seconds),
+        "polynomial_order": facts.polynomial_order,
+        "size_effect": form.value,
+        "fixed": list(facts.fixed),
+        "held": list(facts.held),
+        "noise": {name: _rounded(getattr(facts.noise, name)) for name in _NOISE},
+    }
+
+
+def _estimator(table: Mapping[str, Any]) -> EstimatorFacts:
+    return EstimatorFacts(
+        name=str(table["name"]),
+        sigma_points=str(table["sigma_points"]),
+        states=int(table["states"]),
+        update_interval=_number(table["update_interval"]),
+        updates=int(table["updates"]),
+        passes=int(table["passes"]),
+        filter_seconds=_number(table["filter_seconds"]),
+        polynomial_order=int(table["polynomial_order"]),
+        fixed=_names(table.get("fixed", ())),
+        held=_names(table.get("held", ())),
+        noise=FinalNoise(*(_number(table["noise"].get(name)) for name in _NOISE)),
+    )
+
+
+def _robot_table(robot: RobotErrors) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": robot.name, "tcp": robot.tcp, "joints": list(robot.joints)}
+    for name in ("placement", "gears", "compliance"):
+        errors = getattr(robot, name)
+        if errors is not None:
+            table[name] = _plain(errors.value)
+            table[f"{name}_standard_deviation"] = _plain(errors.deviation)
+    accuracies = {"found": robot.found, "believed_before": robot.before, "believed_after": robot.after}
+    table["pose_error"] = {
+        name: {"position_rms": _rounded(one.position), "orientation_rms": _rounded(one.orientation)}
+        for name, one in accuracies.items()
+    }
+    return table | {"not_separable": list(robot.not_separable)}
+
+
+def _robot(table: Mapping[str, Any]) -> RobotErrors:
+    def errors(name: str) -> Measured | None:
+        if name not in table:
+            return None
+        return Measured(*(np.array(table[key], dtype=float) for key in (name, f"{name}_standard_deviation")))
+
+    def accuracy(name: str) -> PoseAccuracy:
+        one = table["pose_error"][name]
+        return PoseAccuracy(_number(one["position_rms"]), _number(one["orientation_rms"]))
+
+    placement = errors("placement")
+    if placement is None:
+        raise KeyError("robot.placement")
+    return RobotErrors(
+        str(table["name"]), str(table["tcp"]), _names(table["joints"]), placement, errors("gears"),
+        errors("compliance"), accuracy("believed_before"), accuracy("found"), accuracy("believed_after"),
+        _names(table.get("not_separable", ())),
+    )  # fmt: skip
+
+
+# What supports it
+
+
+def _consistency_table(facts: Consistency) -> dict[str, Any]:
+    return {
+        "nis_path": _rounded(facts.nis_path),
+        "nis_standstill": _rounded(facts.nis_standstill),
+        "updates": facts.updates,
+        "rejected_updates": facts.rejected,
+        "lag_one_correlation": _plain(facts.lag_one),
+        "deviation_factor": _rounded(facts.correlation_factor),
+        "synchronisation_correlation": _rounded(facts.synchronisation),
+    }
+
+
+def _consistency(table: Mapping[str, Any]) -> Consistency:
+    return Consistency(
+        nis_path=_number(table.get("nis_path")),
+        nis_standstill=_number(table.get("nis_standstill")),
+        updates=int(table.get("updates", 0)),
+        rejected=int(table.get("rejected_updates", 0)),
+        lag_one=_array(table.get("lag_one_correlation", [None] * 6), (6,)),
+        correlation_factor=_number(table.get("deviation_factor", 1.0)),
+        synchronisation=_number(table.get("synchronisation_correlation")),
+    )
+
+
+def _verdict_table(verdict: Verdict) -> dict[str, Any]:
+    return {
+        "accepted": verdict.accepted,
+        "summary": verdict.summary,
+        "reasons": list(verdict.reasons),
+        "unobservable": list(verdict.unobservable),
+    }
+
+
+def _verdict(table: Mapping[str, Any]) -> Verdict:
+    accepted = table["accepted"]
+    if not isinstance(accepted, bool):
+        raise TypeError(f"verdict.accepted is {accepted!r}, expected true or false")
+    return Verdict(accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())))
+
+
+# Numbers and texts
+
+
+def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = document.get(name, {})
+    if not isinstance(table, Mapping):
+        raise TypeError(f"{name} is {type(table).__name__}, expected a mapping")
+    return table
+
+
+def _array(value: Any, shape: tuple[int, ...]) -> Array:
+    """Return numbers in a shape, null as not a number."""
+    return np.array(value, dtype=float).reshape(shape)
+
+
+def _number(value: Any) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _optional(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _names(values: Sequence[Any]) -> tuple[str, ...]:
+    return tuple(str(value) for value in values)
+
+
+def _get(tree: Mapping[str, Any], path: str) -> Any:
+    """Return what stands at a path of names with points between; None where nothing does."""
+    here: Any = tree
+    for name in path.split("."):
+        here = here.get(name) if isinstance(here, Mapping) else None
+    return here
+
+
+def _put(tree: dict[str, Any], path: str, value: Any) -> None:
+    """Put a value into a tree at a path of names with points between."""
+    *above, last = path.split(".")
+    for name in above:
+        tree = tree.setdefault(name, {})
+    tree[last] = value
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a number to six digits; null where there is none."""
+    return None if value is None or not np.isfinite(value) else float(f"{value:.6g}")
+
+
+def _plain(values: Array) -> list[Any]:
+    """Return an array as lists, null for what is not a number."""
+    return [_plain(v) if v.ndim else (float(v) if np.isfinite(v) else None) for v in np.asarray(values)]

@@ -1,0 +1,128 @@
+"""The result file: its published schema, its way there and back, and files of schema 1."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.data_sheet import OF_SCHEMA_1, QUANTITIES
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_document import from_document, to_document
+from kreisel.errors import RecordingError
+from kreisel.model.settings import CalibrationSettings
+from kreisel.simulation.cell import simulate as simulate_cell
+from kreisel.simulation.settings import Cell
+
+from ...small_cell import simulate
+
+SCHEMA = json.loads((files("kreisel.calibration") / "result-schema.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module", params=["plain", "order 2", "held", "robot"])
+def calibration(request) -> Calibration:
+    if request.param == "robot":
+        cell = Cell.model_validate({"seed": 3, "seconds": 60.0, "imu": {"rate": 100.0}})
+        recording = simulate_cell(cell, Path("robot"))[1]
+        return run_calibration(recording, CalibrationSettings(estimated=("robot_gears",))).calibration
+    recording = simulate(np.random.default_rng(5), 40.0, Path("small"), imu_rate=100.0)[1]
+    settings = {
+        "plain": {},
+        "order 2": {"polynomial_order": 2},
+        "held": {"fixed": {"lever_arms": np.zeros((3, 3)), "gyro_offset": None, "time_skew": 3e-6}},
+    }[request.param]
+    return run_calibration(recording, CalibrationSettings(**settings)).calibration
+
+
+def plain(document):
+    """Return a document as it comes out of its file."""
+    return json.loads(json.dumps(document))
+
+
+def test_the_file_follows_its_schema(calibration, tmp_path):
+    calibration.save(tmp_path)
+    written = YAML(typ="safe").load((tmp_path / "calibration.yaml").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    jsonschema.validate(plain(written), SCHEMA)
+
+
+def test_the_schema_refuses_other_files(calibration):
+    document = plain(calibration.document)
+    for change in (
+        {"schema": "kreisel/calibration/1"},
+        {"verdict": {"accepted": "yes", "summary": "", "reasons": [], "unobservable": []}},
+        {"timing": {"offset": 1.0}},
+        {"anything": 1},
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(document | change, SCHEMA)
+
+
+def test_there_and_back(calibration, tmp_path):
+    calibration.save(tmp_path)
+    loaded = Calibration.load(tmp_path)
+    assert plain(loaded.document) == plain(calibration.document)
+    for name in ("K_omega", "k_w", "K_a", "k_a", "lever_arms"):
+        for one, other in ((loaded.sensors, calibration.sensors), (loaded.sensor_sd, calibration.sensor_sd)):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert loaded.verdict == calibration.verdict
+    assert loaded.names == calibration.names
+
+
+def test_schema_1_is_read(calibration, tmp_path):
+    """Names and signs of some derived quantities were others."""
+    document = plain(calibration.document) | {"schema": "kreisel/calibration/1"}
+    back = {new: (old, sign) for old, (new, sign) in OF_SCHEMA_1.items()}
+    for table in (document, document["standard_deviation"]):
+        signed = 1.0 if table is document else 0.0
+        table["derived"] = {
+            back.get(name, (name, 1.0))[0]: [v * (back.get(name, ("", 1.0))[1] if signed else 1.0) for v in value]
+            for name, value in table["derived"].items()
+        }
+    assert "offset_mg" in document["derived"]
+    (tmp_path / "calibration.yaml").write_text(json.dumps(document), encoding="utf-8")
+    loaded = Calibration.load(tmp_path)
+    assert plain(loaded.document) == plain(calibration.document)
+
+
+def test_derived_errors_have_the_sign_of_the_sensor(calibration):
+    """A bias is what a sensor reads too much; K and k_0 are corrections."""
+    derived, sensors = calibration.derived, calibration.sensors
+    np.testing.assert_allclose(derived["accel_bias_mg"].value, -sensors.k_a[0] / 9.80665e-3)
+    np.testing.assert_allclose(derived["gyro_bias_deg_h"].value, -np.degrees(sensors.k_w[0]) * 3600.0)
+    np.testing.assert_allclose(
+        derived["gyro_scale_error_ppm"].value,
+        1e6 * (np.linalg.norm(np.linalg.inv(sensors.K_omega), axis=1) - 1.0),
+        atol=1e-6,
+    )
+    assert list(derived) == [quantity.name for quantity in QUANTITIES]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"verdict": {}}, "accepted"),
+        ({"verdict": {"accepted": "yes"}}, "verdict.accepted is 'yes', expected true or false"),
+        ({"gyroscope": {"offset": [0, 0, 0]}}, "cross_coupling"),
+        ({"accelerometer": {"cross_coupling": [1, 2], "offset": [0, 0, 0]}}, "reshape"),
+        ({"standard_deviation": []}, "standard_deviation is list, expected a mapping"),
+        ({"timing": {"offset": "late"}}, "late"),
+        ({"recording": {"name": "x"}}, "reference"),
+    ],
+)
+def test_incomplete_files_are_refused(calibration, tmp_path, change, says):
+    (tmp_path / "calibration.yaml").write_text(json.dumps(plain(calibration.document) | change), encoding="utf-8")
+    with pytest.raises(RecordingError, match="incomplete") as error:
+        Calibration.load(tmp_path)
+    assert says in str(error.value)
+
+
+def test_a_file_with_the_parameters_alone_is_enough():
+    table = {"cross_coupling": np.eye(3).tolist(), "offset": [0, 0, 0], "lever_arms": np.zeros((3, 3)).tolist()}
+    parts = from_document({"gyroscope": table, "accelerometer": table, "verdict": {"accepted": True}})
+    assert np.isnan(parts.sensor_sd.K_a).all()
+    assert to_document(parts)["standard_deviation"]["gyroscope"]["offset"] == [None] * 3
