@@ -8,14 +8,14 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-LARGEST_TEXT = 1 << 24
+MAX_TEXT = 1 << 24
 """Bytes of a description, a table of settings or a result, far above what there is: 16 MiB."""
 
-LARGEST_YAML = 1 << 19
+MAX_YAML = 1 << 19
 """Bytes of a file in YAML, which takes a thousand times as much memory to read."""
 
 
-def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:
+def read_bytes(path: Path, most: int = MAX_TEXT) -> bytes:
     """Return the content of a file of at most so many bytes.
 
     Raises
@@ -30,7 +30,7 @@ def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:
     return data
 
 
-def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
+def read_text(path: Path, most: int = MAX_TEXT) -> str:
     """Return the text of a UTF-8 file of at most so many bytes, without the mark some editors put first.
 
     Raises

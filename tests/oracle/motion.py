@@ -15,7 +15,7 @@ from .quaternions import Array, exp, multiply, normalized, rotate_back
 
 LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ = 0.15, 1.2
 SINES_PER_COORDINATE = 4
-LONGEST_RAMP_S = 2.0
+MAX_RAMP_S = 2.0
 PEAK_SEARCH_RATE_HZ = 200.0
 
 
@@ -47,7 +47,7 @@ class Warp:
     @property
     def ramp(self) -> float:
         """The time from rest to full speed, in seconds."""
-        return min(LONGEST_RAMP_S, (self.duration - 2.0 * self.rest) / 4.0)
+        return min(MAX_RAMP_S, (self.duration - 2.0 * self.rest) / 4.0)
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array]:
         """Return s, ds/dt and d2s/dt2."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from kreisel.acquisition.movers import EkrlMover
 from kreisel.devices.address import MOVERS, parse_address
 from kreisel.devices.krl import write_krl
-from kreisel.devices.twins import ekrl_twin
+from kreisel.devices.simulators import ekrl_simulator
 from kreisel.errors import DeviceError, ProtocolError, SettingsError
 from kreisel.protocols import ekrl
 from kreisel.protocols.samples import RobotSample
@@ -109,7 +109,7 @@ def test_a_stream_without_end_takes_no_memory():
     splitter = ekrl.Splitter("Robot")
     for _ in range(100):
         splitter.receive(b"<Robot>" + b"x" * 4000)
-    assert len(splitter._buffer) <= 2 * ekrl.LARGEST
+    assert len(splitter._buffer) <= 2 * ekrl.MAX_BYTES
     assert splitter.receive(ekrl.encode_state(STATE)) == [ekrl.encode_state(STATE)]
 
 
@@ -130,7 +130,7 @@ class Arm:
 
 
 def test_moves_go_over_a_serial_line():
-    """The paper's: a pseudo-terminal in place of the cable, the program's part played by the twin."""
+    """The paper's: a pseudo-terminal in place of the cable, the program's part played by the simulator."""
     pytest.importorskip("serial")
     host, device = os.openpty()
     arm = Arm()
@@ -144,7 +144,9 @@ def test_moves_go_over_a_serial_line():
         transport, protocol = await loop.connect_write_pipe(
             asyncio.streams.FlowControlMixin, os.fdopen(os.dup(host), "wb", 0)
         )
-        twin = asyncio.ensure_future(ekrl_twin(arm, reader, asyncio.StreamWriter(transport, protocol, reader, loop)))
+        simulator = asyncio.ensure_future(
+            ekrl_simulator(arm, reader, asyncio.StreamWriter(transport, protocol, reader, loop))
+        )
         mover = EkrlMover(parse_address(f"serial://{os.ttyname(device)}?baud=9600", MOVERS), 0.5)
         await mover.connect()
         await mover.move(_array(0.1), 1.0)
@@ -152,10 +154,10 @@ def test_moves_go_over_a_serial_line():
             await mover.move(_array(3.1), 1.0)
         await mover.stop()
         await mover.close()
-        twin.cancel()
+        simulator.cancel()
         reading.close()
         transport.close()
-        await asyncio.gather(twin, return_exceptions=True)
+        await asyncio.gather(simulator, return_exceptions=True)
         await asyncio.sleep(0.05)
 
     asyncio.run(all_of_it())

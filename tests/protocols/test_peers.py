@@ -1,4 +1,4 @@
-"""Other people's clients against our twins, over the loopback. They are extras: `pip install 'kreisel[peers]'`."""
+"""Other people's clients against our simulators, over the loopback. They are extras: `pip install 'kreisel[peers]'`."""
 
 import asyncio
 import socket
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kreisel.acquisition.virtual_cell import running
-from kreisel.devices.twins import Pace, TcpTwin, play_datagrams
+from kreisel.devices.simulators import Pace, TcpSimulator, play_datagrams
 from kreisel.errors import DeviceError
 from kreisel.protocols import varproxy
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -104,9 +104,9 @@ def test_ur_rtde_receives_from_the_twin_at_500_hz():
 def test_the_vendors_client_reads_the_simulated_imu(background):
     ixcom = pytest.importorskip("ixcom")
     begin = Begin()
-    twin = TcpTwin("ixcom", begin)
-    port = background(twin.serve(HOST, 0)).result(5)
-    background(twin.play(readings(400, 2_500_000), Pace(lambda: begin.at)))
+    simulator = TcpSimulator("ixcom", begin)
+    port = background(simulator.serve(HOST, 0)).result(5)
+    background(simulator.play(readings(400, 2_500_000), Pace(lambda: begin.at)))
     client = ixcom.Client(HOST, port, timeout=5)
     found = []
     client.add_callback(lambda message, *_: found.append(message) if message.header.msgID == 0 else None)

@@ -102,7 +102,7 @@ def _turn(q, v):
 def problem_and_belief(case, weights):
     """Return the case as our problem, and the belief its prior is."""
     settings = CalibrationSettings(sigma_points=weights, fixed=("gravity",))
-    layout = build_layout(settings, latitude=True, skew=False, rest_error=False)
+    layout = build_layout(settings, latitude=True, skew=False, standstill_error=False)
     density = np.repeat(np.array([GYRO**2, ACCEL**2, 0.0, 0.0])[:, None], 3, axis=1)
     readings = Readings(case.t, case.rates, case.forces, ((0, case.t.size - 1),), noise=density)
     s = case.start

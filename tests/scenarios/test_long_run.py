@@ -37,8 +37,8 @@ def test_worked_through_in_short_stretches_it_is_the_same(monkeypatch):
     _, recording = simulate(np.random.default_rng(8), 120.0, Path("run"))
     found = []
     for stretch in (1 << 17, 3000):
-        monkeypatch.setattr(readings, "STRETCH", stretch)
-        monkeypatch.setattr(module, "PIECE", stretch)
+        monkeypatch.setattr(readings, "CHUNK", stretch)
+        monkeypatch.setattr(module, "CHUNK", stretch)
         fresh = replace(recording, imu=replace(recording.imu), reference=replace(recording.reference))
         found.append(run_calibration(fresh, CalibrationSettings()).estimate.run.belief)
     whole, parts = found
@@ -51,7 +51,7 @@ def test_worked_through_in_short_stretches_it_is_the_same(monkeypatch):
 def test_a_reference_in_the_middle_of_a_long_recording_is_found(monkeypatch):
     """First values come from where the reference is, not from stretches spread over all."""
     truth, recording = simulate(np.random.default_rng(9), 400.0, Path("run"), imu_rate=200.0)
-    monkeypatch.setattr(readings, "STRETCH", 2000)
+    monkeypatch.setattr(readings, "CHUNK", 2000)
     monkeypatch.setattr(readings, "EXCERPT", 4)
     t = recording.reference.seconds
     recording = replace(recording, reference=recording.reference.part((t > 210.0) & (t < 280.0)))

@@ -59,7 +59,7 @@ def test_a_robot_without_joint_angles_errs_all_the_same(seed, said):
     outcome = calibrated(recording)
     assert worst(outcome, truth) < 4.0
     assert outcome.verdict.accepted
-    assert any("geometric errors cannot be estimated" in str(finding) for finding in outcome.findings)
+    assert any("geometric errors cannot be estimated" in str(warning) for warning in outcome.warnings)
 
 
 # Gravity and the Earth's rotation
@@ -80,13 +80,13 @@ def test_a_copied_standard_gravity(latitude):
     for site in (SiteTable(gravity=9.80665), SiteTable(gravity=9.80665, latitude_deg=latitude)):
         outcome = calibrated(stating(recording, site=site))
         assert worst(outcome, truth) < 4.0
-        assert any("textbook" in str(f) or "the latitude gives" in str(f) for f in outcome.findings)
+        assert any("textbook" in str(f) or "the latitude gives" in str(f) for f in outcome.warnings)
 
 
 def test_what_gravity_costs_is_said():
     _, recording = cell(23)
     outcome = calibrated(stating(recording, site=SiteTable()))
-    assert any("limits the accelerometers' scale factors" in str(finding) for finding in outcome.findings)
+    assert any("limits the accelerometers' scale factors" in str(warning) for warning in outcome.warnings)
 
 
 @pytest.mark.parametrize("grade", ["ring-laser", "fog"])
@@ -213,4 +213,4 @@ def test_irregular_stamps_cost_nothing(seed, kind):
     outcome = calibrated(replace(recording, imu=replace(recording.imu, stamps_ns=moved)))
     assert outcome.verdict.accepted
     assert worst(outcome, truth, (*SENSOR, "time_offset")) < 4.0
-    assert any("straight line" in str(finding) for finding in outcome.findings)
+    assert any("straight line" in str(warning) for warning in outcome.warnings)

@@ -136,7 +136,7 @@ def test_another_tool_frame_is_said_not_hidden(inaccurate):
     shifted = replace(poses, quaternions=multiply(poses.quaternions, exp(np.array([0.0, 0.0, 0.5]))))
     outcome = run_calibration(replace(recording, reference=shifted), CalibrationSettings())
     assert outcome.problem.robot is None
-    assert any("tool frame" in str(finding) for finding in outcome.findings)
+    assert any("tool frame" in str(warning) for warning in outcome.warnings)
 
 
 def test_joints_that_do_not_fit_the_description_are_refused(inaccurate):
@@ -172,7 +172,7 @@ def test_stated_errors_without_joint_angles_are_not_forgotten(inaccurate):
     """Base and tool may lie elsewhere by what the owner says: K, lever arms and gravity stay honest."""
     truth, recording, _ = inaccurate
     outcome = run_calibration(replace(recording, joints=None, urdf=None), CalibrationSettings())
-    assert any("cannot be estimated" in str(finding) for finding in outcome.findings)
+    assert any("cannot be estimated" in str(warning) for warning in outcome.warnings)
     errors = group_errors(outcome.calibration, truth)
     for name in ("gyro_cross_coupling", "accel_cross_coupling", "lever_arms", "alignment"):
         assert errors[name].ratio < 2.2, name
@@ -192,7 +192,7 @@ def test_without_a_latitude_the_earths_rotation_is_found():
     off = np.array(alignment["earth_rate"]) - truth.earth_rate_r
     assert np.abs(off / sd).max() < 4.0
     assert np.linalg.norm(alignment["earth_rate"]) == pytest.approx(EARTH_RATE, rel=0.05)
-    assert any("latitude" in str(finding) for finding in outcome.findings)
+    assert any("latitude" in str(warning) for warning in outcome.warnings)
 
 
 @pytest.mark.parametrize("measures", ["position", "orientation"])

@@ -213,9 +213,9 @@ def test_the_good_recording_is_accepted(good: Good, kreisel: Command) -> None:
     truth, _, folder = good
     ended = kreisel("calibrate", folder, "--no-validate", "--json")
     check(Case(simulated, 0, ()), ended, truth)
-    findings = json.loads(ended.out)["recording"]["findings"]
+    warnings = json.loads(ended.out)["recording"]["warnings"]
     # that its joint angles are missing, and what gravity costs, nothing else
-    assert [said.split(" ")[0] for said in findings] == ["robot:", "site:"]
+    assert [said.split(" ")[0] for said in warnings] == ["robot:", "site:"]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ import pytest
 import kreisel
 from kreisel.acquisition.record import record
 from kreisel.devices.address import IMUS, ROBOTS, parse_address
-from kreisel.devices.twins import Pace, TcpTwin
+from kreisel.devices.simulators import Pace, TcpSimulator
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.recover import recover
@@ -205,7 +205,7 @@ def test_a_silent_controller_is_told_and_the_gap_marked(tmp_path):
     said(status, "messages come in")
     said(status, "gap of 1.4")
     recording = load_bag(path)
-    assert any("gap of 1.4" in finding.message for finding in recording.findings)
+    assert any("gap of 1.4" in warning.message for warning in recording.warnings)
     assert recording.reference.stamps_ns.size > 200
 
 
@@ -370,13 +370,13 @@ def test_a_device_that_is_not_there_yet_is_waited_for(tmp_path):
         address = parse_address(f"csv://{HOST}:{port}", IMUS)
         recording = asyncio.ensure_future(record(address, None, tmp_path / "run", seconds=0.5))
         await asyncio.sleep(0.3)
-        twin = TcpTwin("csv")
-        await twin.serve(HOST, port)
+        simulator = TcpSimulator("csv")
+        await simulator.serve(HOST, port)
         began = time.monotonic()
-        playing = asyncio.ensure_future(twin.play((reading(k) for k in range(4000)), Pace(lambda: began)))
+        playing = asyncio.ensure_future(simulator.play((reading(k) for k in range(4000)), Pace(lambda: began)))
         status = await recording
         playing.cancel()
-        twin.close()
+        simulator.close()
         await asyncio.sleep(0.05)  # for the transports to close
         return status
 
@@ -390,8 +390,8 @@ def test_a_proxy_is_asked_for_poses(tmp_path):
     """The simulated one, whose poses move on by a millimetre every 4 ms."""
 
     async def all_of_it():
-        proxy, imu, began = TcpTwin("varproxy"), TcpTwin("csv"), time.monotonic()
-        ports = [await twin.serve(HOST, 0) for twin in (proxy, imu)]
+        proxy, imu, began = TcpSimulator("varproxy"), TcpSimulator("csv"), time.monotonic()
+        ports = [await simulator.serve(HOST, 0) for simulator in (proxy, imu)]
         pace = Pace(lambda: began)
         playing = [
             asyncio.ensure_future(proxy.play((pose(k) for k in range(1000)), pace)),
@@ -402,9 +402,9 @@ def test_a_proxy_is_asked_for_poses(tmp_path):
             parse_address(f"varproxy://{HOST}:{ports[0]}?rate=100", ROBOTS),
         )
         status = await record(*addresses, tmp_path / "run", seconds=0.5)
-        for task, twin in zip(playing, (proxy, imu), strict=True):
+        for task, simulator in zip(playing, (proxy, imu), strict=True):
             task.cancel()
-            twin.close()
+            simulator.close()
         await asyncio.sleep(0.05)  # for the transports to close
         return status
 

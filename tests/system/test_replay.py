@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.acquisition.record import Recorder, record
 from kreisel.devices.address import IMUS, ROBOTS, parse_address
 from kreisel.devices.events import Arrival
-from kreisel.devices.twins import Pace, TcpTwin
+from kreisel.devices.simulators import Pace, TcpSimulator
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.mcap import write_mcap
@@ -301,15 +301,17 @@ def test_a_recording_beside_a_device_ends_with_the_recording(tmp_path):
     file = recorded(tmp_path / "old.mcap", live(seconds=1.0, gap=(9, 9), late=0.0))
 
     async def all_of_it():
-        twin = TcpTwin("csv")
-        port = await twin.serve("127.0.0.1", 0)
+        simulator = TcpSimulator("csv")
+        port = await simulator.serve("127.0.0.1", 0)
         began = time.monotonic()
-        playing = asyncio.ensure_future(twin.play((reading(k * 2 * MS) for k in range(10**6)), Pace(lambda: began)))
+        playing = asyncio.ensure_future(
+            simulator.play((reading(k * 2 * MS) for k in range(10**6)), Pace(lambda: began))
+        )
         imu, robot = parse_address(f"csv://127.0.0.1:{port}", IMUS), parse_address(f"mcap://{file}", ROBOTS)
         async with asyncio.timeout(10.0):
             status = await record(imu, robot, tmp_path / "new")
         playing.cancel()
-        twin.close()
+        simulator.close()
         await asyncio.sleep(0.05)
         return status
 

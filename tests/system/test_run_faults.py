@@ -1,4 +1,4 @@
-"""Driving an arm whose controller does what it should not: see `tests/ur_twin.py`."""
+"""Driving an arm whose controller does what it should not: see `tests/ur_simulator.py`."""
 
 import math
 import re
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from ..ur_twin import UR5E, UrTwin
+from ..ur_simulator import UR5E, UrSimulator
 
 START = (0, -90, 60, -60, -90, 0)
 SHORT = "start_deg = [0, -90, 60, -60, -90, 0]\n" + "".join(
@@ -24,18 +24,18 @@ BACK = "[[move]]\njoints_deg = [0, -90, 60, -60, -90, 0]\nrest = 1.0\n"
 
 @contextmanager
 def controller(**how):
-    twin = UrTwin(how.pop("joints_deg", START), **how)
+    simulator = UrSimulator(how.pop("joints_deg", START), **how)
     try:
-        yield twin
+        yield simulator
     finally:
-        twin.close()
+        simulator.close()
 
 
-def started(tmp_path, twin, program=LONG + BACK, *more, **how):
+def started(tmp_path, simulator, program=LONG + BACK, *more, **how):
     (tmp_path / "program.toml").write_text(program)
     return subprocess.Popen(
-        [sys.executable, "-m", "kreisel.cli.main", "run", "program.toml", "--robot", twin.robot, "--imu", twin.imu,
-         "--model", "ur10e", "-o", "run", "--arm", *more],
+        [sys.executable, "-m", "kreisel.cli.main", "run", "program.toml", "--robot", simulator.robot,
+         "--imu", simulator.imu, "--model", "ur10e", "-o", "run", "--arm", *more],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how,
     )  # fmt: skip
 
@@ -52,10 +52,10 @@ def last_line(errors):
     return errors.strip().splitlines()[-1]
 
 
-def stands(twin):
-    before = list(twin.q)
+def stands(simulator):
+    before = list(simulator.q)
     time.sleep(0.3)
-    return twin.q == before
+    return simulator.q == before
 
 
 def confirmed(tmp_path, errors, reason):
@@ -79,113 +79,113 @@ def not_confirmed(tmp_path, errors, reason):
     "offered", [(), ("safety_mode",), ("safety_status", "safety_mode", "robot_mode", "runtime_state")]
 )
 def test_a_controller_with_few_fields_and_a_state_in_pieces_is_driven(tmp_path, offered):
-    with controller(offered=offered, pieces=True, dashboard=False) as twin:
-        errors = ended(started(tmp_path, twin, SHORT), 0)
-    assert len(twin.moves()) == 3
+    with controller(offered=offered, pieces=True, dashboard=False) as simulator:
+        errors = ended(started(tmp_path, simulator, SHORT), 0)
+    assert len(simulator.moves()) == 3
     assert "the reported pose is that of the model 'ur10e' with a tool of 0 mm" in errors
 
 
 def test_a_script_connection_closed_in_a_move_stops_the_arm_over_a_new_one(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.close_scripts()
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.close_scripts()
         closed = time.monotonic()
-        twin.wait(lambda: any(line.startswith("stopj") for _, _, line in twin.told), 1.0)
+        simulator.wait(lambda: any(line.startswith("stopj") for _, _, line in simulator.told), 1.0)
         errors = ended(process, 1)
         assert time.monotonic() - closed < 6.0
-        assert stands(twin)
-    assert len(twin.moves()) == 2
+        assert stands(simulator)
+    assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, "the script connection has ended (closed by the controller)")
 
 
 def test_a_script_connection_closed_at_rest_gets_no_move(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin, SHORT.replace("rest = 0.5", "rest = 3.0"))
-        twin.wait_for_move(2)
-        twin.wait(lambda: twin.program == 1, 10.0)
+    with controller() as simulator:
+        process = started(tmp_path, simulator, SHORT.replace("rest = 0.5", "rest = 3.0"))
+        simulator.wait_for_move(2)
+        simulator.wait(lambda: simulator.program == 1, 10.0)
         time.sleep(1.0)
-        twin.close_scripts()
+        simulator.close_scripts()
         errors = ended(process, 1)
-    assert len(twin.moves()) == 2
+    assert len(simulator.moves()) == 2
     assert "move 2 of 2" not in errors
     confirmed(tmp_path, errors, "the script connection has ended")
 
 
 def test_the_dashboard_stops_the_arm_where_no_script_is_taken(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.close_scripts(listen=False)
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.close_scripts(listen=False)
         errors = ended(process, 1)
-        assert stands(twin)
-    assert twin.told[-1][1:] == ("dashboard", "stop")
+        assert stands(simulator)
+    assert simulator.told[-1][1:] == ("dashboard", "stop")
     confirmed(tmp_path, errors, "'stop' to the dashboard server")
 
 
 @pytest.mark.parametrize("dashboard", [True, False])
 def test_an_arm_that_moves_on_is_reported_as_not_stopped(tmp_path, dashboard):
-    with controller(deaf="all", dashboard=dashboard) as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.close_scripts(listen=False)
+    with controller(deaf="all", dashboard=dashboard) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.close_scripts(listen=False)
         errors = ended(process, 1)
-        assert not stands(twin)
+        assert not stands(simulator)
     not_confirmed(tmp_path, errors, "the joints still move")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_signals_stop_the_arm(tmp_path, name):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
         process.send_signal(getattr(signal, name))
         errors = ended(process, 1)
-        assert stands(twin)
-    assert len(twin.moves()) == 2
+        assert stands(simulator)
+    assert len(simulator.moves()) == 2
     assert f"{name}: the arm is to stop" in errors
     confirmed(tmp_path, errors, "told to")
 
 
 def test_a_terminal_that_is_gone_does_not_keep_the_arm_from_being_stopped(tmp_path):
     """As where it is closed: nothing can be written any more, and SIGHUP comes."""
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
         process.stderr.close()
         process.stdout.close()
         process.send_signal(signal.SIGHUP)
         assert process.wait(20.0) != 0
-        assert stands(twin)
-    assert any(line.startswith("stopj") for _, _, line in twin.told)
+        assert stands(simulator)
+    assert any(line.startswith("stopj") for _, _, line in simulator.told)
 
 
 def test_an_interrupt_that_the_controller_ignores_is_not_a_stop(tmp_path):
-    with controller(deaf="all") as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
+    with controller(deaf="all") as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
-        assert not stands(twin)
+        assert not stands(simulator)
     not_confirmed(tmp_path, errors, "told to")
     assert "it answers 'Failed to execute: stop'" in last_line(errors)
 
 
 def test_a_stop_that_one_connection_ignores_is_sent_over_another(tmp_path):
-    with controller(deaf=(0,)) as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
+    with controller(deaf=(0,)) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
-        assert stands(twin)
-    assert [number for _, number, line in twin.told if line.startswith("stopj")] == [0, 1]
+        assert stands(simulator)
+    assert [number for _, number, line in simulator.told if line.startswith("stopj")] == [0, 1]
     confirmed(tmp_path, errors, "stopj over a new script connection: sent")
 
 
 def test_an_arm_that_has_not_begun_its_move_yet_is_watched_for_longer(tmp_path):
-    with controller(deaf="all", delay=1.5) as twin:
-        process = started(tmp_path, twin)
-        twin.wait(lambda: len(twin.moves()) == 2, 30.0)
+    with controller(deaf="all", delay=1.5) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait(lambda: len(simulator.moves()) == 2, 30.0)
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
     not_confirmed(tmp_path, errors, "told to")
@@ -193,36 +193,36 @@ def test_an_arm_that_has_not_begun_its_move_yet_is_watched_for_longer(tmp_path):
 
 @pytest.mark.parametrize("state", [2, 4])  # playing, paused
 def test_an_arm_that_stands_within_a_program_is_not_stopped(tmp_path, state):
-    with controller(deaf="all") as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.dwell(30.0)
-        twin.program = state
+    with controller(deaf="all") as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.dwell(30.0)
+        simulator.program = state
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
     not_confirmed(tmp_path, errors, "the controller still holds a program and may go on with it")
 
 
 def test_an_arm_that_somebody_else_moves_at_rest_is_stopped(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin, LONG.replace("rest = 1.0", "rest = 9.0") + BACK)
-        twin.wait_for_move(2)
-        twin.wait(lambda: twin.program == 1, 30.0)
+    with controller() as simulator:
+        process = started(tmp_path, simulator, LONG.replace("rest = 1.0", "rest = 9.0") + BACK)
+        simulator.wait_for_move(2)
+        simulator.wait(lambda: simulator.program == 1, 30.0)
         time.sleep(0.6)
-        twin.push((100, -80, 70, -40, -60, 20))
+        simulator.push((100, -80, 70, -40, -60, 20))
         errors = ended(process, 1)
-        assert stands(twin)
-    assert len(twin.moves()) == 2
+        assert stands(simulator)
+    assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, "the arm moves while it is to rest")
 
 
 def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.push((-90, -90, 60, -60, -90, 0))
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.push((-90, -90, 60, -60, -90, 0))
         errors = ended(process, 1)
-        assert stands(twin)
+        assert stands(simulator)
     confirmed(tmp_path, errors, "the arm leaves its way")
 
 
@@ -235,34 +235,34 @@ def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
     ],
 )
 def test_stops_of_the_controller_end_the_wait_at_once(tmp_path, offered, state, words):
-    with controller(offered=offered, pieces=True) as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.halt()
+    with controller(offered=offered, pieces=True) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.halt()
         if state is None:
-            twin.script_state = (1, 0)
+            simulator.script_state = (1, 0)
         else:
-            twin.safety = state
+            simulator.safety = state
         at = time.monotonic()
         errors = ended(process, 1)
         assert time.monotonic() - at < 5.0
-    assert len(twin.moves()) == 2
+    assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, f"the controller reports: {words}")
 
 
 def test_nothing_is_moved_while_the_controller_is_stopped(tmp_path):
-    with controller() as twin:
-        twin.safety = 7
-        errors = ended(started(tmp_path, twin), 1)
+    with controller() as simulator:
+        simulator.safety = 7
+        errors = ended(started(tmp_path, simulator), 1)
     assert "nothing was moved: the controller reports: robot emergency stop (safety_status 7)" in errors
-    assert twin.told == []
+    assert simulator.told == []
 
 
 def test_a_move_that_the_controller_ends_is_noticed(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.halt()
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.halt()
         at = time.monotonic()
         errors = ended(process, 1)
         assert time.monotonic() - at < 6.0
@@ -270,22 +270,22 @@ def test_a_move_that_the_controller_ends_is_noticed(tmp_path):
 
 
 def test_a_stop_that_cannot_be_seen_is_not_confirmed(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.close_rtde()
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.close_rtde()
         errors = ended(process, 1)
-    assert any(line.startswith("stopj") for _, _, line in twin.told)
+    assert any(line.startswith("stopj") for _, _, line in simulator.told)
     not_confirmed(tmp_path, errors, "no joint angles come in")
 
 
 def test_a_silent_robot_stream_stops_the_arm(tmp_path):
-    with controller() as twin:
-        process = started(tmp_path, twin)
-        twin.wait_for_move(2)
-        twin.silent = True
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        simulator.silent = True
         errors = ended(process, 1)
-        assert stands(twin)
+        assert stands(simulator)
     not_confirmed(tmp_path, errors, "silent for 1 s")
 
 
@@ -293,11 +293,11 @@ def test_a_recording_that_cannot_be_written_stops_the_arm_and_its_rest_is_seen(t
     def little_space():
         resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
 
-    with controller() as twin:
-        process = started(tmp_path, twin, preexec_fn=little_space)
+    with controller() as simulator:
+        process = started(tmp_path, simulator, preexec_fn=little_space)
         errors = ended(process, 1)
-        assert stands(twin)
-    assert any(line.startswith("stopj") for _, _, line in twin.told)
+        assert stands(simulator)
+    assert any(line.startswith("stopj") for _, _, line in simulator.told)
     assert "cannot be written any more (File too large)" in last_line(errors)
     assert "the motion was stopped: the joints have stood still" in last_line(errors)
 
@@ -305,42 +305,42 @@ def test_a_recording_that_cannot_be_written_stops_the_arm_and_its_rest_is_seen(t
 def test_a_recording_that_exists_is_named_and_nothing_is_moved(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "recording.mcap").write_bytes(b"precious")
-    with controller() as twin:
-        errors = ended(started(tmp_path, twin), 1)
-    assert twin.told == []
+    with controller() as simulator:
+        errors = ended(started(tmp_path, simulator), 1)
+    assert simulator.told == []
     assert "exists already" in last_line(errors)
 
 
 def test_an_arm_far_from_the_start_is_not_moved_unless_that_is_allowed(tmp_path):
-    with controller(joints_deg=(0, -90, 60, -48, -90, 0)) as twin:
-        errors = ended(started(tmp_path, twin, SHORT), 1)
-        assert twin.moves() == []
+    with controller(joints_deg=(0, -90, 60, -48, -90, 0)) as simulator:
+        errors = ended(started(tmp_path, simulator, SHORT), 1)
+        assert simulator.moves() == []
         assert re.search(
             r"joint_4 stands 12\.0 deg from the program's start .*0\.0, -12\.0, 0\.0.*--approach 12", errors
         )
         (tmp_path / "run" / "recording.mcap").unlink()
-        ended(started(tmp_path, twin, SHORT, "--approach", "12.5"), 0)
-        assert len(twin.moves()) == 3
-    assert all(float(re.search(r"v=([\d.]+)", line)[1]) <= 0.25 for line in twin.moves()[:2])
+        ended(started(tmp_path, simulator, SHORT, "--approach", "12.5"), 0)
+        assert len(simulator.moves()) == 3
+    assert all(float(re.search(r"v=([\d.]+)", line)[1]) <= 0.25 for line in simulator.moves()[:2])
 
 
 def test_another_robot_is_stopped_in_the_first_move(tmp_path):
-    with controller(robot=UR5E) as twin:
-        errors = ended(started(tmp_path, twin), 1)
-        assert twin.moves() == []
+    with controller(robot=UR5E) as simulator:
+        errors = ended(started(tmp_path, simulator), 1)
+        assert simulator.moves() == []
         assert "the reported pose is that of the model 'ur10e' only with a tool of 332 mm" in errors
         (tmp_path / "run" / "recording.mcap").unlink()
         rich = LONG.replace("[150, -80, 70, -40, -60, 20]", "[40, -70, 80, -20, -50, 60]") + BACK
-        errors = ended(started(tmp_path, twin, rich, "--longest-tool", "0.5"), 1)
-        assert len(twin.moves()) == 2
-        assert abs(math.degrees(twin.q[0])) < 20.0
+        errors = ended(started(tmp_path, simulator, rich, "--longest-tool", "0.5"), 1)
+        assert len(simulator.moves()) == 2
+        assert abs(math.degrees(simulator.q[0])) < 20.0
     confirmed(tmp_path, errors, "do not follow the model 'ur10e'")
 
 
 @pytest.mark.parametrize("arm", [True, False])
 def test_moves_faster_than_the_model_allows_are_refused(tmp_path, arm):
-    with controller() as twin:
-        process = started(tmp_path, twin, LONG + BACK, "--speed", "3.0")
+    with controller() as simulator:
+        process = started(tmp_path, simulator, LONG + BACK, "--speed", "3.0")
         if not arm:
             process.kill()
             process.communicate()
@@ -351,4 +351,4 @@ def test_moves_faster_than_the_model_allows_are_refused(tmp_path, arm):
         errors = ended(process, 1)
     assert "move 2: joint_1 moves at 3.00 rad/s, and its limit in the model 'ur10e' is 2.09 rad/s" in errors
     assert "give --speed 2.09 or less" in errors
-    assert twin.told == []
+    assert simulator.told == []

@@ -21,11 +21,11 @@ import pytest
 import kreisel
 from kreisel.acquisition.record import Recorder
 from kreisel.acquisition.tail import Tail
-from kreisel.dashboard.feed import MOST, Feed
+from kreisel.dashboard.feed import MAX_ESTIMATES, Feed
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.dashboard.online import SHARE, Online
 from kreisel.devices.events import Arrival
-from kreisel.devices.twins import imu_samples, robot_samples
+from kreisel.devices.simulators import imu_samples, robot_samples
 from kreisel.recording.settings import RecordingSettings
 
 from ..small_cell import simulate
@@ -281,12 +281,12 @@ def test_a_newcomer_after_hours_of_estimates_stays(small, tmp_path, monkeypatch)
 
 def test_estimates_without_number_are_thinned_out_and_it_is_said(tmp_path):
     feed = Feed(tmp_path)
-    for k in range(2 * MOST + 1):
+    for k in range(2 * MAX_ESTIMATES + 1):
         feed.estimate(estimate(float(k)))
     history = feed.so_far()[0]
     assert history["every"] == 3
-    assert len(history["estimates"]) <= MOST
-    assert history["estimates"][-1]["seconds"] == 2.0 * MOST
+    assert len(history["estimates"]) <= MAX_ESTIMATES
+    assert history["estimates"][-1]["seconds"] == 2.0 * MAX_ESTIMATES
     assert set(np.diff([e["seconds"] for e in history["estimates"]])) == {3.0}
 
 
@@ -303,10 +303,10 @@ def test_a_page_that_was_let_go_comes_back_up_to_date(small, tmp_path, monkeypat
         wait_until(lambda: tab.inner_text("#link") == "live")
         in_loop(hub, lambda: [hub.tell({"kind": "pose", "pose": [9.0] * 7, "arm": None}) for _ in range(1000)])
         wait_until(lambda: "trying again" in tab.inner_text("#link"))
-        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(2 * MOST)])
+        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(2 * MAX_ESTIMATES)])
         wait_until(lambda: tab.inner_text("#link") == "live")
         wait_until(lambda: "of the earlier ones 1 in 3" in tab.inner_text("#thinned"))
-        assert tab.evaluate("estimates.length") >= MOST / 2
+        assert tab.evaluate("estimates.length") >= MAX_ESTIMATES / 2
         before = int(tab.inner_text("#imu-count"))
         grow(file, parts[2])
         wait_until(lambda: int(tab.inner_text("#imu-count")) > before)

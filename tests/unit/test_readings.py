@@ -13,7 +13,7 @@ SEGMENTS = ((0, 1499), (1520, 3999))
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "STRETCH", 1024)
+    monkeypatch.setattr(module, "CHUNK", 1024)
 
 
 def some(segments: tuple[tuple[int, int], ...] = SEGMENTS) -> Readings:
@@ -45,9 +45,9 @@ def test_increments_are_the_same_to_the_last_bit(first: int, last: int) -> None:
 @pytest.mark.usefixtures("short")
 def test_stretches_cover_everything_and_some_are_spread_evenly() -> None:
     r = some()
-    begins = [part.begin for part in r.stretches()]
+    begins = [part.begin for part in r.chunks()]
     assert begins == [0, 1018, 2042, 3066]
-    ends = [part.begin + part.stamps.size for part in r.stretches()]
+    ends = [part.begin + part.stamps.size for part in r.chunks()]
     assert ends == [1031, 2055, 3079, 4000]
 
 
@@ -71,7 +71,7 @@ def test_a_motion_longer_than_a_stretch_is_made_ready_as_a_whole() -> None:
 @pytest.mark.usefixtures("short")
 def test_only_a_few_stretches_are_held() -> None:
     r = some()
-    for _ in r.stretches():
+    for _ in r.chunks():
         r.holding(1000, 1100)
     assert len(r._ready) <= module._HELD
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-VELOCITY, POSITION, ATTITUDE, REST_POSITION, REST_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
+VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
 """Places of parts in `Model.stored`."""
 
-AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL, STAMP = range(6)
-"""Places of figures in `Model.noise`: reference on the path and at rest, velocity at rest, stamps."""
+AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP = range(6)
+"""Places of figures in `Model.noise`: reference on the path and at standstill, velocity at standstill, stamps."""
 
 MEASURED = 9
 """Most numbers a measurement has: position, orientation, velocity."""
@@ -80,14 +80,14 @@ class Model(NamedTuple):
 class Steps(NamedTuple):
     """Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
 
-    first, last, tau, resting (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says whether
+    first, last, tau, at_standstill (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says whether
     they are measured; regressor (u, 6, e), with e = 0 without a robot.
     """
 
     first: np.ndarray
     last: np.ndarray
     tau: np.ndarray
-    resting: np.ndarray
+    at_standstill: np.ndarray
     position: np.ndarray
     quaternion: np.ndarray
     given: np.ndarray

@@ -52,7 +52,7 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
         noise = process_noise(model, motion.noise, duration, points)
         seen, seen_noise, innovation = predict_measurement(model, signal, steps, i, motion, points, noise)
         velocity, omega = column_of(rows_from(points, at[VELOCITY], 3), 0), column_of(motion.omega, 0)
-        by_reference = measurement_noise(model, steps.resting[i], steps.given, velocity, omega)
+        by_reference = measurement_noise(model, steps.at_standstill[i], steps.given, velocity, omega)
         m = innovation.size
         used, nis, innovation_factor, whitened, gain = sigma_point_filter.update(
             model.parts, model.tail, model.weights, mean, upper, seen, seen_noise, innovation, noise, points,

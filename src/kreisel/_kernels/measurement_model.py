@@ -13,36 +13,36 @@ from kreisel._kernels.cell import (
     PATH_ORIENTATION,
     PATH_POSITION,
     POSITION,
-    REST_ORIENTATION,
-    REST_POSITION,
     STAMP,
-    STANDSTILL,
+    STANDSTILL_ORIENTATION,
+    STANDSTILL_POSITION,
+    STANDSTILL_VELOCITY,
     VELOCITY,
 )
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
 
 @part_of_kernel
-def measurement_noise(model, resting, given, velocity, omega):
+def measurement_noise(model, at_standstill, given, velocity, omega):
     """Return the factor (m, m + 1) of the measurement noise; the last column is that of the stamps."""
-    m = 3 * (given[0] + given[1] + resting)
+    m = 3 * (given[0] + given[1] + at_standstill)
     out = np.zeros((m, m + 1))
     at = 0
     for kind in range(2):
         if given[kind]:
             for axis in range(3):
-                out[at + axis, at + axis] = model.noise[(JITTER_POSITION if resting else AT_POSITION) + kind]
-                if not resting:
+                out[at + axis, at + axis] = model.noise[(JITTER_POSITION if at_standstill else AT_POSITION) + kind]
+                if not at_standstill:
                     out[at + axis, m] = model.noise[STAMP] * (velocity[axis] if kind == 0 else omega[axis])
             at += 3
-    if resting:
+    if at_standstill:
         for axis in range(3):
-            out[at + axis, at + axis] = model.noise[STANDSTILL]
+            out[at + axis, at + axis] = model.noise[STANDSTILL_VELOCITY]
     return out
 
 
 @kernel
-def predict_poses(model, motion, regressor, resting, t, before, after, points, columns, own):
+def predict_poses(model, motion, regressor, at_standstill, t, before, after, points, columns, own):
     """Return attitude (4, m) and position (3, m) the reference should show, a moment t (m,) after the last sample.
 
     before and after are the sampling intervals beside it, regressor (6, e) that of the robot's errors, columns and
@@ -55,8 +55,8 @@ def predict_poses(model, motion, regressor, resting, t, before, after, points, c
         motion.earth_rate, rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3),
         rows_from(points, at[POSITION], 3), q, p,
     )  # fmt: skip
-    of_position = at[REST_POSITION if resting else PATH_POSITION]
-    of_attitude = at[REST_ORIENTATION if resting else PATH_ORIENTATION]
+    of_position = at[STANDSTILL_POSITION if at_standstill else PATH_POSITION]
+    of_attitude = at[STANDSTILL_ORIENTATION if at_standstill else PATH_ORIENTATION]
     if of_position >= 0:
         for axis in range(3):
             for s in range(m):
@@ -89,7 +89,7 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
     Between the two: the same for the centre with noise in it, (m, 2 k), all in plus, then all in minus.
     """
     stamps, start, skew, tau = signal.stamps, motion.around[7], motion.around[8], steps.tau[i]
-    sigma, last, resting = points.shape[1], steps.last[i], steps.resting[i]
+    sigma, last, at_standstill = points.shape[1], steps.last[i], steps.at_standstill[i]
     others = disturbed(model, column_of(points, 0), noise)
     t, t_centre = np.empty(sigma), np.empty(1)
     for s in range(sigma):
@@ -98,9 +98,13 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
     before, after = stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last]
     same = np.zeros(others.shape[1], dtype=np.int64)
     regressor = steps.regressor[i]
-    q, p = predict_poses(model, motion, regressor, resting, t, before, after, points, model.which, np.arange(sigma))
-    q_others, p_others = predict_poses(model, motion, regressor, resting, t_centre, before, after, others, same, same)
-    m = 3 * (steps.given[0] + steps.given[1] + resting)
+    q, p = predict_poses(
+        model, motion, regressor, at_standstill, t, before, after, points, model.which, np.arange(sigma)
+    )
+    q_others, p_others = predict_poses(
+        model, motion, regressor, at_standstill, t_centre, before, after, others, same, same
+    )
+    m = 3 * (steps.given[0] + steps.given[1] + at_standstill)
     seen, seen_others, measured = np.empty((m, sigma)), np.empty((m, others.shape[1])), np.empty((m, 1))
     row = 0
     if steps.given[0]:
@@ -118,7 +122,7 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
         rotation.minus(q_others, centre, rows_from(seen_others, row, 3))
         rotation.minus(quaternion, centre, rows_from(measured, row, 3))
         row += 3
-    if resting:
+    if at_standstill:
         at = model.stored[VELOCITY]
         for axis in range(3):
             measured[row + axis, 0] = -points[at + axis, 0]  # (14)

@@ -9,7 +9,7 @@ from kreisel._kernels.compilation import kernel
 
 @kernel
 def drive(step, now, later, u, x):
-    """Write the states x (2, n, m) of m oscillators driven by u (n, m), from rest.
+    """Write the states x (2, n, m) of m oscillators driven by u (n, m), from standstill.
 
     x_k+1 = step x_k + now u_k + later u_k+1, with step (2, 2), now and later (2,).
     """

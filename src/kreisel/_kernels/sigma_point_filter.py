@@ -17,7 +17,7 @@ from kreisel._kernels.compilation import kernel, part_of_kernel
 SPREAD, MEAN, SECOND, SHIFT, CENTRE = range(5)
 """Places of the figures of `estimation.sigma_points.SigmaWeights`."""
 
-LEAST = 1e-9
+ROUNDING = 1e-9
 """Share of a deviation whose square is lost beside it in rounding."""
 
 
@@ -62,7 +62,7 @@ def unscented_moments(distance, w, first, further, shift):
             total += plus + minus
             square += first[i, j] * first[i, j]
         shift[i] = w[MEAN] * total
-        least[i] = LEAST * math.sqrt(square)
+        least[i] = ROUNDING * math.sqrt(square)
     rows = 0
     for j in range(n if w[SECOND] > 0.0 else 0):
         counts = False

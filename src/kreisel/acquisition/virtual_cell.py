@@ -14,7 +14,15 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from kreisel.devices.obedient import ObedientCell
-from kreisel.devices.twins import Datagrams, Pace, TcpTwin, ekrl_twin, imu_samples, play_datagrams, robot_samples
+from kreisel.devices.simulators import (
+    Datagrams,
+    Pace,
+    TcpSimulator,
+    ekrl_simulator,
+    imu_samples,
+    play_datagrams,
+    robot_samples,
+)
 from kreisel.errors import DeviceError, ProtocolError
 from kreisel.protocols import secondary, urscript
 from kreisel.recording.recording import Recording
@@ -129,9 +137,9 @@ def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None
 
 
 async def _obedient(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
-    cell, of_imu = ObedientCell(recording), TcpTwin(imu)
+    cell, of_imu = ObedientCell(recording), TcpSimulator(imu)
     listen = (_take_lines if robot == "rtde" else _take_telegrams)(cell)
-    of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpTwin(robot)
+    of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot)
     ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
     mover = await asyncio.start_server(listen, _HOST, 0)
     ready.send(int(mover.sockets[0].getsockname()[1]))
@@ -177,7 +185,7 @@ def _take_telegrams(cell: ObedientCell) -> Listener:
 
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(OSError, asyncio.CancelledError):
-            await ekrl_twin(cell, reader, writer)
+            await ekrl_simulator(cell, reader, writer)
         cell.stop()  # as the program does once nobody is connected
         writer.close()
 
@@ -232,10 +240,10 @@ async def _device(
         if what == "imu" and began.value < 0.0:
             began.value = time.monotonic() + _HEAD_START
 
-    twin = TcpTwin(scheme, begin)
+    simulator = TcpSimulator(scheme, begin)
     try:
-        ready.send(await twin.serve(_HOST, port))
+        ready.send(await simulator.serve(_HOST, port))
     except OSError as error:
         ready.send(error.strerror or str(error))
         return
-    await twin.play(samples, pace)
+    await simulator.play(samples, pace)

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 
-_LEAST = 6
+_MIN_SAMPLES = 6
 """Samples that rates are differentiated and integrated over."""
 
-_SLOWEST = 1.0
+_MAX_STEP = 1.0
 """Seconds between samples from which floats are no seconds of an IMU."""
 
-_FASTEST = 1e-6
+_MIN_STEP = 1e-6
 """Seconds between samples below which integers are no nanoseconds of an IMU."""
 
 
@@ -35,8 +35,8 @@ def triads(values: ArrayLike, name: str) -> Array:
         out = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{name}: not an array of numbers ({error}); expected the shape (n, 3)") from error
-    if out.ndim != 2 or out.shape[1] != 3 or len(out) < _LEAST:
-        raise RecordingError(f"{name}: got the shape {out.shape}, expected (n, 3) with n = {_LEAST} or more")
+    if out.ndim != 2 or out.shape[1] != 3 or len(out) < _MIN_SAMPLES:
+        raise RecordingError(f"{name}: got the shape {out.shape}, expected (n, 3) with n = {_MIN_SAMPLES} or more")
     _check_finite(out, name)
     return out
 
@@ -84,11 +84,11 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
         )
     seconds = (stamps - stamps[0]) * 1e-9 if whole else stamps - stamps[0]
     step = float(np.median(np.diff(seconds)))
-    if whole and step < _FASTEST:
+    if whole and step < _MIN_STEP:
         raise RecordingError(
             f"{name}: integers are nanoseconds, but the usual step is {step * 1e9:.4g} ns; give seconds as floats"
         )
-    if not whole and step > _SLOWEST:
+    if not whole and step > _MAX_STEP:
         guess = "they look like nanoseconds: give those as integers" if step > 1e3 else "give seconds"
         raise RecordingError(f"{name}: floats are seconds, but the usual step is {step:.4g} s; {guess}")
     return np.asarray(seconds)

@@ -37,7 +37,7 @@ from kreisel.model.parameters import (
 )
 from kreisel.model.problem import Problem
 from kreisel.model.robot import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
-from kreisel.recording.recording import Finding, Recording
+from kreisel.recording.recording import DataWarning, Recording
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.synchronization.clock import Clock
 
@@ -54,7 +54,7 @@ class Judged:
     seconds: float
 
 
-def assemble(recording: Recording, found: Estimate, judged: Judged, findings: tuple[Finding, ...]) -> Calibration:
+def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tuple[DataWarning, ...]) -> Calibration:
     """Return the calibration of a recording."""
     problem, run = found.problem, found.run
     parts = CalibrationParts(
@@ -66,7 +66,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, findings: tu
         derived=_derived(found),
         consistency=judged.consistency,
         verdict=judged.verdict,
-        recording=_recording_facts(recording, problem, findings),
+        recording=_recording_facts(recording, problem, warnings),
         estimator=_estimator_facts(found, judged),
         robot=None if problem.robot is None else _robot_errors(found, problem.robot),
         others=_others(found),
@@ -83,7 +83,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, findings: tu
     )
 
 
-def _recording_facts(recording: Recording, problem: Problem, findings: tuple[Finding, ...]) -> RecordingFacts:
+def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
     imu, reference = recording.imu, problem.reference
     return RecordingFacts(
         name=recording.name,
@@ -92,7 +92,7 @@ def _recording_facts(recording: Recording, problem: Problem, findings: tuple[Fin
         imu_rate_hz=1.0 / imu.interval,
         reference_poses=int(reference.stamps_ns.size),
         duration_s=float(imu.seconds[-1]),
-        findings=tuple(str(finding) for finding in findings),
+        warnings=tuple(str(warning) for warning in warnings),
     )
 
 

@@ -1,7 +1,7 @@
 """The sensors' errors in the words and units of data sheets, with uncertainties carried over from the parameters.
 
 Parameters are corrections: they turn readings into true values. What stands here are the errors of the readings: a bias
-is what a sensor reads too much at rest, -k_0; a scale-factor error is positive for a sensor that reads too much.
+is what a sensor reads too much at standstill, -k_0; a scale-factor error is positive for a sensor that reads too much.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 from kreisel.preparation.build_problem import REACH
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 _GRAVITY_SHARE = 0.25
 """Share of a variance that is left once gravity is known, below which gravity limits the result."""
@@ -23,15 +23,15 @@ _GRAVITY_SHARE = 0.25
 def with_unestimated_errors(found: Estimate) -> Estimate:
     """Return the estimate with what errors of frames, positions and stamps add, and with what to say of it."""
     problem, run, filtered = found.problem, found.run, _as_filtered(found)
-    belief, findings = run.belief, list(found.findings)
+    belief, warnings = run.belief, list(found.warnings)
     if max(problem.noise.frame_sd) > 0.0:
         columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
         belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
-        findings.append(_frame_finding(problem))
+        warnings.append(_frame_warning(problem))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
-    findings += _gravity_finding(problem, filtered)
-    return replace(found, run=replace(run, belief=belief), findings=tuple(findings))
+    warnings += _gravity_warning(problem, filtered)
+    return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
 
 
 def _as_filtered(found: Estimate) -> FilterRun:
@@ -40,14 +40,14 @@ def _as_filtered(found: Estimate) -> FilterRun:
     return replace(found.run, belief=replace(belief, factor=belief.factor / found.correlation_factor))
 
 
-def _frame_finding(problem: Problem) -> Finding:
+def _frame_warning(problem: Problem) -> DataWarning:
     length, angle = (1e3 * sd for sd in problem.noise.frame_sd)
     said = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
         f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
         'recording.toml state them; for motion capture, write reference.kind = "mocap")'
     )
-    return Finding("robot", said)
+    return DataWarning("robot", said)
 
 
 def position_scale_column(problem: Problem, run: FilterRun) -> Array:
@@ -69,7 +69,7 @@ def position_scale_column(problem: Problem, run: FilterRun) -> Array:
     return columns
 
 
-def _gravity_finding(problem: Problem, run: FilterRun) -> list[Finding]:
+def _gravity_warning(problem: Problem, run: FilterRun) -> list[DataWarning]:
     """Return what gravity's uncertainty costs the accelerometers' scale factors, where it costs much."""
     layout = problem.layout
     if "gravity" not in layout or "accel_cross_coupling" not in layout:
@@ -87,4 +87,4 @@ def _gravity_finding(problem: Problem, run: FilterRun) -> list[Finding]:
         f"{1e6 * with_gravity**0.5:.0f} ppm instead of {1e6 * max(known, 0.0) ** 0.5:.0f} ppm "
         "(state site.latitude_deg and site.height_m, or site.gravity with site.gravity_sd, in recording.toml)"
     )
-    return [Finding("site", said)]
+    return [DataWarning("site", said)]

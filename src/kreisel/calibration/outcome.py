@@ -11,7 +11,7 @@ from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
 from kreisel.model.problem import Problem
 from kreisel.preparation.preparation import Preparation
-from kreisel.recording.recording import Finding, Recording
+from kreisel.recording.recording import DataWarning, Recording
 
 
 @dataclass(frozen=True)
@@ -26,5 +26,5 @@ class Outcome:
     consistency: Consistency
     halves: SplitHalves | None
     verdict: Verdict
-    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]
     calibration: Calibration

@@ -53,7 +53,7 @@ class RecordingFacts:
     imu_rate_hz: float
     reference_poses: int
     duration_s: float
-    findings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

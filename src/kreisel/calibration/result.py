@@ -16,7 +16,7 @@ from kreisel.calibration.arguments import elapsed_seconds, triads
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.errors import RecordingError
-from kreisel.files import LARGEST_YAML, finish_replacing, read_text, replaced_together
+from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.inertial.strapdown import SensorColumns, prepare
@@ -146,7 +146,7 @@ class Calibration(CalibrationParts):
 def _read_parts(file: Path) -> CalibrationParts:
     try:
         finish_replacing(file.parent, RESULT_FILES)
-        document = YAML(typ="safe").load(read_text(file, LARGEST_YAML))
+        document = YAML(typ="safe").load(read_text(file, MAX_YAML))
     except OSError as error:
         raise RecordingError(
             f"cannot be read ({error.strerror}); give a result folder of `kreisel calibrate`, or its calibration.yaml",

@@ -190,7 +190,7 @@ def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
         "imu_rate_hz": _rounded(facts.imu_rate_hz),
         "reference_poses": facts.reference_poses,
         "duration_s": _rounded(facts.duration_s),
-        "findings": list(facts.findings),
+        "findings": list(facts.warnings),
     }
 
 
@@ -202,7 +202,7 @@ def _recording(table: Mapping[str, Any]) -> RecordingFacts:
         _number(table["imu_rate_hz"]),
         int(table["reference_poses"]),
         _number(table["duration_s"]),
-        tuple(str(finding) for finding in table.get("findings", ())),
+        tuple(str(warning) for warning in table.get("findings", ())),
     )
 
 

@@ -17,7 +17,7 @@ from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_step
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 MAX_RMS = 2.0
 """Root mean square of a group's scores from which the halves count as different; chance makes it so in one of 200."""
@@ -71,19 +71,20 @@ def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
             said.append(f"{group} {size:.1f}")
     if not said:
         return found
-    finding = Finding(
+    warning = DataWarning(
         "halves",
         "the two halves of the recording differ by more than their standard deviations; these were multiplied: "
         f"{', '.join(said)}",
     )
     belief = Belief(belief.mean, scale[:, None] * belief.factor)
-    return replace(found, run=replace(found.run, belief=belief), findings=(*found.findings, finding))
+    return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))
 
 
 def part_of(problem: Problem, part: slice) -> Problem:
     """Return the problem of a part of the updates."""
     updates = list(problem.schedule.updates[part])
-    updates[0] = replace(updates[0], first=updates[0].last, new_segment=True, new_rest=updates[0].rest is not None)
+    first = updates[0]
+    updates[0] = replace(first, first=first.last, new_segment=True, new_standstill=first.standstill is not None)
     schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
     return replace(problem, schedule=schedule)
 

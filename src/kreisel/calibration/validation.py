@@ -118,7 +118,7 @@ def _navigation_only(problem: Problem) -> Problem:
 
 def _drift(run: FilterRun) -> Drift:
     h = run.history
-    path = ~h.at_rest
+    path = ~h.at_standstill
     path[:2] = False  # navigation has just begun
     return Drift(
         h.seconds[path],

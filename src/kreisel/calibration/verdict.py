@@ -33,10 +33,10 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     h = estimate.run.history
     bound = np.array([gate_bound(GATE, int(m)) for m in h.degrees])
     nis = estimate.run.excess * np.minimum(h.nis, bound)
-    path, rest = ~h.at_rest, h.at_rest
+    path, standstill = ~h.at_standstill, h.at_standstill
     return Consistency(
         nis_path=mean_normalised(nis[path], h.degrees[path]),
-        nis_standstill=mean_normalised(nis[rest], h.degrees[rest]),
+        nis_standstill=mean_normalised(nis[standstill], h.degrees[standstill]),
         updates=h.nis.size,
         rejected=int(np.sum(~h.used)),
         lag_one=lag_one(h.whitened[:, :6], path & h.used),
@@ -62,7 +62,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
 
 def _innovations(facts: Consistency) -> list[str]:
     reasons = []
-    for name, nis in (("on the path", facts.nis_path), ("at rest", facts.nis_standstill)):
+    for name, nis in (("on the path", facts.nis_path), ("at standstill", facts.nis_standstill)):
         if nis > MAX_NIS:
             reasons.append(
                 f"innovations {name} are {np.sqrt(nis):.1f} times larger than expected: "
@@ -146,11 +146,11 @@ def _noise(estimate: Estimate) -> list[str]:
 
 def _motion(seen: Observability) -> list[str]:
     reasons = []
-    lost = [name for name in seen.unshown if name.startswith(_NEEDED)]
+    lost = [name for name in seen.not_narrowed if name.startswith(_NEEDED)]
     if lost:
         reasons.append(
             f"the motion does not show {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}: "
-            "turn about all three axes, with rests in different attitudes"
+            "turn about all three axes, with standstills in different attitudes"
         )
     return reasons
 

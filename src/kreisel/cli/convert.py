@@ -43,6 +43,6 @@ def _convert_trace(source: Path, target: Path, choice: str | None) -> None:
         raise SettingsError(f"'{choice}': a trace has no streams to choose from; leave --reference and --imu out")
     if target.suffix.lower() in (".mcap", ".tum", ".bag", ".db3"):
         raise RecordingError("a trace is added to a recording folder; give a folder", file=target)
-    for finding in add_trace(source, target):
-        typer.echo(f"· {finding}")
+    for warning in add_trace(source, target):
+        typer.echo(f"· {warning}")
     typer.echo(f"written: {target}")

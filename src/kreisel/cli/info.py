@@ -17,7 +17,7 @@ def info(
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Say what is in a recording: rates, jitter, gaps, excitation, rests, suspicions."""
+    """Say what is in a recording: rates, jitter, gaps, excitation, standstills, suspicions."""
     import json as json_module
 
     from kreisel.formats.loading import load
@@ -47,12 +47,12 @@ def _facts(recording: Recording) -> dict[str, Any]:
     from kreisel.errors import KreiselError
     from kreisel.inertial.noise import high_frequency_density
     from kreisel.preparation.reference_noise import assumed_noise
-    from kreisel.preparation.standstill import find_rests, imu_stillness
+    from kreisel.preparation.standstill import find_standstills, imu_stillness
     from kreisel.synchronization.correlation import correlate
 
     imu, reference = recording.imu, recording.reference
     steps = np.diff(imu.stamps_ns) * 1e-9
-    findings = [str(finding) for finding in recording.findings]
+    warnings = [str(warning) for warning in recording.warnings]
     facts: dict[str, Any] = {
         "imu": {
             "samples": int(imu.stamps_ns.size),
@@ -86,21 +86,21 @@ def _facts(recording: Recording) -> dict[str, Any]:
         try:
             found = correlate(imu, reference)
             noise = assumed_noise(recording.settings, reference)
-            rests = find_rests(imu_stillness(imu), reference, found.clock, noise)
+            standstills = find_standstills(imu_stillness(imu), reference, found.clock, noise)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {
                 "correlation of rates": found.coefficient,
                 "time offset s (coarse)": offset,
                 "clock ratio - 1 (coarse)": found.clock.skew,
-                "rests": len(rests),
-                "rest seconds": float(sum(rest.stop - rest.start for rest in rests)),
+                "standstills": len(standstills),
+                "standstill seconds": float(sum(standstill.stop - standstill.start for standstill in standstills)),
             }
         except KreiselError as error:
-            findings.append(f"synchronisation: {error}")
+            warnings.append(f"synchronisation: {error}")
     if recording.joints is not None:
         facts["joints"] = {
             "rows": int(recording.joints.stamps_ns.size),
             "joints": int(recording.joints.angles.shape[1]),
         }
-    facts["findings"] = findings
+    facts["findings"] = warnings
     return facts

@@ -38,8 +38,8 @@ def print_result(outcome: Outcome) -> None:
 
     calibration = outcome.calibration
     console = _console()
-    for finding in outcome.findings:
-        console.print(f"· {finding}", markup=False)
+    for warning in outcome.warnings:
+        console.print(f"· {warning}", markup=False)
     table = Table(title=f"{outcome.recording.name}: {outcome.problem.reference.name}", title_justify="left")
     for name in ("error of the sensor", "unit", "x / xy", "y / xz", "z / yz"):
         table.add_column(name, justify="left" if name in ("error of the sensor", "unit") else "right")

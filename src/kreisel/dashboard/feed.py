@@ -20,7 +20,7 @@ from kreisel.robot.kinematics import Arm, parse_arm, skeleton
 WINDOW = 10.0
 """Seconds of readings a browser that comes late is shown."""
 
-MOST = 2000
+MAX_ESTIMATES = 2000
 """Estimates a browser that comes late is shown: of more, the last and evenly chosen ones before it."""
 
 Message = dict[str, Any]
@@ -89,7 +89,7 @@ class Feed:
 
     def _history(self) -> list[Message]:
         """Return all estimates as one message; after hours there are more than should wait one by one."""
-        every = -(-len(self._estimates) // MOST)
+        every = -(-len(self._estimates) // MAX_ESTIMATES)
         return [{"kind": "estimates", "every": every, "estimates": self._estimates[::-every][::-1]}] if every else []
 
     def _readings(self, imu: Rows) -> Message:

@@ -1,1 +1,1 @@
-"""Robots and IMUs on the network: addresses, drivers that read them, and simulated twins that speak the same bytes."""
+"""Robots and IMUs on the network: addresses, drivers that read them, and simulators that speak the same bytes."""

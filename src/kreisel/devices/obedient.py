@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from kreisel.devices.twins import imu_samples, robot_samples
+from kreisel.devices.simulators import imu_samples, robot_samples
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -23,7 +23,7 @@ Sample = TypeVar("Sample", ImuSample, RobotSample)
 NEAR = 1e-2
 """rad; targets that differ by less are the same."""
 
-_SHORTEST = 0.7
+_MIN_REST = 0.7
 _EDGE = 0.15  # s at either end of a rest that are not played again: clocks differ by less
 
 
@@ -166,9 +166,9 @@ def _rests(recording: Recording) -> list[_Rest]:
     t = (joints.stamps_ns - joints.stamps_ns[0]) * 1e-9
     edges = np.diff(np.concatenate([[0], _still(joints.angles).astype(np.int8), [0]]))
     pairs: Iterator[tuple[int, int]] = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
-    found = [_Rest(float(t[a]), float(t[b]), joints.angles[b]) for a, b in pairs if t[b] - t[a] >= _SHORTEST]
+    found = [_Rest(float(t[a]), float(t[b]), joints.angles[b]) for a, b in pairs if t[b] - t[a] >= _MIN_REST]
     if len(found) < 2:
-        raise SettingsError(f"the program has {len(found)} rests of {_SHORTEST} s and more, expected two at least")
+        raise SettingsError(f"the program has {len(found)} rests of {_MIN_REST} s and more, expected two at least")
     return found
 
 

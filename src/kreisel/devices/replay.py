@@ -13,7 +13,7 @@ from pathlib import Path
 
 from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level, Notice
-from kreisel.devices.twins import Pace, imu_samples
+from kreisel.devices.simulators import Pace, imu_samples
 from kreisel.formats.playback import Playback, Track, load_imu, load_robot
 from kreisel.protocols.samples import LAST_STAMP_NS, ImuSample, RobotSample
 from kreisel.recording.recording import ImuSamples, JointAngles, ReferencePoses
@@ -51,8 +51,8 @@ def replay(address: Address, clock: Callable[[], int]) -> AsyncIterator[Event]:
 async def _play(address: Address, playback: Playback, speed: float, clock: Callable[[], int]) -> AsyncIterator[Event]:
     begun_ns, began = clock(), time.monotonic()
     pace = Pace(lambda: began, speed)
-    for finding in playback.findings:
-        yield Notice(Level.WARNING, f"{address}: {finding}", begun_ns)
+    for warning in playback.warnings:
+        yield Notice(Level.WARNING, f"{address}: {warning}", begun_ns)
     yield Notice(Level.INFO, f"{address}: {_names(playback)} is played at {speed:g} times real time", begun_ns)
     first_ns = now_ns = None
     refused = 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from kreisel.filtering.history import FilterRun
 from kreisel.model.problem import Problem
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 
 @dataclass(frozen=True)
@@ -24,4 +24,4 @@ class Estimate:
     correlation_factor: float
     contradiction: float
     moved: float
-    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]

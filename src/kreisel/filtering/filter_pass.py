@@ -11,7 +11,7 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, gate_bound
 from kreisel.filtering.history import FilterRun
-from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of, renewed_rest
+from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of, renewed_standstill
 from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
 from kreisel.filtering.record import history_of, joined
 from kreisel.model.parameters import CellParameters
@@ -86,13 +86,13 @@ def run_filter(
 def _belief_before(
     problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
 ) -> Belief:
-    """Return the belief before an update that begins navigation anew, or a rest."""
+    """Return the belief before an update that begins navigation anew, or a standstill."""
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
         belief = navigation_from_reference(problem, start, belief, at)
         rejected[0] = 0
-    if update.new_rest and "rest_position" in problem.layout:
-        belief = renewed_rest(problem, belief)
+    if update.new_standstill and "standstill_position" in problem.layout:
+        belief = renewed_standstill(problem, belief)
     return belief
 
 
@@ -103,6 +103,6 @@ def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> 
     """
     stop = min(at + _MAX_BETWEEN_REPORTS, stop)
     for i in range(at + 1, stop):
-        if updates[i].new_segment or updates[i].new_rest or updates[i].last > until:
+        if updates[i].new_segment or updates[i].new_standstill or updates[i].last > until:
             return i
     return stop

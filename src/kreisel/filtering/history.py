@@ -21,7 +21,7 @@ class History:
         IMU seconds.
     parameters, deviations : (u, parameters)
         Estimates and standard deviations; those of the alignment are distances from the last.
-    at_rest, used
+    at_standstill, used
         Kind of update, and whether it passed the gate.
     nis, degrees
         Normalised innovation squared, and the degrees of freedom it is expected to equal.
@@ -42,7 +42,7 @@ class History:
     seconds: Array
     parameters: Array
     deviations: Array
-    at_rest: Mask
+    at_standstill: Mask
     used: Mask
     nis: Array
     degrees: Array

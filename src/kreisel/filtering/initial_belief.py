@@ -1,4 +1,4 @@
-"""What the filter believes where it begins: at the first update, where navigation begins anew, and at a rest."""
+"""What the filter believes where it begins: at the first update, where navigation begins anew, and at a standstill."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, 
             d = layout[part.name]
             factor[d, d] = np.linalg.cholesky(covariance[part.name])
     others = {"attitude": _ATTITUDE_SD, "velocity": _VELOCITY_SD, "position": _POSITION_SD}
-    if "rest_position" in layout:
-        others["rest_position"], others["rest_orientation"] = problem.noise.rest_error
+    if "standstill_position" in layout:
+        others["standstill_position"], others["standstill_orientation"] = problem.noise.standstill_error
     if (coloured := problem.noise.coloured).time > 0.0:
         sizes = {"path_position": coloured.position, "path_orientation": coloured.orientation}
         others |= {name: size for name, size in sizes.items() if name in layout}
@@ -92,8 +92,9 @@ def pose_near(reference: ReferencePoses, at: float) -> tuple[Array, Array, Array
     return q, p, v
 
 
-def renewed_rest(problem: Problem, belief: Belief) -> Belief:
-    """Return the belief at the beginning of a rest: its error is drawn anew."""
-    for name, deviation in zip(("rest_position", "rest_orientation"), problem.noise.rest_error, strict=True):
+def renewed_standstill(problem: Problem, belief: Belief) -> Belief:
+    """Return the belief at the beginning of a standstill: its error is drawn anew."""
+    names = ("standstill_position", "standstill_orientation")
+    for name, deviation in zip(names, problem.noise.standstill_error, strict=True):
         belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
     return belief

@@ -14,7 +14,7 @@ from kreisel.filtering.noise_adaptation import (
     NoiseFactors,
     imu_density,
     noise_factors,
-    noise_finding,
+    noise_warning,
     with_factors,
     within_bounds,
 )
@@ -24,7 +24,7 @@ from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.model.problem import Problem, hold, with_correlation_time
 from kreisel.progress import Progress, of_step
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 WIDE_GATE = 100.0
 """How much wider the gate stands in the first pass, when the parameters are still far off."""
@@ -88,16 +88,16 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
     lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     if lost:
         passes = _until_settled(hold(passes.problem, lost), passes.count, given, progress)
         adapted |= passes.adapted
         factor = correlation_factor(passes.run)
         said = f"does not show {', '.join(lost)}: held at nominal values (--fix does the same at once)"
-        findings.append(Finding("motion", said))
+        warnings.append(DataWarning("motion", said))
     if adapted:
-        findings.append(noise_finding(passes.problem, given=given.reference and given.imu))
-    findings += _whiteness(passes.problem, factor)
+        warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
+    warnings += _whiteness(passes.problem, factor)
     run = passes.run
     belief = Belief(run.belief.mean, factor * run.belief.factor)
     return Estimate(
@@ -107,18 +107,18 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
         factor,
         _contradiction(problem, passes.problem, given),
         passes.moved / factor,
-        tuple(findings),
+        tuple(warnings),
     )
 
 
-def _whiteness(problem: Problem, factor: float) -> list[Finding]:
+def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
     """Return what to say of innovations that are correlated in time."""
     said, time = [], problem.noise.correlation_time
     if time > 0.0:
         said.append(f"the reference's errors on the path last for about {time:.2g} s")
     if factor > 1.0:
         said.append(f"innovations are correlated in time; standard deviations were multiplied by {factor:.2f} for it")
-    return [Finding("whiteness", text) for text in said]
+    return [DataWarning("whiteness", text) for text in said]
 
 
 def _contradiction(before: Problem, after: Problem, given: Given) -> float:
@@ -226,7 +226,7 @@ def correlation_factor(run: FilterRun) -> float:
     position and orientation. Innovations smaller than assumed already leave room for that.
     """
     history = run.history
-    path = history.used & ~history.at_rest
+    path = history.used & ~history.at_standstill
     size = 1.0
     if path.any():
         size = min(run.excess * mean_normalised(history.nis[path], history.degrees[path]), 1.0)

@@ -36,7 +36,8 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         return cell.Rows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
 
     names = (
-        "velocity", "position", "attitude", "rest_position", "rest_orientation", "path_position", "path_orientation"
+        "velocity", "position", "attitude", "standstill_position", "standstill_orientation", "path_position",
+        "path_orientation",
     )  # fmt: skip
     return cell.Model(
         parts=layout.table,
@@ -80,7 +81,7 @@ def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),
         tau=np.array([update.tau for update in updates]),
-        resting=np.array([update.rest is not None for update in updates]),
+        at_standstill=np.array([update.standstill is not None for update in updates]),
         position=positions,
         quaternion=quaternions,
         given=np.array([reference.positions is not None, reference.quaternions is not None]),

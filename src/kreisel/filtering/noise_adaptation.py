@@ -10,7 +10,7 @@ from kreisel.estimation.consistency import mean_normalised
 from kreisel.filtering.history import FilterRun
 from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 CONTRADICTION = 2.0
 """Factor on a given standard deviation from which the data are taken to contradict it."""
@@ -64,7 +64,7 @@ def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
     """
     history, excess = run.history, run.excess**0.5
     settled = np.arange(history.nis.size) >= history.nis.size // 10
-    path = settled & ~history.at_rest & history.used
+    path = settled & ~history.at_standstill & history.used
 
     def reference(rows: slice) -> float:
         product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
@@ -74,10 +74,10 @@ def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
         size = np.sum(history.correction[path, rows] ** 2, axis=1)
         return excess * _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
 
-    at_rest = settled & history.at_rest
+    at_standstill = settled & history.at_standstill
     standstill = 1.0
-    if at_rest.sum() >= 6:
-        ratio = run.excess * float(np.median(history.nis[at_rest] / history.degrees[at_rest]))
+    if at_standstill.sum() >= 6:
+        ratio = run.excess * float(np.median(history.nis[at_standstill] / history.degrees[at_standstill]))
         standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
     size = None
     if coloured and path.any():
@@ -132,15 +132,15 @@ def imu_density(problem: Problem) -> tuple[float, float]:
     return float(gyro), float(accel)
 
 
-def noise_finding(problem: Problem, *, given: bool) -> Finding:
+def noise_warning(problem: Problem, *, given: bool) -> DataWarning:
     """Return what to say of noise figures that were found, or that took the place of given ones."""
     noise = problem.noise.reference
     gyro, accel = imu_density(problem)
     figures = (
         f"reference {noise.position * 1e3:.3g} mm and {noise.orientation * 1e3:.3g} mrad on the path, "
-        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at rest; "
+        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at standstill; "
         f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
     )
     if given:
-        return Finding("noise", f"given noise figures contradict the data; used instead: {figures}")
-    return Finding("noise", f"found from the data: {figures}")
+        return DataWarning("noise", f"given noise figures contradict the data; used instead: {figures}")
+    return DataWarning("noise", f"found from the data: {figures}")

@@ -11,7 +11,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY
 from kreisel.model.problem import Problem
 
-UNSHOWN = 0.5
+MAX_SHARE = 0.5
 """A standard deviation still above this share of the prior's counts as not shown."""
 
 
@@ -27,7 +27,7 @@ class Observability:
         Standard deviations.
     unobservable
         Names of those that are not shown, or not well enough to be of use; held ones included.
-    unshown
+    not_narrowed
         The part of them whose standard deviation hardly fell.
     """
 
@@ -35,7 +35,7 @@ class Observability:
     prior: Array
     posterior: Array
     unobservable: tuple[str, ...]
-    unshown: tuple[str, ...]
+    not_narrowed: tuple[str, ...]
 
 
 def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
             continue  # nothing pulls them away, and what they might be belongs into the other deviations
         if group in problem.layout:
             ratio = deviation[problem.layout[group]] / problem.prior.width[group]
-            if float(np.median(ratio)) > UNSHOWN:
+            if float(np.median(ratio)) > MAX_SHARE:
                 groups.append(group)
     return tuple(groups)
 
@@ -64,14 +64,14 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
     prior: list[float] = []
     posterior: list[float] = []
     unobservable: list[str] = []
-    unshown: list[str] = []
+    not_narrowed: list[str] = []
     order = problem.settings.polynomial_order
     for known in REGISTRY:
         group, own = known.name, known.names(order, problem.joints)
         if group not in problem.layout:
             if group in problem.held:
                 unobservable += own
-                unshown += own
+                not_narrowed += own
             continue
         d = problem.layout[group]
         size = d.stop - d.start
@@ -80,11 +80,11 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             names.append(name)
             prior.append(float(before))
             posterior.append(float(after))
-            lost = after > UNSHOWN * before
+            lost = after > MAX_SHARE * before
             if known.known_before or group in problem.prior.stated:
                 lost = False
             if lost:
-                unshown.append(name)
+                not_narrowed.append(name)
             if lost or after > known.useful_sd:
                 unobservable.append(name)
-    return Observability(tuple(names), np.array(prior), np.array(posterior), tuple(unobservable), tuple(unshown))
+    return Observability(tuple(names), np.array(prior), np.array(posterior), tuple(unobservable), tuple(not_narrowed))

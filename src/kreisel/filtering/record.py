@@ -16,18 +16,18 @@ from kreisel.model.schedule import Update
 
 def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> History:
     """Return what happened at some updates, with stored parameters for estimates."""
-    at_rest = np.array([item.rest is not None for item in updates])
+    at_standstill = np.array([item.standstill is not None for item in updates])
     reference = problem.reference
     given = [reference.positions is not None, reference.quaternions is not None]
     n = len(updates)
     degrees, nis, log_likelihood = np.empty(n), np.empty(n), np.empty(n)
     wide = np.full((4, n, MEASURED), np.nan)
     correction, variance, information = np.empty((n, 6)), np.empty((n, 6)), np.zeros(n)
-    for resting in (False, True):
-        which = np.flatnonzero(at_rest == resting)
+    for kind in (False, True):
+        which = np.flatnonzero(at_standstill == kind)
         if which.size == 0:
             continue
-        present = np.flatnonzero(np.repeat([*given, resting], 3))
+        present = np.flatnonzero(np.repeat([*given, kind], 3))
         m = present.size
         S, R, gain = record.factor[which, :m, :m], record.noise[which, :m, :m], record.gain[which, :, :m]
         white, innovation = record.whitened[which, :m], record.innovation[which, :m]
@@ -49,7 +49,7 @@ def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> H
     kept = record.mean[:, : max((part.stop for part in stored), default=0)].copy()
     seconds = problem.readings.stamps[[item.last for item in updates]]
     return History(
-        seconds, kept, record.deviation, at_rest, record.used, nis, degrees, log_likelihood,
+        seconds, kept, record.deviation, at_standstill, record.used, nis, degrees, log_likelihood,
         wide[0], wide[1], wide[2], wide[3], correction, variance, information,
     )  # fmt: skip
 

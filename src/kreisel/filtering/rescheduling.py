@@ -13,7 +13,7 @@ from kreisel.inertial.strapdown import SensorColumns
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.preparation.scheduling import schedule_updates
-from kreisel.preparation.standstill import find_rests
+from kreisel.preparation.standstill import find_standstills
 from kreisel.synchronization.clock import Clock
 
 _ATTITUDE_SD = 0.01
@@ -27,18 +27,18 @@ def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
 
 
 def rescheduled(problem: Problem, clock: Clock) -> Problem:
-    """Return the problem with updates and rests by other clocks, where these differ by a sample or so."""
+    """Return the problem with updates and standstills by other clocks, where these differ by a sample or so."""
     if problem.reference.quaternions is None or not assigns_otherwise(problem, clock):
         return problem
     schedule, tau = problem.schedule, problem.reference.seconds
-    rests = schedule.rests
+    standstills = schedule.standstills
     if schedule.stillness is not None:
-        rests = find_rests(schedule.stillness, problem.reference, clock, problem.noise.reference)
-    updates = schedule_updates(problem.readings, clock.imu_time(tau), tau, rests, schedule.interval)
+        standstills = find_standstills(schedule.stillness, problem.reference, clock, problem.noise.reference)
+    updates = schedule_updates(problem.readings, clock.imu_time(tau), tau, standstills, schedule.interval)
     if len(updates) < MIN_UPDATES:
         return problem
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))
-    schedule = replace(schedule, clock=clock, rests=rests, updates=updates, attitude=attitude)
+    schedule = replace(schedule, clock=clock, standstills=standstills, updates=updates, attitude=attitude)
     return replace(problem, schedule=schedule)
 
 

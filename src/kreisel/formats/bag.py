@@ -22,7 +22,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.files import LARGEST_YAML, read_text
+from kreisel.files import MAX_YAML, read_text
 from kreisel.formats.bounds import Budget, bounded, check_files, unpack, unzstd
 from kreisel.formats.description import description_beside
 from kreisel.formats.mcap import (
@@ -42,7 +42,7 @@ from kreisel.formats.mcap import (
     reason,
 )
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, read_settings, what_is_wrong
 
 IMU = "sensor_msgs/msg/Imu"
@@ -163,14 +163,14 @@ def recording_of(
     decode
         Return stamps, keys and rows of a topic's messages, if they need not all be decoded anew.
     """
-    path, findings, decode = contents.path, list(contents.findings), decode or decode_topic
-    settings = _settings(contents, findings)
-    samples = imu_of(body_of(contents, IMU_ROLE, imu, findings, decode), contents)
-    poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, findings, decode), path)
-    joints = _joint_angles(contents, None if poses is None else poses.name, findings, decode)
-    findings += _notes(contents)
+    path, warnings, decode = contents.path, list(contents.warnings), decode or decode_topic
+    settings = _settings(contents, warnings)
+    samples = imu_of(body_of(contents, IMU_ROLE, imu, warnings, decode), contents)
+    poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
+    joints = _joint_angles(contents, None if poses is None else poses.name, warnings, decode)
+    warnings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
-    return Recording(path, samples, poses, joints, settings, tuple(findings), urdf=urdf)
+    return Recording(path, samples, poses, joints, settings, tuple(warnings), urdf=urdf)
 
 
 def notes_of(contents: Contents) -> list[tuple[int, str]]:
@@ -184,11 +184,11 @@ def notes_of(contents: Contents) -> list[tuple[int, str]]:
     return notes
 
 
-def _notes(contents: Contents) -> list[Finding]:
+def _notes(contents: Contents) -> list[DataWarning]:
     """Return what was noted that may have cost readings: the first few, and how many more there are."""
     texts = [text for level, text in notes_of(contents) if level >= WARN]
     more = [f"and {len(texts) - 3} more such notes"] if len(texts) > 4 else []
-    return [Finding("while recording", text) for text in texts[: 3 if more else 4] + more]
+    return [DataWarning("while recording", text) for text in texts[: 3 if more else 4] + more]
 
 
 # Files -> messages
@@ -202,28 +202,28 @@ def _read(path: Path) -> Contents:
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if [file.name for file in files] == [RECORDED]:
         return read_mcap(files[0], WANTED)
-    findings: list[Finding] = []
-    if files and (mode := _compression(path, findings)) is not None:
-        return _read_each(path, files, findings, packed=mode == "message")
+    warnings: list[DataWarning] = []
+    if files and (mode := _compression(path, warnings)) is not None:
+        return _read_each(path, files, warnings, packed=mode == "message")
     zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
     if zipped:
         with TemporaryDirectory() as folder:
             with _translated(path, _RECOVER):
                 files = [unpack(file, Path(folder) / file.stem) for file in zipped]
-            return _read_each(path, files, findings, packed=False)
+            return _read_each(path, files, warnings, packed=False)
     with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
         return _read_with_rosbags(path)
 
 
-def _compression(folder: Path, findings: list[Finding]) -> str | None:
+def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
     """Return how the .mcap files of a ROS 2 bag are compressed besides; None where they are not what it is made of."""
     file = folder / "metadata.yaml"
     if not file.is_file():
         said = "no metadata.yaml, as where a recorder was stopped; read its .mcap files"
-        findings.append(Finding(folder.name, said))
+        warnings.append(DataWarning(folder.name, said))
         return "none"
     try:
-        facts = YAML(typ="safe").load(read_text(file, LARGEST_YAML))["rosbag2_bagfile_information"]
+        facts = YAML(typ="safe").load(read_text(file, MAX_YAML))["rosbag2_bagfile_information"]
         mode = str(facts.get("compression_mode") or "none").lower()
         return mode if facts["storage_identifier"] == "mcap" and mode in ("none", "message") else None
     except (
@@ -237,7 +237,7 @@ def _compression(folder: Path, findings: list[Finding]) -> str | None:
         RecursionError,
     ) as error:
         said = f"metadata.yaml cannot be read ({reason(error)}); read its .mcap files one by one"
-        findings.append(Finding(folder.name, said))
+        warnings.append(DataWarning(folder.name, said))
         return "none"
 
 
@@ -275,7 +275,7 @@ def _read_with_rosbags(path: Path) -> Contents:
     return Contents(path, tuple(topics))
 
 
-def _read_each(path: Path, files: list[Path], said: list[Finding], *, packed: bool) -> Contents:
+def _read_each(path: Path, files: list[Path], said: list[DataWarning], *, packed: bool) -> Contents:
     """Return the contents of several MCAP files as if they were one.
 
     Parameters
@@ -300,8 +300,8 @@ def _read_each(path: Path, files: list[Path], said: list[Finding], *, packed: bo
             with _translated(path, _RECOVER, f"a message on {key[0]}"):
                 messages = [(log_time, _taken_out(payload, budget)) for log_time, payload in messages]
         topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
-    findings = [*said, *(f for part in parts for f in part.findings)]
-    return Contents(path, tuple(topics), settings, tuple(findings), urdf)
+    warnings = [*said, *(f for part in parts for f in part.warnings)]
+    return Contents(path, tuple(topics), settings, tuple(warnings), urdf)
 
 
 def _taken_out(payload: bytes, budget: Budget) -> bytes:
@@ -313,12 +313,12 @@ def _taken_out(payload: bytes, budget: Budget) -> bytes:
 # Settings
 
 
-def _settings(contents: Contents, findings: list[Finding]) -> RecordingSettings:
+def _settings(contents: Contents, warnings: list[DataWarning]) -> RecordingSettings:
     path, stored = contents.path, contents.settings
     beside = path / "recording.toml" if path.is_dir() else path.with_suffix(".toml")
     if beside.is_file():
         if stored:
-            findings.append(Finding("settings", f"taken from {beside.name}, not those stored in {path.name}"))
+            warnings.append(DataWarning("settings", f"taken from {beside.name}, not those stored in {path.name}"))
         return read_settings(beside)
     tables: dict[str, dict[str, str]] = defaultdict(dict)
     for name, text in stored.items():
@@ -346,20 +346,22 @@ class Body:
     keep: NDArray[np.bool_]
 
 
-def body_of(contents: Contents, role: Role, asked: str | None, findings: list[Finding], decode: Decode) -> Body | None:
+def body_of(
+    contents: Contents, role: Role, asked: str | None, warnings: list[DataWarning], decode: Decode
+) -> Body | None:
     """Return the messages meant; None where none were asked for and the bag has none; see `choose_topic`."""
     path = contents.path
-    topic, frame = choose_topic(contents, role, asked, findings)
+    topic, frame = choose_topic(contents, role, asked, warnings)
     if topic is None:
         return None
     stamps, frames, rows = decode(topic, path)
     keep = _of_frame(frames, frame, topic, role, path)
     values = np.array(rows, dtype=np.float64)[keep]
-    return Body(topic, _stamps(stamps, topic, findings)[keep], values, keep)
+    return Body(topic, _stamps(stamps, topic, warnings)[keep], values, keep)
 
 
 def choose_topic(
-    contents: Contents, role: Role, asked: str | None, findings: list[Finding]
+    contents: Contents, role: Role, asked: str | None, warnings: list[DataWarning]
 ) -> tuple[Topic | None, str | None]:
     """Return the topic meant by `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
 
@@ -370,10 +372,10 @@ def choose_topic(
     """
     fitting = _fitting(contents, role.msgtypes)
     name, frame = _split(asked, fitting)
-    return _choose(fitting, role, name, contents, findings), frame
+    return _choose(fitting, role, name, contents, warnings), frame
 
 
-def joint_topic(contents: Contents, reference: str | None, findings: list[Finding]) -> Topic | None:
+def joint_topic(contents: Contents, reference: str | None, warnings: list[DataWarning]) -> Topic | None:
     """Return the topic with the robot's joint angles, on the same clock as the reference where kreisel wrote them."""
     topics = _fitting(contents, frozenset({JOINTS}))
     epoch = re.search(r"_\d+$", reference or "")
@@ -381,7 +383,7 @@ def joint_topic(contents: Contents, reference: str | None, findings: list[Findin
     chosen = [topic for topic in topics if topic.name == own] or topics
     if len(chosen) > 1:
         names = ", ".join(topic.name for topic in chosen)
-        findings.append(Finding("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
+        warnings.append(DataWarning("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
     return chosen[0] if len(chosen) == 1 else None
 
 
@@ -402,7 +404,7 @@ def _split(asked: str | None, topics: list[Topic]) -> tuple[str | None, str | No
 
 
 def _choose(
-    topics: list[Topic], role: Role, name: str | None, contents: Contents, findings: list[Finding]
+    topics: list[Topic], role: Role, name: str | None, contents: Contents, warnings: list[DataWarning]
 ) -> Topic | None:
     path = contents.path
     if name is not None:
@@ -414,7 +416,7 @@ def _choose(
         named = [topic for topic in topics if topic.name == own]
         if named and len(topics) > len(named):
             others = ", ".join(topic.name for topic in topics)
-            findings.append(Finding("topics", f"took {own} of {others}; {role.option.strip()} picks another"))
+            warnings.append(DataWarning("topics", f"took {own} of {others}; {role.option.strip()} picks another"))
         if named:
             return _only(named, role, path)
     return _only(topics, role, path) if topics else None
@@ -492,11 +494,11 @@ def _key(message: Any) -> str:
     return getattr(message, "child_frame_id", "") or str(message.header.frame_id)
 
 
-def _stamps(stamps: Stamps, topic: Topic, findings: list[Finding]) -> Stamps:
+def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> Stamps:
     if stamps.any():
         return stamps
     message = f"every header on {topic.name} is stamped zero; took the times of logging, which jitter"
-    findings.append(Finding("stamps", message))
+    warnings.append(DataWarning("stamps", message))
     return np.array(topic.log_times_ns, dtype=np.int64)
 
 
@@ -529,7 +531,7 @@ def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuS
 
 def _no_imu(contents: Contents) -> str:
     got = listed(contents.topics) or "no topics at all"
-    broken = "".join(f" ({finding.message})" for finding in contents.findings)
+    broken = "".join(f" ({warning.message})" for warning in contents.warnings)
     return f"no IMU readings; expected a topic of type {IMU}, got {got}{broken}; record the IMU's raw topic"
 
 
@@ -543,13 +545,13 @@ def poses_of(body: Body | None, path: Path) -> ReferencePoses | None:
 
 
 def _joint_angles(
-    contents: Contents, reference: str | None, findings: list[Finding], decode: Decode
+    contents: Contents, reference: str | None, warnings: list[DataWarning], decode: Decode
 ) -> JointAngles | None:
-    topic = joint_topic(contents, reference, findings)
-    return None if topic is None else joints_of(topic, contents.path, findings, decode)
+    topic = joint_topic(contents, reference, warnings)
+    return None if topic is None else joints_of(topic, contents.path, warnings, decode)
 
 
-def joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode) -> JointAngles:
+def joints_of(topic: Topic, path: Path, warnings: list[DataWarning], decode: Decode) -> JointAngles:
     """Return the joint angles on a topic.
 
     Raises
@@ -567,4 +569,4 @@ def joints_of(topic: Topic, path: Path, findings: list[Finding], decode: Decode)
                 file=path,
             )
     angles = np.array(rows, dtype=np.float64)
-    return JointAngles(_stamps(stamps, topic, findings), angles, _source(path, topic))
+    return JointAngles(_stamps(stamps, topic, warnings), angles, _source(path, topic))

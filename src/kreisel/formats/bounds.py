@@ -14,12 +14,12 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Ros2Reader
 
-from kreisel.files import LARGEST_YAML, read_text
+from kreisel.files import MAX_YAML, read_text
 
-LARGEST_CHUNK = 1 << 26
+MAX_CHUNK = 1 << 26
 """Bytes of one chunk or message once it is taken out: 64 MiB; recorders write chunks of 1 to 4 MiB."""
 
-MOST_TIMES = 100
+MAX_EXPANSION = 100
 """How many times larger than its file the messages of a recording may be; readings shrink by ten at most."""
 
 _OF_A_MESSAGE = 128  # bytes Python takes for each beside its content
@@ -39,7 +39,7 @@ class Budget:
     """
 
     def __init__(self, size: int) -> None:
-        self._most = self._left = LARGEST_CHUNK + MOST_TIMES * size
+        self._most = self._left = MAX_CHUNK + MAX_EXPANSION * size
 
     def take(self, size: int) -> None:
         """Count a message of so many bytes.
@@ -52,29 +52,29 @@ class Budget:
         self._left -= size + _OF_A_MESSAGE
         if self._left < 0:
             raise TooLargeError(
-                f"messages of more than {self._most} bytes, over {MOST_TIMES} times the file: more than real ones"
+                f"messages of more than {self._most} bytes, over {MAX_EXPANSION} times the file: more than real ones"
             )
 
 
-def within(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+def within(data: bytes, most: int = MAX_CHUNK) -> bytes:
     """Return data of at most so many bytes; `TooLargeError` if it is more."""
     if len(data) > most:
         raise TooLargeError(f"more than {most} bytes, the most kreisel reads at once")
     return data
 
 
-def unzstd(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+def unzstd(data: bytes, most: int = MAX_CHUNK) -> bytes:
     """Return what a zstd frame holds, at most so many bytes; `TooLargeError` if it is more."""
-    with zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(BytesIO(data)) as reader:
+    with zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).stream_reader(BytesIO(data)) as reader:
         return within(reader.read(most + 1), most)
 
 
-def unlz4(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+def unlz4(data: bytes, most: int = MAX_CHUNK) -> bytes:
     """Return what an lz4 frame holds; see `unzstd`."""
     return within(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1), most)
 
 
-def unbz2(data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+def unbz2(data: bytes, most: int = MAX_CHUNK) -> bytes:
     """Return what a bz2 stream holds; see `unzstd`."""
     return within(bz2.BZ2Decompressor().decompress(data, max_length=most + 1), most)
 
@@ -93,12 +93,12 @@ def chunk_content(data: bytes, compression: str, size: int, crc: int) -> bytes:
     Raises
     ------
     ValueError
-        If it is damaged, of another size, or larger than `LARGEST_CHUNK`.
+        If it is damaged, of another size, or larger than `MAX_CHUNK`.
     """
     if compression not in _TAKE_OUT:
         raise ValueError(f"compressed by '{compression[:20]}', expected zstd, lz4 or nothing")
-    if size > LARGEST_CHUNK:
-        raise TooLargeError(f"said to have {size} bytes once taken out, expected {LARGEST_CHUNK} at most")
+    if size > MAX_CHUNK:
+        raise TooLargeError(f"said to have {size} bytes once taken out, expected {MAX_CHUNK} at most")
     content = _TAKE_OUT[compression](data, size)
     if len(content) != size:
         raise ValueError(f"{len(content)} bytes, expected {size}")
@@ -115,13 +115,15 @@ def unpacked(path: Path) -> Iterator[bytes]:
     TooLargeError
         Once it is more than such a file can hold.
     """
-    left = LARGEST_CHUNK + MOST_TIMES * path.stat().st_size
+    left = MAX_CHUNK + MAX_EXPANSION * path.stat().st_size
     with path.open("rb") as file:
-        reader = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(file, read_across_frames=True)
+        reader = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).stream_reader(file, read_across_frames=True)
         while part := reader.read(1 << 20):
             left -= len(part)
             if left < 0:
-                raise TooLargeError(f"{path.name} becomes more than {MOST_TIMES} times as large: more than a real one")
+                raise TooLargeError(
+                    f"{path.name} becomes more than {MAX_EXPANSION} times as large: more than a real one"
+                )
             yield part
 
 
@@ -136,7 +138,7 @@ def unpack(file: Path, target: Path) -> Path:
 def check_files(folder: Path) -> None:
     """Raise an error for files of a bag that are too large to be taken out, before the library does so."""
     if (folder / "metadata.yaml").is_file():
-        read_text(folder / "metadata.yaml", LARGEST_YAML)
+        read_text(folder / "metadata.yaml", MAX_YAML)
         for file in folder.glob("*.zstd"):
             for _ in unpacked(file):
                 pass

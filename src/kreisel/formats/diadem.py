@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.formats.kuka_channels import Channel
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
 BEGIN, END = "#BEGINCHANNELHEADER", "#ENDCHANNELHEADER"
 
@@ -83,7 +83,7 @@ class _Block:
         )
 
 
-def read_diadem(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
+def read_diadem(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]]:
     """Return the channels of a data set whose header has this text.
 
     Raises
@@ -99,13 +99,13 @@ def read_diadem(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
         if block not in implicit:
             files.setdefault(block.text(_FILE), []).append(block)
     channels: list[Channel] = []
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     for name, members in files.items():
-        file = _data_file(path, name, members[0], findings)
+        file = _data_file(path, name, members[0], warnings)
         channels += _explicit(file, members)
     if not channels:
         raise RecordingError("names no channel with values; expected some beside the time: copy it again", file=path)
-    return [*(_generated(block, channels[0]) for block in implicit), *channels], findings
+    return [*(_generated(block, channels[0]) for block in implicit), *channels], warnings
 
 
 def _check_byte_order(path: Path, text: str) -> None:
@@ -157,7 +157,7 @@ def _is_implicit(block: _Block) -> bool:
     return kind.startswith("IMPLI")
 
 
-def _data_file(path: Path, name: str, block: _Block, findings: list[Finding]) -> Path:
+def _data_file(path: Path, name: str, block: _Block, warnings: list[DataWarning]) -> Path:
     """Return the file of values: that of the header's name, or that of the trace's own, in whatever case."""
     beside = {file.name.lower(): file for file in path.parent.iterdir() if file.is_file()}
     named = re.split(r"[\\/]", name)[-1]
@@ -167,7 +167,7 @@ def _data_file(path: Path, name: str, block: _Block, findings: list[Finding]) ->
     file = beside.get(f"{path.stem}.r64".lower())
     if file is None:
         raise block.fault(_FILE, f"there is no file '{named[:120]}' beside this one; copy the .r64 with the .dat")
-    findings.append(Finding("trace", f"the header names {named}, which is not there; took {file.name}"))
+    warnings.append(DataWarning("trace", f"the header names {named}, which is not there; took {file.name}"))
     return file
 
 

@@ -11,11 +11,11 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.files import LARGEST_YAML, read_bytes
+from kreisel.files import MAX_YAML, read_bytes
 from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.table import Column, Table, read_table
 from kreisel.recording.header import UNITS, HeaderUnits
-from kreisel.recording.recording import Datasheet, Finding, ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
 
 _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
@@ -46,14 +46,14 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
         If a file is missing or cannot be read; the message names it and the line.
     """
     root = path if (path / "imu0").is_dir() else path / "mav0"
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     settings = read_settings(path / "recording.toml") if is_there(path / "recording.toml") else RecordingSettings()
-    samples = _read_imu(_imu_folder(root, imu), findings)
-    datasheet = _read_datasheet(root / imu / "sensor.yaml", findings)
-    poses = _read_poses(root, reference, findings)
-    joints = _read_joints(root / "joint0" / "data.csv", findings)
-    urdf = _read_urdf(path, settings, findings, needed=joints is not None)
-    return Recording(path, samples, poses, joints, settings, tuple(findings), datasheet, urdf)
+    samples = _read_imu(_imu_folder(root, imu), warnings)
+    datasheet = _read_datasheet(root / imu / "sensor.yaml", warnings)
+    poses = _read_poses(root, reference, warnings)
+    joints = _read_joints(root / "joint0" / "data.csv", warnings)
+    urdf = _read_urdf(path, settings, warnings, needed=joints is not None)
+    return Recording(path, samples, poses, joints, settings, tuple(warnings), datasheet, urdf)
 
 
 def _imu_folder(root: Path, name: str) -> Path:
@@ -63,9 +63,9 @@ def _imu_folder(root: Path, name: str) -> Path:
     return root / name
 
 
-def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
+def _read_imu(folder: Path, warnings: list[DataWarning]) -> ImuSamples:
     table = read_table(folder / "data.csv", "IMU readings")
-    findings.extend(table.findings)
+    warnings.extend(table.warnings)
     if len(table.columns) < 7:
         raise RecordingError(
             f"{len(table.columns)} columns, expected 7 or more: {_IMU_HEADER}; correct the header, or record again",
@@ -76,7 +76,7 @@ def _read_imu(folder: Path, findings: list[Finding]) -> ImuSamples:
     rates = table.take(gyro, "rate")
     accelerations = table.take(accel, "acceleration")
     units = _header_units(table, rate=gyro, acceleration=accel)
-    _note_conversion(table, {"rate": gyro, "acceleration": accel}, findings)
+    _note_conversion(table, {"rate": gyro, "acceleration": accel}, warnings)
     return ImuSamples(table.stamps_ns, rates, accelerations, table.source, units)
 
 
@@ -120,7 +120,7 @@ def _meaning(name: str) -> tuple[str, str]:
     return ("another quantity", "") if re.match(r"temp|mag|m_?[xyz]$|press|baro|time|q_|p_", plain) else ("", "")
 
 
-def _note_conversion(table: Table, groups: dict[str, list[Column]], findings: list[Finding]) -> None:
+def _note_conversion(table: Table, groups: dict[str, list[Column]], warnings: list[DataWarning]) -> None:
     found = {
         str(column.unit)
         for quantity, columns in groups.items()
@@ -129,7 +129,7 @@ def _note_conversion(table: Table, groups: dict[str, list[Column]], findings: li
     }
     if found:
         units = ", ".join(f"[{unit}]" for unit in sorted(found))
-        findings.append(Finding(_short_name(table), f"converted from {units} to SI"))
+        warnings.append(DataWarning(_short_name(table), f"converted from {units} to SI"))
 
 
 def _short_name(table: Table) -> str:
@@ -142,7 +142,7 @@ def _reference_folders(root: Path) -> dict[str, Path]:
     return {folder.name: folder for folder in folders}
 
 
-def _read_poses(root: Path, name: str | None, findings: list[Finding]) -> ReferencePoses | None:
+def _read_poses(root: Path, name: str | None, warnings: list[DataWarning]) -> ReferencePoses | None:
     folders = _reference_folders(root)
     if name is not None and name not in folders:
         raise RecordingError(unknown_name("reference", name, folders or ["none: this folder has no poses"]), file=root)
@@ -151,13 +151,13 @@ def _read_poses(root: Path, name: str | None, findings: list[Finding]) -> Refere
     if name is None:
         name = next((n for n in _PREFERRED if n in folders), next(iter(folders)))
         if len(folders) > 1:
-            findings.append(Finding("reference", f"took {name} of {', '.join(folders)}; --reference picks another"))
+            warnings.append(DataWarning("reference", f"took {name} of {', '.join(folders)}; --reference picks another"))
     table = read_table(folders[name] / "data.csv", "reference poses")
-    findings.extend(table.findings)
-    return _poses(table, name, findings)
+    warnings.extend(table.warnings)
+    return _poses(table, name, warnings)
 
 
-def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
+def _poses(table: Table, name: str, warnings: list[DataWarning]) -> ReferencePoses:
     positions, quaternions = _pose_columns(table)
     if not positions and not quaternions:
         raise _not_poses(table, "; --reference picks another folder")
@@ -165,10 +165,10 @@ def _poses(table: Table, name: str, findings: list[Finding]) -> ReferencePoses:
         raise _not_poses(table, "; angles are not read: convert them to quaternions")
     if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
         order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
-        findings.append(Finding(_short_name(table), f"quaternions stand as {order}; read by these names"))
+        warnings.append(DataWarning(_short_name(table), f"quaternions stand as {order}; read by these names"))
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
-    _note_conversion(table, {"length": positions}, findings)
+    _note_conversion(table, {"length": positions}, warnings)
     return ReferencePoses(name, table.stamps_ns, p, q, table.source, _header_units(table, length=positions))
 
 
@@ -197,11 +197,11 @@ def _pose_columns(table: Table) -> tuple[list[Column], list[Column]]:
     return p, q
 
 
-def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
+def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:
     if not is_there(path):
         return None
     table = read_table(path, "joint angles")
-    findings.extend(table.findings)
+    warnings.extend(table.warnings)
     if len(table.columns) < 2:
         raise RecordingError(
             "no joint columns; expected #timestamp [ns],q_1 [rad],…; without joint angles, remove the folder",
@@ -210,11 +210,11 @@ def _read_joints(path: Path, findings: list[Finding]) -> JointAngles | None:
         )
     columns = list(table.columns[1:])
     angles = table.take(columns, "angle")
-    _note_conversion(table, {"angle": columns}, findings)
+    _note_conversion(table, {"angle": columns}, warnings)
     return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
 
 
-def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding], *, needed: bool) -> str | None:
+def _read_urdf(path: Path, settings: RecordingSettings, warnings: list[DataWarning], *, needed: bool) -> str | None:
     """Return the text of the robot's description; a name that leads nowhere is an error only where it is needed."""
     name = settings.robot.urdf
     if name is not None and not is_there(path / name):
@@ -223,20 +223,22 @@ def _read_urdf(path: Path, settings: RecordingSettings, findings: list[Finding],
                 "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
                 file=path / name,
             )
-        findings.append(Finding("robot", f"recording.toml names {name}, which is not there; no joint angles need it"))
+        warnings.append(
+            DataWarning("robot", f"recording.toml names {name}, which is not there; no joint angles need it")
+        )
     return description_beside(path, settings)
 
 
-def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
+def _read_datasheet(path: Path, warnings: list[DataWarning]) -> Datasheet | None:
     """Return the noise figures of EuRoC's sensor.yaml, or None where there are none."""
     if not is_there(path):
         return None
     sheet = _parse_datasheet(path)
     if sheet is None:
-        findings.append(Finding("noise", f"{path.name} holds no noise densities that can be read; it was left out"))
+        warnings.append(DataWarning("noise", f"{path.name} holds no noise densities that can be read; it was left out"))
         return None
-    findings.append(
-        Finding(
+    warnings.append(
+        DataWarning(
             "noise",
             f"densities and random walks taken from {path.name}: gyro {sheet.gyro_noise_density:.4g} rad/s/sqrt(Hz), "
             f"accelerometer {sheet.accel_noise_density:.4g} m/s^2/sqrt(Hz)",
@@ -247,7 +249,7 @@ def _read_datasheet(path: Path, findings: list[Finding]) -> Datasheet | None:
 
 def _parse_datasheet(path: Path) -> Datasheet | None:
     try:
-        lines = read_bytes(path, LARGEST_YAML).decode("utf-8", errors="replace").splitlines()
+        lines = read_bytes(path, MAX_YAML).decode("utf-8", errors="replace").splitlines()
         text = "\n".join(line for line in lines if not line.startswith("%"))  # OpenCV's first line is not YAML
         content: dict[str, Any] = YAML(typ="safe").load(text) or {}
         densities = [float(content[f"{name}_noise_density"]) for name in ("gyroscope", "accelerometer")]

@@ -18,7 +18,7 @@ from kreisel.formats.write import add_reference
 from kreisel.geometry.interpolation import continuous
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding, JointAngles, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, read_settings
 from kreisel.robot.kinematics import parse_arm, poses
 from kreisel.units import DEG
@@ -29,7 +29,7 @@ SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")
 _NO_VALUE = 1e30
 """DIAdem marks what is missing by 9.9e34."""
 
-_LARGEST_TRACE = 1 << 28
+_MAX_TRACE = 1 << 28
 """Bytes of a trace as text, 256 MiB: hours of it."""
 
 _TURNED = 2.0 * np.pi
@@ -51,7 +51,7 @@ class Trace:
 
     joints: JointAngles | None
     reference: ReferencePoses | None
-    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]
 
 
 def is_trace(path: Path) -> bool:
@@ -74,31 +74,31 @@ def read_trace(path: Path) -> Trace:
     """
     text = _text(path)
     diadem = BEGIN in text or text.startswith("DIA")
-    channels, findings = (read_diadem if diadem else read_text)(path, text)
+    channels, warnings = (read_diadem if diadem else read_text)(path, text)
     stamps = _stamps(channels, path)
     taken = {wanted: chosen for wanted in _QUANTITY if (chosen := choose(channels, wanted, path)) is not None}
     if not taken:
         raise _nothing(channels, path)
     _check_numbers([channel for chosen in taken.values() for channel in chosen], stamps.size, path)
-    findings += [Finding("trace", f"took {_named(chosen)}{_unsaid(chosen)}") for chosen in taken.values()]
+    warnings += [DataWarning("trace", f"took {_named(chosen)}{_unsaid(chosen)}") for chosen in taken.values()]
     values = {wanted: _values(chosen, _QUANTITY[wanted], path) for wanted, chosen in taken.items()}
     joints, p, abc = (values.get(wanted) for wanted in _QUANTITY)
     q = None if abc is None else continuous(np.array([from_abc(*angles) for angles in abc.tolist()]))
     return Trace(
         None if joints is None else JointAngles(stamps, joints, path),
         None if p is None and q is None else ReferencePoses("pose0", stamps, p, q, path),
-        tuple(findings),
+        tuple(warnings),
     )
 
 
-def add_trace(path: Path, folder: Path) -> tuple[Finding, ...]:
+def add_trace(path: Path, folder: Path) -> tuple[DataWarning, ...]:
     """Write the poses and joint angles of a trace into a recording folder, new or there already.
 
     Where the trace holds joint angles alone, the folder's robot.urdf makes poses of them.
 
     Returns
     -------
-    findings
+    warnings
         What was taken from where, and what is still to be put into the folder.
 
     Raises
@@ -110,17 +110,19 @@ def add_trace(path: Path, folder: Path) -> tuple[Finding, ...]:
     """
     trace = read_trace(path)
     root = folder / "mav0" if (folder / "mav0" / "imu0").is_dir() else folder
-    reference, findings = trace.reference, list(trace.findings)
+    reference, warnings = trace.reference, list(trace.warnings)
     if reference is None and trace.joints is not None:
         reference, said = _by_kinematics(trace.joints, folder)
-        findings.append(said)
+        warnings.append(said)
     add_reference(root, reference, trace.joints)
     if not (root / "imu0").is_dir():
-        findings.append(Finding("imu0", f"is not there yet: put the IMU's readings into {root / 'imu0' / 'data.csv'}"))
-    return tuple(findings)
+        warnings.append(
+            DataWarning("imu0", f"is not there yet: put the IMU's readings into {root / 'imu0' / 'data.csv'}")
+        )
+    return tuple(warnings)
 
 
-def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, Finding]:
+def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, DataWarning]:
     toml = folder / "recording.toml"
     settings = read_settings(toml) if toml.exists() else RecordingSettings()
     urdf, name = description_beside(folder, settings), settings.robot.urdf or "robot.urdf"
@@ -138,7 +140,7 @@ def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, F
         )
     p, q = poses(arm, joints.angles)
     reference = ReferencePoses("pose0", joints.stamps_ns, p, q, joints.source)
-    return reference, Finding("pose0", f"poses of '{arm.tcp}' by {name} from these angles: the trace holds none")
+    return reference, DataWarning("pose0", f"poses of '{arm.tcp}' by {name} from these angles: the trace holds none")
 
 
 def _text(path: Path) -> str:
@@ -146,7 +148,7 @@ def _text(path: Path) -> str:
     if suffix == ".r64":
         raise RecordingError("holds the values alone; give the .dat beside it, which names them", file=path)
     try:
-        data = read_bytes(path, _LARGEST_TRACE)
+        data = read_bytes(path, _MAX_TRACE)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}; give a trace's .dat or text", file=path) from error
     if b"\0" in data:

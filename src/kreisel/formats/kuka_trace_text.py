@@ -12,13 +12,13 @@ from kreisel.errors import RecordingError
 from kreisel.formats.kuka_channels import Channel, is_unit
 from kreisel.formats.table import is_number
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding
+from kreisel.recording.recording import DataWarning
 
-_LONGEST_LINE = 1 << 16
+_MAX_LINE = 1 << 16
 _NAME = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*")
 
 
-def read_text(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
+def read_text(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]]:
     """Return the channels of a trace as text, the first of them the time.
 
     Numbers have points, or commas where tabs or semicolons divide the columns, but never both.
@@ -28,8 +28,8 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
     RecordingError
         If it is no such table; the message names the line.
     """
-    findings: list[Finding] = []
-    lines = _whole_lines(text, findings)
+    warnings: list[DataWarning] = []
+    lines = _whole_lines(text, warnings)
     _check_lengths(path, lines)
     delimiter = next((d for d in "\t;," if any(d in line for line in lines[:20])), None)
     if delimiter is None:
@@ -46,23 +46,23 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[Finding]]:
     values = _numbers(path, lines, first, len(names), delimiter)
     if not units[0]:
         units[0] = "ms"  # what KR C2's tool writes
-        findings.append(Finding("trace", f"'{names[0]}' has no unit, so it is taken in ms"))
+        warnings.append(DataWarning("trace", f"'{names[0]}' has no unit, so it is taken in ms"))
     columns = zip(names, units, values.T, strict=True)
-    return [Channel(name, unit, column, at, k == 0) for k, (name, unit, column) in enumerate(columns)], findings
+    return [Channel(name, unit, column, at, k == 0) for k, (name, unit, column) in enumerate(columns)], warnings
 
 
-def _whole_lines(text: str, findings: list[Finding]) -> list[str]:
+def _whole_lines(text: str, warnings: list[DataWarning]) -> list[str]:
     lines = text.split("\n")
     if lines[-1].strip():
-        findings.append(Finding("trace", f"the last line has no end ('{lines[-1][-40:]}'): it was left out"))
+        warnings.append(DataWarning("trace", f"the last line has no end ('{lines[-1][-40:]}'): it was left out"))
     return lines[:-1]
 
 
 def _check_lengths(path: Path, lines: list[str]) -> None:
-    long = next((k for k, line in enumerate(lines) if len(line) > _LONGEST_LINE), None)
+    long = next((k for k, line in enumerate(lines) if len(line) > _MAX_LINE), None)
     if long is not None:
         raise RecordingError(
-            f"a line of {len(lines[long])} characters, expected {_LONGEST_LINE} at most; give the text of a trace",
+            f"a line of {len(lines[long])} characters, expected {_MAX_LINE} at most; give the text of a trace",
             file=path,
             line=long + 1,
         )

@@ -26,8 +26,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.formats.bounds import LARGEST_CHUNK, Budget, chunk_content, within
-from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.formats.bounds import MAX_CHUNK, Budget, chunk_content, within
+from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings
 
 IMU_TOPIC = "/imu/data_raw"
@@ -292,7 +292,7 @@ def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: I
 
 @dataclass(frozen=True)
 class Contents:
-    """What a bag holds: topics, settings as `table.key` -> text, findings, the robot's description.
+    """What a bag holds: topics, settings as `table.key` -> text, warnings, the robot's description.
 
     Attributes
     ----------
@@ -303,7 +303,7 @@ class Contents:
     path: Path
     topics: tuple[Topic, ...]
     settings: dict[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
     urdf: str | None = None
     begun_ns: int | None = None
 
@@ -319,7 +319,7 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
     Raises
     ------
     RecordingError
-        If it is not an MCAP file or cannot be opened. A cut or damaged one gives a finding that says where
+        If it is not an MCAP file or cannot be opened. A cut or damaged one gives a warning that says where
         it broke and what is lost.
     """
     scan = McapScan(frozenset(wanted))
@@ -330,8 +330,8 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
     lost = scan.lost()
-    findings = (Finding(path.name, lost),) if lost else ()
-    return Contents(path, tuple(scan.topics()), scan.settings, findings, scan.urdf, scan.begun_ns)
+    warnings = (DataWarning(path.name, lost),) if lost else ()
+    return Contents(path, tuple(scan.topics()), scan.settings, warnings, scan.urdf, scan.begun_ns)
 
 
 def check_magic(start: bytes, path: Path) -> None:
@@ -366,7 +366,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
         if opcode == 0 or end > size:
             raise _BrokenRecordError(start, opcode, stream.read(16))
         if opcode in _READ:
-            yield start, opcode, stream.read(min(length, LARGEST_CHUNK + 1))
+            yield start, opcode, stream.read(min(length, MAX_CHUNK + 1))
         else:
             yield start, opcode, b""
         stream.seek(end)

@@ -29,7 +29,7 @@ from kreisel.formats.bag import (
     poses_of,
 )
 from kreisel.formats.mcap import RECORDED, Contents, Topic, check_magic, read_mcap
-from kreisel.recording.recording import Finding, ImuSamples, JointAngles, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, ReferencePoses, Stamps
 
 Content = TypeVar("Content", ImuSamples, ReferencePoses, JointAngles)
 
@@ -62,7 +62,7 @@ class Playback:
     imu: Track[ImuSamples] | None = None
     poses: Track[ReferencePoses] | None = None
     joints: Track[JointAngles] | None = None
-    findings: tuple[Finding, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
 
 
 def load_imu(path: Path, topic: str | None = None) -> Playback:
@@ -81,13 +81,13 @@ def load_imu(path: Path, topic: str | None = None) -> Playback:
         If there is no such file or topic, the file is no MCAP file, or it is not finished; the message lists what
         topics there are.
     """
-    contents, findings = _read(path, {IMU}), list[Finding]()
-    body = body_of(contents, _IMU_ROLE, topic, findings, decode_topic)
+    contents, warnings = _read(path, {IMU}), list[DataWarning]()
+    body = body_of(contents, _IMU_ROLE, topic, warnings, decode_topic)
     imu = imu_of(body, contents, _IMU_ROLE)
     assert body is not None  # noqa: S101 - for the type checker; without one there is an error above
     return Playback(
         contents.path, contents.begun_ns or 0, Track(imu, _logged(body.topic)[body.keep]),
-        findings=(*contents.findings, *findings),
+        warnings=(*contents.warnings, *warnings),
     )  # fmt: skip
 
 
@@ -99,17 +99,19 @@ def load_robot(path: Path, topic: str | None = None) -> Playback:
     topic
         Of poses or of their one half; of joint angles, for these alone.
     """
-    contents, findings = _read(path, {*REFERENCE_ROWS, JOINTS}), list[Finding]()
+    contents, warnings = _read(path, {*REFERENCE_ROWS, JOINTS}), list[DataWarning]()
     poses = joints = None
     named = None if topic is None else choose_topic(contents, _ROBOT_ROLE, topic, [])[0]
     if named is not None and named.msgtype == JOINTS:
-        joints = _joints(named, contents, findings)
+        joints = _joints(named, contents, warnings)
     else:
-        poses = _poses(topic, contents, findings)
-        angles = joint_topic(contents, None if poses is None else poses.content.name, findings)
-        joints = None if angles is None else _joints(angles, contents, findings)
+        poses = _poses(topic, contents, warnings)
+        angles = joint_topic(contents, None if poses is None else poses.content.name, warnings)
+        joints = None if angles is None else _joints(angles, contents, warnings)
     if poses is not None and joints is not None and not _overlap(poses.content.stamps_ns, joints.content.stamps_ns):
-        findings.append(Finding("joints", "left out, for their stamps and those of the poses are of different times"))
+        warnings.append(
+            DataWarning("joints", "left out, for their stamps and those of the poses are of different times")
+        )
         joints = None
     if poses is None and joints is None:
         raise RecordingError(
@@ -117,7 +119,7 @@ def load_robot(path: Path, topic: str | None = None) -> Playback:
             file=contents.path,
         )
     return Playback(
-        contents.path, contents.begun_ns or 0, poses=poses, joints=joints, findings=(*contents.findings, *findings)
+        contents.path, contents.begun_ns or 0, poses=poses, joints=joints, warnings=(*contents.warnings, *warnings)
     )
 
 
@@ -153,14 +155,14 @@ def _file(path: Path) -> Path:
     return files[0]
 
 
-def _poses(topic: str | None, contents: Contents, findings: list[Finding]) -> Track[ReferencePoses] | None:
-    body = body_of(contents, _POSE_ROLE, topic, findings, decode_topic)
+def _poses(topic: str | None, contents: Contents, warnings: list[DataWarning]) -> Track[ReferencePoses] | None:
+    body = body_of(contents, _POSE_ROLE, topic, warnings, decode_topic)
     poses = poses_of(body, contents.path)
     return None if body is None or poses is None else Track(poses, _logged(body.topic)[body.keep])
 
 
-def _joints(topic: Topic, contents: Contents, findings: list[Finding]) -> Track[JointAngles]:
-    return Track(joints_of(topic, contents.path, findings, decode_topic), _logged(topic))
+def _joints(topic: Topic, contents: Contents, warnings: list[DataWarning]) -> Track[JointAngles]:
+    return Track(joints_of(topic, contents.path, warnings, decode_topic), _logged(topic))
 
 
 def _logged(topic: Topic) -> Stamps:

@@ -15,13 +15,13 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import fault
-from kreisel.recording.recording import Finding, Stamps
+from kreisel.recording.recording import DataWarning, Stamps
 
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
 _BLOCK = 1 << 23  # bytes read at once
-_LONGEST_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
-_MOST_COLUMNS = 1000
-_LARGEST_STAMP = 9.0e18  # ns; a little below what 64 bits hold
+_MAX_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
+_MAX_COLUMNS = 1000
+_MAX_STAMP = 9.0e18  # ns; a little below what 64 bits hold
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as read: header, stamps, numbers (n, columns, the stamp's place among them), findings."""
+    """A table as read: header, stamps, numbers (n, columns, the stamp's place among them), warnings."""
 
     source: Path
     columns: tuple[Column, ...]
     stamps_ns: Stamps
     values: Array
-    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]
 
     def take(self, columns: list[Column], quantity: str) -> Array:
         """Return columns of one group (n, k), converted to SI by the units the header gives; see `with_units`.
@@ -114,10 +114,10 @@ def read_table(path: Path, what: str) -> Table:
         If the file is missing, empty, not text, without header, or has a row that is not numbers.
     """
     columns: tuple[Column, ...] = ()
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     rows: _Rows | None = None
     comma = False
-    for text, line in _text_blocks(path, what, findings):
+    for text, line in _text_blocks(path, what, warnings):
         body = text
         if not columns:
             header, _, body = text.partition("\n")
@@ -136,7 +136,7 @@ def read_table(path: Path, what: str) -> Table:
         raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
     if rows is None:
         raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
-    return Table(path, columns, rows.stamps[: rows.count], rows.values[: rows.count], tuple(findings))
+    return Table(path, columns, rows.stamps[: rows.count], rows.values[: rows.count], tuple(warnings))
 
 
 class _Rows:
@@ -157,7 +157,7 @@ class _Rows:
         self.count = end
 
 
-def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
     """Yield a file's text in blocks of whole lines, and the number of their first line; a cut last line is dropped."""
     try:
         if not path.is_file():
@@ -177,7 +177,7 @@ def _text_blocks(path: Path, what: str, findings: list[Finding]) -> Iterator[tup
                     yield text, line
                     done, line = done + cut, line + text.count("\n")
             if left:
-                yield from _last_line(_decoded(left, done, line, what, path), line, path, findings)
+                yield from _last_line(_decoded(left, done, line, what, path), line, path, warnings)
     except OSError as error:
         raise RecordingError(
             f"cannot be read: {error.strerror}; check its permissions, or copy it again", file=path
@@ -202,11 +202,11 @@ def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> 
 def _check_lines(data: bytes, line: int, path: Path) -> None:
     """Raise an error for a line that is longer than any row: read as one, it would take memory without bounds."""
     begin = 0
-    while len(data) - begin > _LONGEST_LINE:
-        end = max(data.rfind(mark, begin, begin + _LONGEST_LINE) for mark in (b"\n", b"\r"))
+    while len(data) - begin > _MAX_LINE:
+        end = max(data.rfind(mark, begin, begin + _MAX_LINE) for mark in (b"\n", b"\r"))
         if end < 0:
             raise RecordingError(
-                f"a line of more than {_LONGEST_LINE} bytes, expected one row of numbers in each; is it another kind "
+                f"a line of more than {_MAX_LINE} bytes, expected one row of numbers in each; is it another kind "
                 "of file? Otherwise repair or delete the line",
                 file=path,
                 line=line + data.count(b"\n", 0, begin),
@@ -229,13 +229,13 @@ def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def _last_line(text: str, line: int, path: Path, findings: list[Finding]) -> Iterator[tuple[str, int]]:
+def _last_line(text: str, line: int, path: Path, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
     """Yield a last line that has an end; drop one without: a recorder was stopped in it, perhaps in a number."""
     if text.endswith("\n") or line == 1:
         yield text, line
         return
     name = f"{path.parent.name}/{path.name}"
-    findings.append(Finding(name, f"the last line has no end ('{text[-40:]}'): it may be cut and was left out"))
+    warnings.append(DataWarning(name, f"the last line has no end ('{text[-40:]}'): it may be cut and was left out"))
 
 
 def _instead(path: Path) -> str:
@@ -262,9 +262,9 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
             file=path,
             line=1,
         )
-    if header.count(",") >= _MOST_COLUMNS:
+    if header.count(",") >= _MAX_COLUMNS:
         raise RecordingError(
-            f"{header.count(',') + 1} columns, expected {_MOST_COLUMNS} at most; keep those of one stream",
+            f"{header.count(',') + 1} columns, expected {_MAX_COLUMNS} at most; keep those of one stream",
             file=path,
             line=1,
         )
@@ -307,7 +307,7 @@ def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -
 
 def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
     factor = UNITS["time"][unit]
-    bad = np.flatnonzero(~(np.abs(stamps) < _LARGEST_STAMP / factor))
+    bad = np.flatnonzero(~(np.abs(stamps) < _MAX_STAMP / factor))
     if bad.size:
         guess = (
             f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
@@ -358,7 +358,7 @@ def _not_read(cell: str, *, whole: bool) -> str:
     if not whole:
         return "" if is_number(cell) else "a number; repair or delete the row"
     if re.fullmatch(r"[-+]?\d+", cell):
-        fits = len(cell) < 25 and abs(int(cell)) < _LARGEST_STAMP
+        fits = len(cell) < 25 and abs(int(cell)) < _MAX_STAMP
         return "" if fits else "a time that fits 64 bits; repair or delete the row"
     if is_number(cell):
         return "a whole number of nanoseconds; write whole ones, or the unit they are in: '#timestamp [s]'"

@@ -14,7 +14,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, conjugate, multiply
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, prepare
 
-STRETCH = 1 << 16
+CHUNK = 1 << 16
 """Samples made ready at once: nearly three minutes at 400 Hz."""
 
 EXCERPT = 8
@@ -61,7 +61,7 @@ class Readings:
                 return i
         return None
 
-    def stretches(self) -> Iterator[InertialSignal]:
+    def chunks(self) -> Iterator[InertialSignal]:
         """Yield stretches ready for integration, one behind the other."""
         for start in self._starts():
             yield self._usual(int(start))
@@ -78,7 +78,7 @@ class Readings:
 
     def holding(self, first: int, last: int) -> tuple[InertialSignal, int]:
         """Return a stretch the motion from sample `first` to `last` can be integrated in, and up to which sample."""
-        signal = self._usual(min(first // STRETCH * STRETCH, int(self._starts()[-1])))
+        signal = self._usual(min(first // CHUNK * CHUNK, int(self._starts()[-1])))
         if last > self._good_until(signal):
             signal = self._between(first - _REACH, last + _REACH)
         return signal, self._good_until(signal)
@@ -90,7 +90,7 @@ class Readings:
 
     def _starts(self) -> Indices:
         """Return the first samples of the stretches; a short rest at the end is taken into the last."""
-        return np.arange(0, max(self.stamps.size - STRETCH // 4, 1), STRETCH)
+        return np.arange(0, max(self.stamps.size - CHUNK // 4, 1), CHUNK)
 
     def _usual(self, start: int) -> InertialSignal:
         """Return the stretch that begins at one of the `_starts`, held ready for the next time."""
@@ -99,7 +99,7 @@ class Readings:
             while len(self._ready) >= _HELD:
                 del self._ready[next(iter(self._ready))]
             last = start == self._starts()[-1]
-            signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + STRETCH + _REACH)
+            signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + CHUNK + _REACH)
         self._ready[start] = signal  # the latest is let go last
         return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
@@ -118,7 +118,7 @@ def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:
     """Return attitudes (k, 4) at ascending samples, seen from the first of all; see `strapdown.integrate_attitude`."""
     out = np.empty((samples.size, 4))
     before, joint = np.array([1.0, 0.0, 0.0, 0.0]), 0
-    for signal in readings.stretches():
+    for signal in readings.chunks():
         free = integrate_attitude(signal, rate)
         carried = multiply(before, conjugate(free[joint - signal.begin]))
         end = signal.begin + signal.stamps.size

@@ -10,8 +10,8 @@ from kreisel.model.groups import group_named
 NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rotation=True))
 """What changes between updates; last in the state."""
 
-REST_ERROR = (Part("rest_position", 3), Part("rest_orientation", 3))
-"""The reference's error at the present rest: one draw for each stop."""
+STANDSTILL_ERROR = (Part("standstill_position", 3), Part("standstill_orientation", 3))
+"""The reference's error at the present standstill: one draw for each stop."""
 
 PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 """The reference's coloured noise on the path."""

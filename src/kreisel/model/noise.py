@@ -11,9 +11,9 @@ COLOURED_SHARE = 0.9
 
 @dataclass(frozen=True)
 class ReferenceNoise:
-    """Standard deviations of the reference's poses (m, rad), velocity at rest (m/s) and stamps (s).
+    """Standard deviations of the reference's poses (m, rad), velocity at standstill (m/s) and stamps (s).
 
-    At rest the error is one draw for the whole rest (`standstill_*`) plus a small scatter (`jitter_*`).
+    At standstill the error is one draw for the whole standstill (`standstill_*`) plus a small scatter (`jitter_*`).
     """
 
     position: float
@@ -26,7 +26,7 @@ class ReferenceNoise:
     stamp: float
 
     def scaled(self, *, position: float, orientation: float, standstill: float) -> ReferenceNoise:
-        """Return the noise with its deviations multiplied by factors: on the path, and all of those at rest."""
+        """Return the noise with its deviations multiplied by factors: on the path, and all of those at standstill."""
         return replace(
             self,
             position=self.position * position,
@@ -116,8 +116,8 @@ class AssumedNoise:
         return ColouredNoise(self.correlation_time, *size, (1.0 - COLOURED_SHARE) ** 0.5)
 
     @property
-    def rest_error(self) -> tuple[float, float]:
-        """Error of the pose at a rest, drawn once for each, m and rad."""
+    def standstill_error(self) -> tuple[float, float]:
+        """Error of the pose at a standstill, drawn once for each, m and rad."""
         noise, own = self.reference, self.pose_error
         return (
             math.hypot(noise.standstill_position, own.position),

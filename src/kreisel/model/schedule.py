@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from kreisel.geometry.rotation import Array
-from kreisel.model.standstill import ImuStillness, Rest
+from kreisel.model.standstill import ImuStillness, Standstill
 from kreisel.synchronization.clock import Clock
 
 MIN_UPDATES = 20
@@ -22,18 +22,18 @@ class Update:
         Samples the motion is integrated over since the update before.
     pose, tau
         Index of the pose and its reference seconds.
-    rest
-        Index of the rest it lies in, or None on the path.
-    new_rest, new_segment
-        Whether it is the first in its rest, and whether navigation starts anew here.
+    standstill
+        Index of the standstill it lies in, or None on the path.
+    new_standstill, new_segment
+        Whether it is the first in its standstill, and whether navigation starts anew here.
     """
 
     first: int
     last: int
     pose: int
     tau: float
-    rest: int | None
-    new_rest: bool
+    standstill: int | None
+    new_standstill: bool
     new_segment: bool
 
 
@@ -48,11 +48,11 @@ class Schedule:
     interval
         Usual time between two of them, s.
     clock
-        The clocks by which poses were assigned to samples, and rests found.
-    rests
+        The clocks by which poses were assigned to samples, and standstills found.
+    standstills
         Intervals of standstill.
     stillness
-        When the IMU stands still, for rests by other clocks; None where rests are given.
+        When the IMU stands still, for standstills by other clocks; None where standstills are given.
     attitude : (updates, 4)
         q_rb at every update, roughly: for navigation to begin with if the reference shows no attitude.
     attitude_sd
@@ -62,7 +62,7 @@ class Schedule:
     updates: tuple[Update, ...]
     interval: float
     clock: Clock
-    rests: tuple[Rest, ...]
+    standstills: tuple[Standstill, ...]
     attitude: Array
     attitude_sd: float = 0.2
     stillness: ImuStillness | None = field(default=None, repr=False)

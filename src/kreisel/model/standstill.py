@@ -11,7 +11,7 @@ from kreisel.inertial.earth import EARTH_RATE
 
 
 @dataclass(frozen=True)
-class Rest:
+class Standstill:
     """An interval of standstill: IMU seconds, margins already taken off."""
 
     start: float
@@ -27,7 +27,7 @@ class ImuStillness:
 
 
 @dataclass(frozen=True)
-class OutsideRest:
+class OutsideStandstill:
     """Standstill the IMU recorded before the reference began or after it ended.
 
     Attributes

@@ -15,7 +15,7 @@ from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.rotation import Array
 from kreisel.preparation.preparation import Preparation
 
-_LEAST_WINDOWS = 20
+_MIN_WINDOWS = 20
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
     reference : (windows, 3)
         Accelerations of the reference.
     """
-    if len(reference) < _LEAST_WINDOWS:
+    if len(reference) < _MIN_WINDOWS:
         return AccelerationFit(np.eye(3), np.full((3, 3), np.inf), (0.0, np.inf), 0.0, 1.0, 0.0)
     unknown = np.concatenate([regressor, -reference[:, :, None]], axis=2)
     weight = np.ones(len(reference))

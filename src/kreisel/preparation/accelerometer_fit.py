@@ -20,7 +20,7 @@ from kreisel.synchronization.results import RateFit
 from kreisel.synchronization.windows import HALF_WINDOW, Windows
 
 _HALF_WINDOW_AT_REST = 3.0
-_REST_WEIGHT = 20.0
+_STANDSTILL_WEIGHT = 20.0
 _ROUNDS = 8
 
 
@@ -30,7 +30,7 @@ def acceleration_windows(
     tau: Array,
     q: Array,
     p: Array | None,
-    rests: Sequence[tuple[float, float]],
+    standstills: Sequence[tuple[float, float]],
 ) -> AccelerationWindows:
     """Return predicted and reference accelerations of a chunk of readings.
 
@@ -40,8 +40,8 @@ def acceleration_windows(
         Reference seconds and positions.
     q : (n, 4)
         Attitude q_rb at every sample.
-    rests
-        First and last IMU second of every rest.
+    standstills
+        First and last IMU second of every standstill.
     """
     windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _HALF_WINDOW_AT_REST)
     omega = np.ascontiguousarray(signal.rates @ fit.K_omega.T + fit.bias)
@@ -51,15 +51,16 @@ def acceleration_windows(
         3 * unit_forces.PARAMETERS, lambda *at: unit_forces.double_integrals(signal.stamps, *sampled, *at)
     )
     reference = np.zeros((len(means), 3)) if p is None else windows.second_difference(p)
-    inside = [rest for rest in rests if rest[0] >= signal.stamps[0] and rest[1] <= signal.stamps[-1]]
-    at_rest = [_mean_regressor(signal.stamps, sampled, *rest) for rest in inside] if p is None else []
+    first, last = signal.stamps[[0, -1]]
+    inside = [(start, stop) for start, stop in standstills if start >= first and stop <= last]
+    at_standstill = [_mean_regressor(signal.stamps, sampled, *interval) for interval in inside] if p is None else []
     shape = (-1, 3, unit_forces.PARAMETERS)
-    return AccelerationWindows(means.reshape(shape), reference, np.array(at_rest).reshape(shape))
+    return AccelerationWindows(means.reshape(shape), reference, np.array(at_standstill).reshape(shape))
 
 
 def joined(parts: Sequence[AccelerationWindows]) -> AccelerationWindows:
     """Return the windows of several chunks as one."""
-    columns = zip(*((part.regressor, part.reference, part.rest_regressor) for part in parts), strict=True)
+    columns = zip(*((part.regressor, part.reference, part.standstill_regressor) for part in parts), strict=True)
     return AccelerationWindows(*(np.concatenate(column) for column in columns))
 
 
@@ -84,7 +85,7 @@ def fit_accelerometers(
     gravity
         Its magnitude, m/s^2.
     positions
-        Whether the reference has positions; else only rests, and that nothing runs away in seconds, are known.
+        Whether the reference has positions; else only standstills, and that nothing runs away in seconds, are known.
     """
     A, target = _with_gravity(windows.regressor), windows.reference
     R = nearest_rotation(fit.K_omega)
@@ -96,7 +97,7 @@ def fit_accelerometers(
         shown, expected = target - target.mean(axis=0), predicted - predicted.mean(axis=0)
         slope = float(np.sum(shown * expected) / max(np.sum(expected**2), 1e-12))
     else:
-        A = np.concatenate([A, _REST_WEIGHT * _with_gravity(windows.rest_regressor)])
+        A = np.concatenate([A, _STANDSTILL_WEIGHT * _with_gravity(windows.standstill_regressor)])
         target = np.zeros(A.shape[:2])
     solution, deviation, residual = _solve(A, target, R, g, gravity)
     K = solution[:9].reshape(3, 3)

@@ -126,7 +126,7 @@ def start_attitudes(preparation: Preparation, samples: Indices) -> Array:
     reference = preparation.reference
     if reference.quaternions is not None:
         return out
-    chunks = preparation.readings.stretches()
+    chunks = preparation.readings.chunks()
     for signal, _, _, q in with_attitude(chunks, preparation.rate_fit, reference, preparation.accelerometer_fit):
         inside = (samples >= signal.begin) & (samples < signal.begin + signal.stamps.size)
         out[inside] = q[samples[inside] - signal.begin]

@@ -119,7 +119,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         settings,
         latitude=site.earth_rate_n is not None,
         skew=skewed,
-        rest_error=any(update.rest is not None for update in schedule.updates),
+        standstill_error=any(update.standstill is not None for update in schedule.updates),
         path_error=(
             noise.pose_error.position > 0.0 and reference.positions is not None,
             noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
@@ -145,14 +145,14 @@ def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Cl
     kind = preparation.recording.settings.reference.kind or "robot"
     interval = settings.update_interval or INTERVALS[kind]
     tau = reference.seconds
-    updates = schedule_updates(readings, clock.imu_time(tau), tau, preparation.rests, interval)
+    updates = schedule_updates(readings, clock.imu_time(tau), tau, preparation.standstills, interval)
     if len(updates) < MIN_UPDATES:
         raise SynchronizationError(
             f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "
             f"expected {MIN_UPDATES} or more: record longer, or use a shorter --update-interval"
         )
     attitude = start_attitudes(preparation, np.array([update.last for update in updates]))
-    return Schedule(updates, interval, clock, preparation.rests, attitude, stillness=preparation.stillness)
+    return Schedule(updates, interval, clock, preparation.standstills, attitude, stillness=preparation.stillness)
 
 
 def _assumed_noise(preparation: Preparation) -> AssumedNoise:

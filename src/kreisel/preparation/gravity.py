@@ -10,7 +10,7 @@ import math
 
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.model.site import Site
-from kreisel.recording.recording import Finding, Recording
+from kreisel.recording.recording import DataWarning, Recording
 from kreisel.recording.settings import SiteTable
 from kreisel.units import STANDARD_GRAVITY
 
@@ -33,19 +33,19 @@ _TEXTBOOK = {"9.80665", "9.8066", "9.8067", "9.807", "9.806"}
 _FREE_AIR = 3.086e-6  # 1/s^2, change of gravity with height
 
 
-def site_of(recording: Recording) -> tuple[Site, list[Finding]]:
+def site_of(recording: Recording) -> tuple[Site, list[DataWarning]]:
     """Return gravity and Earth rate where the recording was made, and what to say of them."""
     table = recording.settings.site
     rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
-    value, sd, findings = _gravity(table)
+    value, sd, warnings = _gravity(table)
     if rate is None:
-        findings.append(
-            Finding("site", "no latitude is given: the Earth's rotation is estimated (site.latitude_deg states it)")
+        warnings.append(
+            DataWarning("site", "no latitude is given: the Earth's rotation is estimated (site.latitude_deg states it)")
         )
-    return Site(value, sd, rate), findings
+    return Site(value, sd, rate), warnings
 
 
-def _gravity(table: SiteTable) -> tuple[float, float, list[Finding]]:
+def _gravity(table: SiteTable) -> tuple[float, float, list[DataWarning]]:
     """Return gravity, its standard deviation, and what to say of it."""
     by_latitude = _by_latitude(table)
     if table.gravity is None:
@@ -54,7 +54,7 @@ def _gravity(table: SiteTable) -> tuple[float, float, list[Finding]]:
         return by_latitude[0], table.gravity_sd or by_latitude[1], []
     sd = table.gravity_sd or _stated_sd(table.gravity)
     if by_latitude is None:
-        return table.gravity, sd, _textbook_finding(table)
+        return table.gravity, sd, _textbook_warning(table)
     normal, normal_sd = by_latitude
     difference = table.gravity - normal
     if abs(difference) > CONTRADICTION * math.hypot(sd, normal_sd):
@@ -62,10 +62,10 @@ def _gravity(table: SiteTable) -> tuple[float, float, list[Finding]]:
             f"gravity is stated as {table.gravity:g} m/s^2, but the latitude gives {normal:.4f} +- {normal_sd:.1g}; a "
             f"standard deviation of {abs(difference):.2g} m/s^2 is used: correct one of the two in recording.toml"
         )
-        return table.gravity, abs(difference), [Finding("site", said)]
+        return table.gravity, abs(difference), [DataWarning("site", said)]
     if sd <= normal_sd:
         return table.gravity, sd, []
-    return normal, normal_sd, _textbook_finding(table, instead=normal)
+    return normal, normal_sd, _textbook_warning(table, instead=normal)
 
 
 def _by_latitude(table: SiteTable) -> tuple[float, float] | None:
@@ -87,7 +87,7 @@ def _stated_sd(gravity: float) -> float:
     return ROUNDED_SD if behind == 3 else ANOMALY_SD
 
 
-def _textbook_finding(table: SiteTable, instead: float | None = None) -> list[Finding]:
+def _textbook_warning(table: SiteTable, instead: float | None = None) -> list[DataWarning]:
     """Return what to say of a stated value that is no measurement."""
     if table.gravity_sd is not None or table.gravity is None or _stated_sd(table.gravity) < UNKNOWN_SD:
         return []
@@ -96,4 +96,4 @@ def _textbook_finding(table: SiteTable, instead: float | None = None) -> list[Fi
         else f"{instead:.4f} m/s^2, from the latitude, is used"
     )  # fmt: skip
     said = f"the stated gravity {table.gravity:g} m/s^2 looks like a textbook value, not one of this place; {used}"
-    return [Finding("site", f"{said} (site.gravity_sd states how well it is known)")]
+    return [DataWarning("site", f"{said} (site.gravity_sd states how well it is known)")]

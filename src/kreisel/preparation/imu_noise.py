@@ -15,7 +15,7 @@ from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import ImuSamples, Recording, excerpt
 from kreisel.recording.stamp_checks import LONG_GAP, gaps
 
-_LEAST_NOISE, _MOTION_NOISE = 0.7, 20.0
+_MIN_NOISE_SHARE, _MOTION_NOISE = 0.7, 20.0
 
 
 def imu_noise_of(recording: Recording) -> ImuNoise:
@@ -58,7 +58,7 @@ def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "ac
 
 def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
     size = float(np.sqrt(np.mean(shown**2)))
-    low = stated or _LEAST_NOISE * size
+    low = stated or _MIN_NOISE_SHARE * size
     return low, max(low, _MOTION_NOISE * size)
 
 

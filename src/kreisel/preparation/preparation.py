@@ -9,8 +9,8 @@ from kreisel.inertial.readings import Readings
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.robot import RobotModel
 from kreisel.model.site import Site
-from kreisel.model.standstill import ImuStillness, OutsideRest, Rest
-from kreisel.recording.recording import Finding, Recording, ReferencePoses
+from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
+from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.synchronization.results import Correlation, RateFit
 
 
@@ -45,13 +45,13 @@ class AccelerationWindows:
         Predicted acceleration for a unit of each parameter: see `_kernels.unit_forces`.
     reference : (windows, 3)
         By the positions; zero where there are none.
-    rest_regressor : (rests, 3, 15)
-        Means over rests, of the same columns.
+    standstill_regressor : (standstills, 3, 15)
+        Means over standstills, of the same columns.
     """
 
     regressor: Array
     reference: Array
-    rest_regressor: Array
+    standstill_regressor: Array
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ class Preparation:
     rate_fit: RateFit
     accelerometer_fit: AccelerometerFit
     stillness: ImuStillness
-    rests: tuple[Rest, ...]
-    outside_rest: OutsideRest | None
+    standstills: tuple[Standstill, ...]
+    outside_standstill: OutsideStandstill | None
     robot: RobotModel | None
-    findings: tuple[Finding, ...]
+    warnings: tuple[DataWarning, ...]
 
     @property
     def joints(self) -> int:

@@ -8,7 +8,7 @@ from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.inertial.readings import Readings
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.settings import CalibrationSettings
-from kreisel.model.standstill import OutsideRest, Rest
+from kreisel.model.standstill import OutsideStandstill, Standstill
 from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_accelerometers, joined
 from kreisel.preparation.attitude import with_attitude
 from kreisel.preparation.gravity import site_of
@@ -16,8 +16,8 @@ from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
 from kreisel.preparation.robot import robot_model
-from kreisel.preparation.standstill import find_rests, imu_stillness, rest_outside
-from kreisel.recording.recording import Finding, ImuSamples, Recording, ReferencePoses
+from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
+from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.conventions import check_conventions
 from kreisel.synchronization.correlation import correlate, quietest_second
@@ -52,34 +52,34 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
         fit = _rates_without_attitude(imu, reference, correlation.clock)
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
-    rests = find_rests(stillness, reference, fit.clock, noise)
-    accelerometers = _accelerometers(readings, fit, reference, site.gravity, rests)
-    noise = with_measured_jitter(noise, reference, rests, fit.clock)
-    outside = rest_outside(imu, stillness, reference, fit.clock)
+    standstills = find_standstills(stillness, reference, fit.clock, noise)
+    accelerometers = _accelerometers(readings, fit, reference, site.gravity, standstills)
+    noise = with_measured_jitter(noise, reference, standstills, fit.clock)
+    outside = standstill_outside(imu, stillness, reference, fit.clock)
     robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
-    findings = (
-        *_reference_findings(reference),
-        *_overlap_finding(imu, reference, fit.clock),
+    warnings = (
+        *_reference_warnings(reference),
+        *_overlap_warning(imu, reference, fit.clock),
         *of_site,
-        *_rest_finding(outside),
-        *_stamp_finding(noise),
+        *_standstill_warning(outside),
+        *_stamp_warning(noise),
         *of_robot,
     )
     return Preparation(
-        recording, reference, site, imu_noise, noise, readings, correlation, fit, accelerometers, stillness, rests,
-        outside, robot, findings,
+        recording, reference, site, imu_noise, noise, readings, correlation, fit, accelerometers, stillness,
+        standstills, outside, robot, warnings,
     )  # fmt: skip
 
 
-def _reference_findings(reference: ReferencePoses) -> list[Finding]:
+def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:
     if reference.quaternions is None:
-        return [Finding("reference", "positions only: b takes the gyros' axes, as far as they are square")]
+        return [DataWarning("reference", "positions only: b takes the gyros' axes, as far as they are square")]
     if reference.positions is None:
-        return [Finding("reference", "orientations only: accelerometers are seen at rests, and between them")]
+        return [DataWarning("reference", "orientations only: accelerometers are seen at standstills, and between them")]
     return []
 
 
-def _overlap_finding(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[Finding]:
+def _overlap_warning(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[DataWarning]:
     """Return what to say where the two have little time in common, as where one began late or its clock leapt."""
     first, last = clock.imu_time(reference.seconds[[0, -1]])
     end = float(imu.seconds[-1])
@@ -87,33 +87,33 @@ def _overlap_finding(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -
     if common > _MIN_COMMON_SHARE * shorter:
         return []
     said = f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; no more is used"
-    return [Finding("overlap", said)]
+    return [DataWarning("overlap", said)]
 
 
-def _rest_finding(outside: OutsideRest | None) -> list[Finding]:
+def _standstill_warning(outside: OutsideStandstill | None) -> list[DataWarning]:
     if outside is None:
         return []
-    said = f"{outside.seconds:.1f} s of rest without reference used for the gyro offset's first value"
-    return [Finding("rest", said)]
+    said = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's first value"
+    return [DataWarning("standstill", said)]
 
 
-def _stamp_finding(noise: ReferenceNoise) -> list[Finding]:
+def _stamp_warning(noise: ReferenceNoise) -> list[DataWarning]:
     if noise.stamp == 0.0:
         return []
     step = noise.stamp * 12**0.5 * 1e3
     said = f"the reference's stamps are rounded to {step:.0f} ms; taken as noise along the motion"
-    return [Finding("stamps", said)]
+    return [DataWarning("stamps", said)]
 
 
 def _accelerometers(
-    readings: Readings, fit: RateFit, reference: ReferencePoses, gravity: float, rests: tuple[Rest, ...]
+    readings: Readings, fit: RateFit, reference: ReferencePoses, gravity: float, standstills: tuple[Standstill, ...]
 ) -> AccelerometerFit:
     """Return the start values of the accelerometers."""
     positions = reference.positions is not None
     if not positions and reference.quaternions is None:
         raise RecordingError("holds neither positions nor orientations", file=reference.source)
     within = fit.clock.imu_time(reference.seconds[[0, -1]])
-    intervals = [(rest.start, rest.stop) for rest in rests]
+    intervals = [(standstill.start, standstill.stop) for standstill in standstills]
     found = None
     # without orientations, attitude and accelerometers need each other
     for _ in range(_ROUNDS_WITHOUT_ATTITUDE if reference.quaternions is None else 1):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.model.noise import ReferenceNoise
-from kreisel.model.standstill import Rest
+from kreisel.model.standstill import Standstill
 from kreisel.recording.recording import ReferencePoses
 from kreisel.recording.settings import RecordingSettings
 from kreisel.synchronization.clock import Clock
@@ -52,14 +52,14 @@ def stamp_resolution(reference: ReferencePoses) -> float:
 
 
 def with_measured_jitter(
-    noise: ReferenceNoise, reference: ReferencePoses, rests: tuple[Rest, ...], clock: Clock
+    noise: ReferenceNoise, reference: ReferencePoses, standstills: tuple[Standstill, ...], clock: Clock
 ) -> ReferenceNoise:
-    """Return the noise with the scatter of poses within rests, where it exceeds what is assumed."""
+    """Return the noise with the scatter of poses within standstills, where it exceeds what is assumed."""
     t_pose = clock.imu_time(reference.seconds)
     position, orientation = noise.jitter_position, noise.jitter_orientation
     scatter_p, scatter_q = [], []
-    for rest in rests:
-        index = np.flatnonzero((t_pose >= rest.start) & (t_pose <= rest.stop))
+    for standstill in standstills:
+        index = np.flatnonzero((t_pose >= standstill.start) & (t_pose <= standstill.stop))
         if index.size < 5:
             continue
         if reference.positions is not None:

@@ -7,7 +7,7 @@ import numpy as np
 from kreisel.errors import RobotError
 from kreisel.model.robot import RobotModel
 from kreisel.recording.joint_checks import angles_at, distance, in_degrees, near
-from kreisel.recording.recording import Finding, Recording, ReferencePoses
+from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import parse_arm
 from kreisel.units import DEG
@@ -19,11 +19,11 @@ _GEAR_SD = 2e-4
 _SAG_SD = 5e-4
 """rad; eccentricity, and sag under the largest torque met."""
 
-_MOST_WITHOUT = 0.01
+_MAX_WITHOUT = 0.01
 """Share of poses that may lie beyond the joint angles' ends."""
 
 
-def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[Finding]]:
+def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[DataWarning]]:
     """Return the robot of a recording, or None and why it cannot be used.
 
     Raises
@@ -36,11 +36,11 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         return None, []
     if recording.urdf is None:
         said = "joint angles are there, but no robot.urdf: with it, the robot's own errors would be estimated too"
-        return None, [Finding("robot", f"{said}; they are taken for noise")]
+        return None, [DataWarning("robot", f"{said}; they are taken for noise")]
     try:
         kinematics.pinocchio()
     except RobotError as error:
-        return None, [Finding("robot", f"{error}; without it, the robot's geometric errors are taken for noise")]
+        return None, [DataWarning("robot", f"{error}; without it, the robot's geometric errors are taken for noise")]
     arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
     if joints.angles.shape[1] != len(arm.joints):
         raise RobotError(
@@ -49,18 +49,18 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         )
     stamps = reference.stamps_ns
     without = (stamps < joints.stamps_ns[0]) | (stamps > joints.stamps_ns[-1])
-    if float(without.mean()) > _MOST_WITHOUT:
+    if float(without.mean()) > _MAX_WITHOUT:
         said = f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles"
-        return None, [Finding("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
-    findings: list[Finding] = []
+        return None, [DataWarning("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
+    warnings: list[DataWarning] = []
     angles = angles_at(joints, stamps)
     far = distance(arm, angles, reference)
     if not near(far) and near(distance(arm, DEG * angles, reference)):
-        joints, findings = in_degrees(joints)
+        joints, warnings = in_degrees(joints)
         angles = angles_at(joints, stamps)
     elif not near(far):
         return None, [
-            Finding(
+            DataWarning(
                 "robot",
                 f"reported poses stand {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
                 f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are taken for noise. "
@@ -76,4 +76,4 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
         "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
     }
-    return RobotModel(arm, angles, covariance), findings
+    return RobotModel(arm, angles, covariance), warnings

@@ -7,11 +7,11 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.readings import Readings
 from kreisel.model.schedule import Update
-from kreisel.model.standstill import Rest
+from kreisel.model.standstill import Standstill
 
 
 def schedule_updates(
-    readings: Readings, t_pose: Array, tau: Array, rests: tuple[Rest, ...], interval: float
+    readings: Readings, t_pose: Array, tau: Array, standstills: tuple[Standstill, ...], interval: float
 ) -> tuple[Update, ...]:
     """Return the updates: one every `interval`, each with the pose nearest to it.
 
@@ -23,9 +23,9 @@ def schedule_updates(
         Reference seconds of every pose.
     """
     updates: list[Update] = []
-    last_rest: int | None = None
-    starts = np.array([rest.start for rest in rests])
-    stops = np.array([rest.stop for rest in rests])
+    last_standstill: int | None = None
+    starts = np.array([standstill.start for standstill in standstills])
+    stops = np.array([standstill.stop for standstill in standstills])
     for begin, end in readings.segments:
         low, high = readings.stamps[begin + 1], readings.stamps[end - 1]
         inside = np.flatnonzero((t_pose > low) & (t_pose < high))
@@ -36,19 +36,19 @@ def schedule_updates(
             sample = _nearest(readings.stamps, float(t_pose[pose]), begin + 1, end - 1)
             if previous is not None and sample <= previous:
                 continue
-            rest = _containing(starts, stops, float(t_pose[pose]))
+            standstill = _containing(starts, stops, float(t_pose[pose]))
             updates.append(
                 Update(
                     first=sample if previous is None else previous,
                     last=sample,
                     pose=int(pose),
                     tau=float(tau[pose]),
-                    rest=rest,
-                    new_rest=rest is not None and rest != last_rest,
+                    standstill=standstill,
+                    new_standstill=standstill is not None and standstill != last_standstill,
                     new_segment=previous is None,
                 )
             )
-            last_rest = rest if rest is not None else last_rest
+            last_standstill = standstill if standstill is not None else last_standstill
             previous = sample
     return tuple(updates)
 

@@ -7,19 +7,19 @@ import numpy as np
 from kreisel.geometry.interpolation import continuous, running_mean
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.noise import ReferenceNoise
-from kreisel.model.standstill import ImuStillness, OutsideRest, Rest
-from kreisel.recording.recording import PIECE, ImuSamples, ReferencePoses, pieces
+from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
+from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, chunks
 from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization.clock import Clock
 
-SHORTEST = 0.2
-"""Seconds a rest must last, margins taken off."""
+MIN_SECONDS = 0.2
+"""Seconds a standstill must last, margins taken off."""
 
 MARGIN = 0.15
 """Seconds left out at either end, where the arm still swings and its reported pose still settles."""
 
 _CREEP = 2.0
-"""Speed at a rest, in errors at standstill per second: that of the velocity a rest is counted with."""
+"""Speed at a standstill, in errors at standstill per second: that of the velocity a standstill is counted with."""
 
 _SMOOTHED = 0.1
 """Seconds over which poses are averaged to see them creep."""
@@ -30,29 +30,29 @@ _ALWAYS_STILL = (0.01, 0.05)
 _NEVER_STILL = (0.06, 0.8)
 
 
-def find_rests(
+def find_standstills(
     stillness: ImuStillness, reference: ReferencePoses, clock: Clock, noise: ReferenceNoise
-) -> tuple[Rest, ...]:
+) -> tuple[Standstill, ...]:
     """Return the stretches in which neither reference nor IMU moves.
 
     Notes
     -----
     The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
-    that never rests has no quiet windows at that level and the reference decides.
+    that never standstills has no quiet windows at that level and the reference decides.
     """
     t, still = stillness.seconds, stillness.still
     starts, stops = runs(still & ~_reference_moving(reference, clock, t, noise))
     return tuple(
-        Rest(float(t[a]) + MARGIN, float(t[b - 1]) - MARGIN)
+        Standstill(float(t[a]) + MARGIN, float(t[b - 1]) - MARGIN)
         for a, b in zip(starts, stops, strict=True)
-        if t[b - 1] - t[a] >= SHORTEST + 2.0 * MARGIN
+        if t[b - 1] - t[a] >= MIN_SECONDS + 2.0 * MARGIN
     )
 
 
-def rest_outside(
+def standstill_outside(
     imu: ImuSamples, stillness: ImuStillness, reference: ReferencePoses, clock: Clock
-) -> OutsideRest | None:
-    """Return the longest rest outside the reference's time, or None where it is shorter than two seconds."""
+) -> OutsideStandstill | None:
+    """Return the longest standstill outside the reference's time, or None where it is shorter than two seconds."""
     t, still = stillness.seconds, stillness.still
     first, last = clock.imu_time(reference.seconds[[0, -1]])
     starts, stops = runs(still & ((t < first) | (t > last)))
@@ -63,7 +63,7 @@ def rest_outside(
     if stop - start < 2.0:
         return None
     part = slice(*np.searchsorted(imu.seconds, (start, stop)))
-    return OutsideRest(imu.rates[part].mean(axis=0), stop - start)
+    return OutsideStandstill(imu.rates[part].mean(axis=0), stop - start)
 
 
 def imu_stillness(imu: ImuSamples) -> ImuStillness:
@@ -80,10 +80,10 @@ def imu_stillness(imu: ImuSamples) -> ImuStillness:
 
 def _spread(values: Array, step: int) -> Array:
     """Return the standard deviation within windows of `_STEPS` steps, one step apart, all axes together."""
-    usual = values[: min(len(values), PIECE)].mean(axis=0)  # squares of what is far from zero leave no digits
+    usual = values[: min(len(values), CHUNK)].mean(axis=0)  # squares of what is far from zero leave no digits
     steps = len(values) // step
     sums = np.zeros((steps + 1, 4))
-    for part in pieces(steps):
+    for part in chunks(steps):
         x = (values[part.start * step : part.stop * step] - usual).reshape(-1, step, 3)
         sums[1:][part, :3] = x.sum(axis=1)
         sums[1:][part, 3] = np.einsum("kij,kij->k", x, x)
@@ -96,7 +96,7 @@ def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, noise: 
     """Return for IMU times whether the reference moves, by its displacement over a third of a second.
 
     Both ends are means over `_SMOOTHED` seconds, for a slow move begins and ends with speeds that single poses do
-    not show; taken for a rest, it would be counted as one with velocity zero.
+    not show; taken for a standstill, it would be counted as one with velocity zero.
     """
     tau = reference.seconds
     stride = max(1, round(0.3 / reference.interval))

@@ -52,11 +52,11 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
         preparation.site,
     )
     gyro_offset, gyro_offset_sd = _with_stated(fit.k_w0, fit.k_w0_sd, noise.gyro_offset_sd, 0.02)
-    if preparation.outside_rest is not None:
-        rest_sd = preparation.outside_rest.deviation(noise.gyro)
-        better = rest_sd < gyro_offset_sd
-        gyro_offset = np.where(better, -preparation.outside_rest.rate, gyro_offset)
-        gyro_offset_sd = np.where(better, rest_sd, gyro_offset_sd)
+    if preparation.outside_standstill is not None:
+        standstill_sd = preparation.outside_standstill.deviation(noise.gyro)
+        better = standstill_sd < gyro_offset_sd
+        gyro_offset = np.where(better, -preparation.outside_standstill.rate, gyro_offset)
+        gyro_offset_sd = np.where(better, standstill_sd, gyro_offset_sd)
     accel_offset, accel_offset_sd = _with_stated(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
     # Accelerometers the motion hardly shows start as the gyros are mounted.
     mount = nominal_parameters(preparation, order).sensors.K_a
@@ -107,11 +107,11 @@ def stated_prior(preparation: Preparation, order: int) -> tuple[CellParameters, 
     R = nearest_rotation(fit.K_omega)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
     gyro_sd = np.full(3, noise.gyro_offset_sd or _UNKNOWN_GYRO)
-    if preparation.outside_rest is not None:
-        rest_sd = preparation.outside_rest.deviation(noise.gyro)
-        better = rest_sd < gyro_sd
-        k_w[0] = np.where(better, -preparation.outside_rest.rate, 0.0)
-        gyro_sd = np.where(better, rest_sd, gyro_sd)
+    if preparation.outside_standstill is not None:
+        standstill_sd = preparation.outside_standstill.deviation(noise.gyro)
+        better = standstill_sd < gyro_sd
+        k_w[0] = np.where(better, -preparation.outside_standstill.rate, 0.0)
+        gyro_sd = np.where(better, standstill_sd, gyro_sd)
     prior = CellParameters(
         SensorParameters(R, k_w, R, k_a, np.zeros((3, 3))),
         alignment_from_gravity(preparation.accelerometer_fit.gravity), np.zeros(2), site.gravity, fit.clock.start,

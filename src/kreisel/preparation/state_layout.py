@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kreisel.estimation.state import StateLayout
 from kreisel.model.groups import REGISTRY
-from kreisel.model.layout import REST_ERROR, group_part, with_coloured_noise
+from kreisel.model.layout import STANDSTILL_ERROR, group_part, with_coloured_noise
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 
 
@@ -13,7 +13,7 @@ def build_layout(
     *,
     latitude: bool,
     skew: bool,
-    rest_error: bool,
+    standstill_error: bool,
     path_error: tuple[bool, bool] = (False, False),
     joints: int = 0,
 ) -> StateLayout:
@@ -25,8 +25,8 @@ def build_layout(
         Whether the latitude is given.
     skew
         Whether the ratio of the clocks is estimated.
-    rest_error
-        Whether there are rests, each with an error of its own.
+    standstill_error
+        Whether there are standstills, each with an error of its own.
     path_error
         Whether there is coloured noise in position and in orientation.
     joints
@@ -39,4 +39,4 @@ def build_layout(
         absent.add("time_skew")
     parts = [group_part(g.name, settings.polynomial_order, joints) for g in REGISTRY if g.name not in absent]
     parts = [part for part in parts if part.degrees > 0]
-    return with_coloured_noise(StateLayout([*parts, *(REST_ERROR if rest_error else ())]), path_error)
+    return with_coloured_noise(StateLayout([*parts, *(STANDSTILL_ERROR if standstill_error else ())]), path_error)

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
-LARGEST = 65507
+MAX_BYTES = 65507
 _NAME = "EGM"
 _DEGREE = math.pi / 180.0
 _VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5
@@ -54,7 +54,7 @@ def decode(datagram: bytes) -> RobotSample:
 
 
 def encode(sample: RobotSample, number: int) -> bytes:
-    """Return the `EgmRobot` message that feeds a pose back: the twin's side."""
+    """Return the `EgmRobot` message that feeds a pose back: the simulator's side."""
     seconds, rest = divmod(sample.stamp_ns, 1_000_000_000)
     parts = [_field(1, b"".join(_double(1, angle / _DEGREE) for angle in sample.joints))]
     if sample.position is not None and sample.quaternion is not None:

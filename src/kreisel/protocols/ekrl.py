@@ -20,14 +20,14 @@ from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.protocols.rsi import parse_xml
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
-LARGEST = 4096
+MAX_BYTES = 4096
 """Bytes a telegram may have."""
 
 _NAME = "EthernetKRL"
 _DEGREE = math.pi / 180.0
 _AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
-_LARGEST_NUMBER = 2**31 - 1
+_MAX_NUMBER = 2**31 - 1
 
 
 class Doing(IntEnum):
@@ -86,14 +86,14 @@ def decode(telegram: bytes) -> Command:
     root = parse_xml(telegram, _NAME, "Kreisel")
     parts = [part.tag for part in root]
     if parts == ["Stop"]:
-        return Stop(_whole(root[0], "Id", _LARGEST_NUMBER))
+        return Stop(_whole(root[0], "Id", _MAX_NUMBER))
     if parts != ["Move"]:
         raise ProtocolError(_NAME, f"<Kreisel> holds {', '.join(parts)[:60] or 'nothing'}, expected Move or Stop")
     share = _numbers(root[0], ("V",))[0] / 100.0
     if not 0.0 < share <= 1.0:
         raise ProtocolError(_NAME, f"a move at {100.0 * share:g} per cent of full speed, expected above 0 to 100")
     target = tuple(angle * _DEGREE for angle in _numbers(root[0], _AXES))
-    return Move(_whole(root[0], "Id", _LARGEST_NUMBER), target, share)
+    return Move(_whole(root[0], "Id", _MAX_NUMBER), target, share)
 
 
 def encode_state(state: State) -> bytes:
@@ -123,8 +123,8 @@ def decode_state(telegram: bytes) -> State:
     if root.find("X") is not None:
         x, y, z, *turns = _numbers(root, _FRAME)
         position, quaternion = (x * 1e-3, y * 1e-3, z * 1e-3), from_abc(*(angle * _DEGREE for angle in turns))
-    stamp = checked_stamp(_whole(root, "T", _LARGEST_NUMBER) * 1_000_000, _NAME)
-    return State(_whole(root, "Id", _LARGEST_NUMBER), Doing(doing), RobotSample(stamp, position, quaternion, joints))
+    stamp = checked_stamp(_whole(root, "T", _MAX_NUMBER) * 1_000_000, _NAME)
+    return State(_whole(root, "Id", _MAX_NUMBER), Doing(doing), RobotSample(stamp, position, quaternion, joints))
 
 
 Content = TypeVar("Content")
@@ -168,7 +168,7 @@ class Splitter:
                 self._skip(again)
                 continue
             if end < 0:
-                if len(self._buffer) > LARGEST:
+                if len(self._buffer) > MAX_BYTES:
                     self._skip(len(self._begin))
                     continue
                 return

@@ -27,7 +27,7 @@ _HEADER = struct.Struct("<BBBBHHII")
 _BOTTOM = struct.Struct("<HH")
 _IMU = struct.Struct("<6f")
 _LOG = struct.Struct("<HHBBHH")
-_SHORTEST, _LONGEST = _HEADER.size + _BOTTOM.size, 4096
+_MIN_LENGTH, _MAX_LENGTH = _HEADER.size + _BOTTOM.size, 4096
 _WEEK = 7 * 24 * 3600
 
 
@@ -74,7 +74,7 @@ class Decoder:
             if len(buffer) - at < _HEADER.size:
                 break
             length = int.from_bytes(buffer[at + 4 : at + 6], "little")
-            if not _SHORTEST <= length <= _LONGEST:
+            if not _MIN_LENGTH <= length <= _MAX_LENGTH:
                 at += 1
                 self.skipped += 1
                 continue
@@ -136,7 +136,7 @@ def encode(message: int, payload: bytes, stamp_ns: int, counter: int) -> bytes:
     """Return a frame."""
     seconds, rest = divmod(stamp_ns, 1_000_000_000)
     week, seconds = divmod(seconds, _WEEK)
-    length = _SHORTEST + len(payload)
+    length = _MIN_LENGTH + len(payload)
     body = _HEADER.pack(SYNC, message, counter % 256, 0, length, week, seconds, rest // 1000) + payload
     body += struct.pack("<H", 0)
     return body + struct.pack("<H", crc(body))
@@ -158,7 +158,7 @@ def add_log(message: int, divider: int, counter: int = 1) -> bytes:
 
 
 def wanted_log(frame: Frame) -> tuple[int, int] | None:
-    """Return message and divider a command wants to be sent, or None where it wants something else: the twin's side."""
+    """Return message and divider a command asks for, or None where it asks for something else: the simulator's side."""
     if frame.message != COMMAND or len(frame.payload) != _LOG.size:
         return None
     command, _, message, _, action, divider = _LOG.unpack(frame.payload)
@@ -166,7 +166,7 @@ def wanted_log(frame: Frame) -> tuple[int, int] | None:
 
 
 def respond(number: int, text: str, counter: int) -> bytes:
-    """Return a response: the twin's side."""
+    """Return a response: the simulator's side."""
     content = text.encode("latin-1", "replace")
     return encode(RESPONSE, struct.pack("<HH", number, len(content)) + content, 0, counter)
 

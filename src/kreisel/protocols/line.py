@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, checked_stamp, finite
 
-LARGEST = 4096
+MAX_BYTES = 4096
 """Bytes a line may have."""
 
 COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
@@ -95,8 +95,8 @@ class Decoder:
         self._buffer += data
         *lines, rest = self._buffer.split(b"\n")
         out: list[ImuSample | ProtocolError] = []
-        if len(rest) > LARGEST:
-            out.append(ProtocolError(_NAME, f"line of more than {LARGEST} bytes: is this a stream of text?"))
+        if len(rest) > MAX_BYTES:
+            out.append(ProtocolError(_NAME, f"line of more than {MAX_BYTES} bytes: is this a stream of text?"))
             rest = bytearray()
             self._begun = False
         self._buffer = bytearray(rest)

@@ -15,7 +15,7 @@ from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.markup import screened
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
-LARGEST = 8192
+MAX_BYTES = 8192
 """Bytes a telegram may have; the controller's own limit is lower."""
 
 _NAME = "RSI"
@@ -52,12 +52,12 @@ def late_answers(datagram: bytes) -> int:
 
     After so many as its configuration allows it stops the robot.
     """
-    found = _DELAY.search(datagram, 0, LARGEST)
+    found = _DELAY.search(datagram, 0, MAX_BYTES)
     return 0 if found is None else int(found.group(1))
 
 
 def encode(sample: RobotSample, late: int = 0) -> bytes:
-    """Return the controller's telegram that tells a pose, and how many answers came late: the twin's side."""
+    """Return the controller's telegram that tells a pose, and how many answers came late: the simulator's side."""
     parts = ['<Rob TYPE="KUKA">']
     if sample.position is not None and sample.quaternion is not None:
         values = (*(1e3 * x for x in sample.position), *(angle / _DEGREE for angle in to_abc(sample.quaternion)))
@@ -85,7 +85,7 @@ def encode_answer(datagram: bytes) -> bytes:
 
 
 def decode_answer(datagram: bytes) -> int:
-    """Return the IPOC an answer gives back: the twin's side.
+    """Return the IPOC an answer gives back: the simulator's side.
 
     Raises
     ------
@@ -104,8 +104,8 @@ def parse_xml(data: bytes, protocol: str, root: str) -> ElementTree.Element:
         If it is too long, not well-formed, of another name, or declares a document type: that is how XML is made to
         grow without bounds.
     """
-    if len(data) > LARGEST:
-        raise ProtocolError(protocol, f"telegram of {len(data)} bytes, expected {LARGEST} at most")
+    if len(data) > MAX_BYTES:
+        raise ProtocolError(protocol, f"telegram of {len(data)} bytes, expected {MAX_BYTES} at most")
     try:
         text = screened(data)
     except ValueError as error:

@@ -40,7 +40,7 @@ STOPPED = 1
 PLAYING = (2, 5)
 """Runtime states in which a program runs: playing, resuming."""
 
-LARGEST = 4096
+MAX_BYTES = 4096
 """Bytes a package may have."""
 
 _NAME = "RTDE"
@@ -56,7 +56,7 @@ _SIZES = {
 
 
 def _splitter() -> Splitter:
-    return Splitter(_NAME, ">HB", length=0, least=_HEAD.size, most=LARGEST, whole=True)
+    return Splitter(_NAME, ">HB", length=0, least=_HEAD.size, most=MAX_BYTES, whole=True)
 
 
 def package(kind: int, payload: bytes = b"") -> bytes:
@@ -188,7 +188,7 @@ def blocked(states: dict[str, int]) -> str:
 
 
 class Server:
-    """The controller's side of one connection: the twin.
+    """The controller's side of one connection: the simulator.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from kreisel.errors import ProtocolError
 from kreisel.protocols.framing import Splitter
 
-LARGEST = 1 << 20
+MAX_BYTES = 1 << 20
 """Bytes a package may have."""
 
 _HEAD = struct.Struct(">IB")
@@ -26,7 +26,7 @@ class Client:
 
     def __init__(self) -> None:
         self._splitter: Splitter | None = Splitter(
-            "URScript", ">IB", length=0, least=_HEAD.size, most=LARGEST, whole=True
+            "URScript", ">IB", length=0, least=_HEAD.size, most=MAX_BYTES, whole=True
         )
 
     def receive(self, data: bytes) -> str:
@@ -62,7 +62,7 @@ def _blocked(flags: tuple[int, ...]) -> str:
 
 
 def encode_state(time_us: int, *, emergency: bool = False, protective: bool = False) -> bytes:
-    """Return the package of a state: the twin's side."""
+    """Return the package of a state: the simulator's side."""
     flags = _FLAGS.pack(time_us, 1, 1, 1, emergency, protective, 0, 0)
     part = _HEAD.pack(_HEAD.size + len(flags), _MODE) + flags
     return _HEAD.pack(_HEAD.size + len(part), _STATE) + part

@@ -1,4 +1,4 @@
-"""Lines of URScript that move a Universal Robots arm, and the twin's reading of them."""
+"""Lines of URScript that move a Universal Robots arm, and the simulator's reading of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from kreisel.errors import ProtocolError
 _NAME = "URScript"
 _NUMBER = r"\s*[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?\s*"
 _MOVE = re.compile(rf"movej\(\[({_NUMBER}(?:,{_NUMBER}){{5}})\],a=({_NUMBER}),v=({_NUMBER})\)")
-LARGEST = 4096
+MAX_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def decode(line: bytes) -> Command:
     ProtocolError
         If it is none of those above.
     """
-    text = line[:LARGEST].decode("ascii", "replace").strip()
+    text = line[:MAX_BYTES].decode("ascii", "replace").strip()
     move = _MOVE.fullmatch(text)
     if move is not None:
         joints = tuple(float(angle) for angle in move.group(1).split(","))

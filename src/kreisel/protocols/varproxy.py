@@ -16,7 +16,7 @@ from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import RobotSample, finite
 
-LARGEST = 4096
+MAX_BYTES = 4096
 READ, WRITE = 0, 1
 _NAME = "KUKAVARPROXY"
 _HEAD = struct.Struct(">HH")
@@ -44,7 +44,7 @@ class Answer:
 
 def splitter() -> Splitter:
     """Return what takes messages out of a byte stream: pairs of number and content."""
-    return Splitter(_NAME, ">HH", length=1, least=3, most=LARGEST, whole=False)
+    return Splitter(_NAME, ">HH", length=1, least=3, most=MAX_BYTES, whole=False)
 
 
 def encode_request(request: Request) -> bytes:
@@ -56,7 +56,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """Return the bytes of an answer: the twin's side."""
+    """Return the bytes of an answer: the simulator's side."""
     content = bytes([READ]) + _string(answer.value) + (b"\x00\x01\x01" if answer.well else b"\x00\x00\x00")
     return _HEAD.pack(answer.number % 2**16, len(content)) + content
 
@@ -102,7 +102,7 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
         If it is neither a frame nor a set of axes.
     """
     try:
-        values = {name.upper(): float(number) for name, number in _PAIR.findall(text[:LARGEST])}
+        values = {name.upper(): float(number) for name, number in _PAIR.findall(text[:MAX_BYTES])}
     except ValueError as error:
         raise ProtocolError(_NAME, f"'{text[:60]}' holds what is no number") from error
     axes = [values.get(f"A{k}") for k in range(1, 7)]
@@ -116,7 +116,7 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
 
 
 def variable(name: str, sample: RobotSample) -> str | None:
-    """Return the text of a variable at a pose, None where there is no such: the twin's side."""
+    """Return the text of a variable at a pose, None where there is no such: the simulator's side."""
     if name == "$AXIS_ACT" and sample.joints:
         axes = ", ".join(f"A{k} {angle / _DEGREE:.5f}" for k, angle in enumerate(sample.joints, start=1))
         return f"{{E6AXIS: {axes}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"

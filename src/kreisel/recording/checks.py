@@ -9,26 +9,26 @@ from __future__ import annotations
 from dataclasses import replace
 
 from kreisel.recording.imu_checks import check_imu
-from kreisel.recording.joint_checks import check_joints, joint_stamp_findings, joints_in_radians
+from kreisel.recording.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.recording.pose_checks import check_poses, stamped_poses
 from kreisel.recording.recording import Recording
 from kreisel.recording.sampling import regularly_sampled, with_lateness
 from kreisel.recording.stamp_checks import (
     LONG_GAP,
-    SHORTEST,
+    MIN_SECONDS,
     Stamped,
     check_duration,
     check_rate,
     check_stamps,
-    gap_findings,
+    gap_warnings,
     gaps,
 )
 
-__all__ = ["LONG_GAP", "SHORTEST", "check_streams", "gaps"]
+__all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
 
 def check_streams(recording: Recording) -> Recording:
-    """Return the recording with findings added, quaternions of unit length, and repeated rows left out.
+    """Return the recording with warnings added, quaternions of unit length, and repeated rows left out.
 
     Raises
     ------
@@ -41,18 +41,18 @@ def check_streams(recording: Recording) -> Recording:
     stamped = Stamped(imu.stamps_ns, imu.source, "samples", 20.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
-    findings = sampling + gap_findings(imu.stamps_ns, imu.source, LONG_GAP)
+    warnings = sampling + gap_warnings(imu.stamps_ns, imu.source, LONG_GAP)
     imu, told = check_imu(imu, moved=reference is not None)
-    findings += told
+    warnings += told
     if joints is not None:
         check_joints(joints)
     if reference is not None:
         reference, told = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
         reference, rounded = with_lateness(reference)
-        findings += told + rounded
+        warnings += told + rounded
     if joints is not None:
         joints, told = joints_in_radians(replace(recording, reference=reference))
-        findings += told
+        warnings += told
         if reference is not None:
-            findings += joint_stamp_findings(joints, reference)
-    return replace(recording, imu=imu, reference=reference, joints=joints).with_findings(*findings)
+            warnings += joint_stamp_warnings(joints, reference)
+    return replace(recording, imu=imu, reference=reference, joints=joints).with_warnings(*warnings)

@@ -19,7 +19,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import and_more, fault, is_table, rows, wrong_unit
-from kreisel.recording.recording import Finding, ImuSamples, Stamps, excerpt, pieces
+from kreisel.recording.recording import DataWarning, ImuSamples, Stamps, chunks, excerpt
 from kreisel.recording.stamp_checks import runs
 from kreisel.units import STANDARD_GRAVITY
 
@@ -34,7 +34,7 @@ _SPIKE = 30.0
 _OVERLAP = 512
 
 
-def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding]]:
+def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples without repeated ones, and what to say of them.
 
     Parameters
@@ -52,24 +52,24 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Finding
         check_finite(columns, names, imu.source)
     _check_filled(imu)
     _check_gravity(imu)
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     for check in (_check_dead, _check_copies):
-        with _told(findings, moved=moved):
+        with _told(warnings, moved=moved):
             check(imu)
     keep = np.ones(imu.stamps_ns.size, dtype=bool)
     waiting = [_check_saturation, _check_steps, _check_frozen, _check_stuck]
     for piece in _pieces(imu):
         for look in list(waiting):
-            with _told(findings, moved=moved) as failed:
+            with _told(warnings, moved=moved) as failed:
                 look(piece)
             if failed:
                 waiting.remove(look)
         keep[piece.first : piece.first + len(piece.values)] &= _fresh(piece)
-    return _without_repeats(imu, keep, findings)
+    return _without_repeats(imu, keep, warnings)
 
 
 @contextmanager
-def _told(findings: list[Finding], *, moved: bool) -> Iterator[list[str]]:
+def _told(warnings: list[DataWarning], *, moved: bool) -> Iterator[list[str]]:
     """Note what a check finds instead of raising it, where nothing was moved; yield what was noted."""
     failed: list[str] = []
     try:
@@ -78,7 +78,7 @@ def _told(findings: list[Finding], *, moved: bool) -> Iterator[list[str]]:
         if moved:
             raise
         failed.append(error.message)
-        findings.append(Finding("imu", error.message))
+        warnings.append(DataWarning("imu", error.message))
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class _Piece:
 def _pieces(imu: ImuSamples) -> Iterator[_Piece]:
     """Yield all samples piece by piece, each with the end of the one before."""
     n = imu.stamps_ns.size
-    for part in pieces(n):
+    for part in chunks(n):
         wide = slice(max(part.start - _OVERLAP, 0), part.stop)
         values = np.hstack([imu.rates[wide], imu.accelerations[wide]])
         yield _Piece(imu.source, wide.start, part.stop == n, imu.stamps_ns[wide], values)
@@ -353,17 +353,17 @@ def _fresh(piece: _Piece) -> Mask:
     return first_of_each(len(piece.values), starts[stale], stops[stale])
 
 
-def _without_repeats(imu: ImuSamples, keep: Mask, findings: list[Finding]) -> tuple[ImuSamples, list[Finding]]:
+def _without_repeats(imu: ImuSamples, keep: Mask, warnings: list[DataWarning]) -> tuple[ImuSamples, list[DataWarning]]:
     dropped = int(np.sum(~keep))
     if not dropped:
-        return imu, findings
-    finding = Finding(
+        return imu, warnings
+    warning = DataWarning(
         "repeats",
         f"{imu.source.parent.name}: {dropped} of {keep.size} samples only repeat the one before and were left out"
         f"{'; log the sensor at its own rate' if dropped > 0.1 * keep.size else ''}",
     )
     fresh = replace(imu, stamps_ns=imu.stamps_ns[keep], rates=imu.rates[keep], accelerations=imu.accelerations[keep])
-    return fresh, [*findings, finding]
+    return fresh, [*warnings, warning]
 
 
 def first_of_each(size: int, starts: Indices, stops: Indices) -> Mask:

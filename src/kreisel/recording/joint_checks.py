@@ -11,7 +11,7 @@ from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.recording.imu_checks import check_finite
 from kreisel.recording.location import is_table
-from kreisel.recording.recording import Finding, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.stamp_checks import check_stamps
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm, parse_arm
@@ -43,14 +43,14 @@ def check_joints(joints: JointAngles) -> None:
     check_finite(joints.angles, names, joints.source)
 
 
-def joint_stamp_findings(joints: JointAngles, reference: ReferencePoses) -> list[Finding]:
+def joint_stamp_warnings(joints: JointAngles, reference: ReferencePoses) -> list[DataWarning]:
     """Return what to say of poses whose stamp no joint angles have: they are interpolated there."""
     _, same = _nearest(joints.stamps_ns, reference.stamps_ns)
     missing = int(np.sum(~same))
     if not missing:
         return []
     said = f"{missing} of {reference.stamps_ns.size} poses have no joint angles of the same stamp; interpolated there"
-    return [Finding("joints", f"{joints.source.parent.name}: {said}")]
+    return [DataWarning("joints", f"{joints.source.parent.name}: {said}")]
 
 
 def angles_at(joints: JointAngles, stamps: Stamps) -> Array:
@@ -67,7 +67,7 @@ def _nearest(own: Stamps, stamps: Stamps) -> tuple[Indices, Mask]:
     return nearest, np.asarray(np.abs(own[nearest] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
 
 
-def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[Finding]]:
+def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarning]]:
     """Return the joint angles, converted where the poses prove that they are degrees without a unit.
 
     They are compared with the poses only if some are beyond a full turn, or a joint's limits; smaller ones are judged
@@ -113,7 +113,7 @@ def _look_like_degrees(joints: JointAngles, arm: Arm | None) -> bool:
     return bool(beyond.any() and within.all())
 
 
-def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[Finding]]:
+def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[DataWarning]]:
     """Return angles that are degrees in radians, and what to say of it.
 
     Raises
@@ -125,7 +125,7 @@ def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[Finding]]:
         raise looks_like_degrees(joints, "the poses fit the joint angles as degrees")
     where = "write q_1 [deg] into the header" if is_table(joints.source) else "ROS messages are in rad: convert them"
     said = f"joint angles are in degrees, as the poses show, and were converted; {where}"
-    return replace(joints, angles=DEG * joints.angles), [Finding("joints", f"{joints.source.parent.name}: {said}")]
+    return replace(joints, angles=DEG * joints.angles), [DataWarning("joints", f"{joints.source.parent.name}: {said}")]
 
 
 def looks_like_degrees(joints: JointAngles, evidence: str) -> RecordingError:

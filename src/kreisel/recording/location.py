@@ -69,7 +69,7 @@ def rows(source: Path) -> str:
 
 
 def at(source: Path, row: int) -> str:
-    """Return the place of a row, counted from 0, for a finding."""
+    """Return the place of a row, counted from 0, for a warning."""
     return f"line {line_of(source, row)}" if is_table(source) else f"message {row + 1}"
 
 

@@ -9,14 +9,14 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.imu_checks import check_finite, first_of_each
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
-from kreisel.recording.recording import Finding, ReferencePoses, angles_over
+from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
 from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
-MOST_OUTLIERS = 0.1
+MAX_OUTLIERS = 0.1
 """Share of poses that may jump away and back before the reference is refused."""
 
 _LONG_FREEZE = 8
-_MOST_IN_A_ROW = 3
+_MAX_IN_A_ROW = 3
 _FAST = 20.0
 
 
@@ -25,7 +25,7 @@ def stamped_poses(reference: ReferencePoses) -> Stamped:
     return Stamped(reference.stamps_ns, reference.source, "poses", 0.5, 20e3, reference.units.time)
 
 
-def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[Finding]]:
+def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return the poses with unit quaternions, without stale ones and outliers, and what to say of them.
 
     Parameters
@@ -42,15 +42,15 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
     check_stamps(reference.stamps_ns, source, "pose")
     check_rate(stamped_poses(reference), imu)
     check_duration(stamped_poses(reference), imu)
-    findings: list[Finding] = []
+    warnings: list[DataWarning] = []
     if reference.positions is not None:
         check_finite(reference.positions, ("p_x", "p_y", "p_z"), source)
     if reference.quaternions is not None:
         check_finite(reference.quaternions, ("q_w", "q_x", "q_y", "q_z"), source)
-        reference = _normalised(reference, findings)
+        reference = _normalised(reference, warnings)
     kept = np.arange(reference.stamps_ns.size)
     for choose in (_near, _fresh):
-        keep = choose(reference, kept, findings)
+        keep = choose(reference, kept, warnings)
         if not keep.all():
             reference, kept = reference.part(keep), kept[keep]
     _check_frozen(reference, kept)
@@ -59,13 +59,13 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
     long = gaps(reference.stamps_ns, 1.0)
     if long.size:
         steps = np.diff(reference.stamps_ns)[long] * 1e-9
-        findings.append(
-            Finding("gaps", f"{source.parent.name}: {long.size} gaps of up to {steps.max():.2f} s without poses")
+        warnings.append(
+            DataWarning("gaps", f"{source.parent.name}: {long.size} gaps of up to {steps.max():.2f} s without poses")
         )
-    return reference, findings
+    return reference, warnings
 
 
-def _normalised(reference: ReferencePoses, findings: list[Finding]) -> ReferencePoses:
+def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> ReferencePoses:
     source, q = reference.source, reference.quaternions
     assert q is not None  # noqa: S101 - for the type checker; the caller looked
     norm = np.sqrt(np.einsum("ij,ij->i", q, q))
@@ -89,8 +89,8 @@ def _normalised(reference: ReferencePoses, findings: list[Finding]) -> Reference
     q = q / norm[:, None]
     flips = int(np.sum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0))
     if flips:
-        findings.append(
-            Finding(
+        warnings.append(
+            DataWarning(
                 "quaternions",
                 f"{flips} changes of sign between neighbours; q and -q are the same turn, so nothing is lost",
             )
@@ -166,7 +166,7 @@ def _in_time(reference: ReferencePoses) -> Mask:
     return np.asarray(dt < 3.0 * float(np.median(dt)))
 
 
-def _fresh(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> Mask:
+def _fresh(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
     """Return the mask of the poses that do not merely repeat the one before while the body moves."""
     steps = _Steps.of(reference)
     starts, stops = _stalls(reference)
@@ -178,8 +178,8 @@ def _fresh(reference: ReferencePoses, kept: Indices, findings: list[Finding]) ->
         for start, stop in zip(starts[~stale], stops[~stale], strict=True):
             keep[start : stop + 1] &= np.arange(stop + 1 - start) % every == 0
     if not keep.all():
-        findings.append(
-            Finding(
+        warnings.append(
+            DataWarning(
                 "repeats",
                 f"{reference.source.parent.name}: {int(np.sum(~keep))} of {keep.size} poses only repeat the one before "
                 "and were left out",
@@ -188,7 +188,7 @@ def _fresh(reference: ReferencePoses, kept: Indices, findings: list[Finding]) ->
     return keep
 
 
-def _near(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> Mask:
+def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
     """Return the mask without up to three poses in a row that jump away from those around, which agree.
 
     Raises
@@ -199,7 +199,7 @@ def _near(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> 
     steps = _Steps.of(reference)
     shift, turn = steps.usual(25.0)
     keep = np.ones(kept.size, dtype=bool)
-    for length in range(1, 1 + min(_MOST_IN_A_ROW, kept.size - 2)):
+    for length in range(1, 1 + min(_MAX_IN_A_ROW, kept.size - 2)):
         over = _Steps.of(reference, length + 1)
         for step, across, limit in (
             (steps.shift, over.shift, max(0.05, 10.0 * shift)),
@@ -212,15 +212,15 @@ def _near(reference: ReferencePoses, kept: Indices, findings: list[Finding]) -> 
     out = np.flatnonzero(~keep)
     if not out.size:
         return keep
-    if out.size > MOST_OUTLIERS * keep.size:
+    if out.size > MAX_OUTLIERS * keep.size:
         raise fault(
             reference.source,
             f"{out.size} of {keep.size} poses jump away from those around (here by {steps.text(int(out[0]) - 1)}): "
             "markers lost or swapped, or another body's poses among them; record the reference again",
             int(kept[out[0]]),
         )
-    findings.append(
-        Finding(
+    warnings.append(
+        DataWarning(
             "outliers",
             f"{reference.source.parent.name}: {out.size} of {keep.size} poses jump away and back, by up to "
             f"{steps.shift[out - 1].max():.3g} m and {np.degrees(steps.turn[out - 1].max()):.3g} deg; they were left "

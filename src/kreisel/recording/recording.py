@@ -15,19 +15,19 @@ from kreisel.recording.settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
 
-PIECE = 1 << 17
+CHUNK = 1 << 17
 """Rows looked at together where a recording is worked through piece by piece, for want of memory for all."""
 
 
-def pieces(size: int) -> list[slice]:
-    """Return slices of `PIECE` rows one behind the other; a short rest is taken into the last."""
-    starts = range(0, max(size - PIECE // 4, 1), PIECE)
-    return [slice(start, size if start == starts[-1] else start + PIECE) for start in starts]
+def chunks(size: int) -> list[slice]:
+    """Return slices of `CHUNK` rows one behind the other; a short rest is taken into the last."""
+    starts = range(0, max(size - CHUNK // 4, 1), CHUNK)
+    return [slice(start, size if start == starts[-1] else start + CHUNK) for start in starts]
 
 
 def excerpt(values: Array, most: int = 4) -> list[Array]:
     """Return a few pieces of rows (n, …), spread evenly: enough for what is usual."""
-    all_of_them = pieces(len(values))
+    all_of_them = chunks(len(values))
     chosen = np.unique(np.round(np.linspace(0, len(all_of_them) - 1, most)).astype(int))
     return [values[all_of_them[i]] for i in chosen]
 
@@ -35,14 +35,14 @@ def excerpt(values: Array, most: int = 4) -> list[Array]:
 def angles_over(q: Array, stride: int) -> Array:
     """Return the angles (m - stride,) between attitudes q (m, 4) that many rows apart, rad."""
     angle = np.empty(len(q) - stride)
-    for part in pieces(angle.size):
+    for part in chunks(angle.size):
         later = q[part.start + stride : part.stop + stride]
         angle[part] = np.linalg.norm(log(multiply(conjugate(q[part]), later)), axis=1)
     return angle
 
 
 @dataclass(frozen=True)
-class Finding:
+class DataWarning:
     """Something a reader of the result should know about the recording; `subject` is what it is about."""
 
     subject: str
@@ -166,7 +166,7 @@ class Recording:
     reference: ReferencePoses | None
     joints: JointAngles | None = None
     settings: RecordingSettings = field(default_factory=RecordingSettings)
-    findings: tuple[Finding, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
     datasheet: Datasheet | None = None
     urdf: str | None = None
 
@@ -175,6 +175,6 @@ class Recording:
         """The recording's name: that of its folder or file."""
         return self.path.resolve().name
 
-    def with_findings(self, *findings: Finding) -> Recording:
-        """Return the recording with further findings."""
-        return replace(self, findings=(*self.findings, *findings))
+    def with_warnings(self, *warnings: DataWarning) -> Recording:
+        """Return the recording with further warnings."""
+        return replace(self, warnings=(*self.warnings, *warnings))

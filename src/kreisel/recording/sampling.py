@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Finding, ImuSamples, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
 
 EXACT = 2e-3
 """Scatter of the stamps, in sampling intervals, below which they are taken as they are."""
@@ -53,7 +53,7 @@ class _Line:
         return np.asarray(self.first + self.interval * self.number, dtype=np.float64)
 
 
-def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[Finding]]:
+def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples with the stamps of regular sampling, where there is such a thing, and what was found."""
     stamps = imu.stamps_ns
     if stamps.size < MIN_PART:
@@ -81,10 +81,10 @@ def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[Finding]]:
         return imu, []
     lost = sum(int(line.number[-1]) + 1 - line.number.size for _, line in lines)
     # on which side of the line the moments of sampling lie, and how far, the stamps do not tell
-    return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_finding(imu, interval, late, lost)]
+    return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_warning(imu, interval, late, lost)]
 
 
-def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[Finding]]:
+def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return poses with the lateness that comes from rounded stamps, where they are rounded, and what was found.
 
     Few poses are used, at even times: they may all be rounded alike.
@@ -102,10 +102,10 @@ def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[Finding]]
         f"{poses.source.parent.name}: stamps are rounded to {1e-6 * grain:.4g} ms; the standard deviation of the time "
         f"offset contains {1e3 * rounding:.2g} ms for that"
     )
-    return replace(poses, lateness=rounding), [Finding("stamps", said)]
+    return replace(poses, lateness=rounding), [DataWarning("stamps", said)]
 
 
-def _finding(imu: ImuSamples, interval: float, late: Array, lost: int) -> Finding:
+def _warning(imu: ImuSamples, interval: float, late: Array, lost: int) -> DataWarning:
     """Return what to say of stamps that were replaced."""
     largest = float(late[np.argmax(np.abs(late))])
     said = (
@@ -114,7 +114,7 @@ def _finding(imu: ImuSamples, interval: float, late: Array, lost: int) -> Findin
     )
     if lost:
         said += f", {lost} sample{'s are' if lost > 1 else ' is'} missing"
-    return Finding("stamps", f"{said}; a straight line through them is used instead")
+    return DataWarning("stamps", f"{said}; a straight line through them is used instead")
 
 
 def _even(seconds: Array) -> bool:

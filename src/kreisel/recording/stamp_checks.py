@@ -12,15 +12,15 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import and_more, at, fault, is_table, rows
-from kreisel.recording.recording import Finding, Stamps
+from kreisel.recording.recording import DataWarning, Stamps
 
-SHORTEST = 5.0
+MIN_SECONDS = 5.0
 """Seconds of recording below which nothing is tried."""
 
 LONG_GAP = 0.05
 """Seconds without IMU samples up to which the motion is bridged, at least five sampling intervals."""
 
-_LEAST, _MOST = 1.0, 1e7  # seconds a recording may last in any unit that is proposed
+_MIN_DURATION, _MAX_DURATION = 1.0, 1e7  # seconds a recording may last in any unit that is proposed
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Indices, Indices]:
@@ -179,9 +179,9 @@ def check_duration(stream: Stamped, other: Stamped | None = None) -> None:
         raise stream.error(
             f"lasts {stream.seconds:.4g} s, {other.name} {other.seconds:.4g} s{_unit_remedy(stream, other)}"
         )
-    if stream.seconds < SHORTEST:
+    if stream.seconds < MIN_SECONDS:
         raise RecordingError(
-            f"lasts {stream.seconds:.2f} s; a calibration needs {SHORTEST:g} s and more of motion: record longer",
+            f"lasts {stream.seconds:.2f} s; a calibration needs {MIN_SECONDS:g} s and more of motion: record longer",
             file=stream.source,
         )
 
@@ -195,7 +195,12 @@ def _fitting_units(stream: Stamped, other: Stamped | None) -> list[str]:
         factor = size / UNITS["time"][stream.unit or "ns"]
         seconds = stream.seconds * factor
         alike = other is None or 0.2 <= seconds / other.seconds <= 5.0
-        if factor != 1.0 and stream.comes_at_such_a_rate(factor) and _LEAST <= seconds <= _MOST and alike:
+        if (
+            factor != 1.0
+            and stream.comes_at_such_a_rate(factor)
+            and _MIN_DURATION <= seconds <= _MAX_DURATION
+            and alike
+        ):
             fitting.append(unit)
     return fitting
 
@@ -213,17 +218,17 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
     return f"; {says}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
 
 
-def gap_findings(stamps: Stamps, source: Path, longest: float) -> list[Finding]:
+def gap_warnings(stamps: Stamps, source: Path, longest: float) -> list[DataWarning]:
     """Return what to say of missing samples: those bridged in one sentence, each long gap in one."""
     steps = np.diff(stamps) * 1e-9
     usual = float(np.median(steps))
     long = gaps(stamps, longest)
     short = np.setdiff1d(np.flatnonzero(steps > 1.6 * usual), long)
-    findings, name = [], source.parent.name
+    warnings, name = [], source.parent.name
     if short.size:
         lost = float(np.sum(steps[short] / usual - 1.0))
-        findings.append(
-            Finding(
+        warnings.append(
+            DataWarning(
                 "gaps",
                 f"{name}: about {lost:.0f} samples missing in {short.size} short gaps "
                 f"(longest {steps[short].max() * 1e3:.1f} ms), bridged",
@@ -231,7 +236,7 @@ def gap_findings(stamps: Stamps, source: Path, longest: float) -> list[Finding]:
         )
     for k in long:
         where = at(source, int(k))
-        findings.append(
-            Finding("gaps", f"{name}: {steps[k]:.3f} s without samples after {where}; the recording is split there")
+        warnings.append(
+            DataWarning("gaps", f"{name}: {steps[k]:.3f} s without samples after {where}; the recording is split there")
         )
-    return findings
+    return warnings

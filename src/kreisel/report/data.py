@@ -16,15 +16,15 @@ from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
 from kreisel.synchronization.clock import Clock
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
 
-STRETCH = 8.0
+EXCERPT = 8.0
 """Seconds of the recording shown raw and corrected."""
 
-MOST_MARKERS = 2000
+MAX_MARKERS = 2000
 """Markers of one kind in a figure; more of them only slow a browser down."""
 
 _MARGIN = 50
 _HISTOGRAM_EDGES = np.linspace(-5.0, 5.0, 41)
-_MOST_LAGS = 40
+_MAX_LAGS = 40
 
 Curves = tuple[Curve, ...]
 
@@ -49,23 +49,23 @@ class ClockStep:
 
 @dataclass(frozen=True)
 class Excitation:
-    """Readings as they came (deg/s, m/s^2), rests (k, 2) and rejected updates in IMU seconds.
+    """Readings as they came (deg/s, m/s^2), standstills (k, 2) and rejected updates in IMU seconds.
 
-    `felt` and `seen` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
+    `gyro_rate` and `reference_rate` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
     """
 
     rates: Curves
     forces: Curves
-    rests: Array
-    set_aside: Single
+    standstills: Array
+    rejected: Single
     rate_spread: Spread
     force_spread: Spread
-    resting: float
+    at_standstill: float
     clock: tuple[ClockStep, ...]
     coefficient: float
     explained: float
-    felt: Curve
-    seen: Curve
+    gyro_rate: Curve
+    reference_rate: Curve
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Kind:
 
     name: str
     count: int
-    set_aside: int
+    rejected: int
     degrees: int
     mean: float
     mean_bounds: tuple[float, float]
@@ -92,7 +92,7 @@ class Residuals:
     """
 
     seconds: Single
-    at_rest: Mask
+    at_standstill: Mask
     used: Mask
     position: Single
     attitude: Single
@@ -109,7 +109,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Change:
-    """What the calibration changes in the readings of one triad over a stretch.
+    """What the calibration changes in the readings of one triad over a excerpt.
 
     raw (turned by the nominal mount) and corrected in deg/s or m/s^2; their difference, and its rms by
     cause, in deg/s or mg.
@@ -123,7 +123,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Difference:
-    """The change of rates and of specific forces over a telling stretch, in IMU seconds."""
+    """The change of rates and of specific forces over a telling excerpt, in IMU seconds."""
 
     start: float
     stop: float
@@ -199,12 +199,12 @@ def extract(
     injection: Injection | None = None,
 ) -> ReportData:
     """Return what a report shows of an outcome and its validations."""
-    stretch = telling_stretch(outcome)
+    excerpt = telling_excerpt(outcome)
     return ReportData(
         outcome=outcome,
-        excitation=_excitation(outcome, stretch),
+        excitation=_excitation(outcome, excerpt),
         residuals=_residuals(outcome.estimate.run.history),
-        difference=_difference(outcome, stretch),
+        difference=_difference(outcome, excerpt),
         uncertainty=_uncertainty(outcome),
         unseen=None if cross is None else _unseen(cross),
         halves=outcome.halves,
@@ -212,8 +212,8 @@ def extract(
     )
 
 
-def telling_stretch(outcome: Outcome) -> slice:
-    """Return the samples of the stretch with the most rotation about all three axes together.
+def telling_excerpt(outcome: Outcome) -> slice:
+    """Return the samples of the excerpt with the most rotation about all three axes together.
 
     It lies within one unbroken segment, and between the first and the last update where they are far
     enough apart.
@@ -225,9 +225,9 @@ def telling_stretch(outcome: Outcome) -> slice:
     best, chosen = -1.0, slice(readings.segments[0][0], readings.segments[0][1] + 1)
     for first, last in readings.segments:
         low, high = max(t[first], history.seconds[0]), min(t[last], history.seconds[-1])
-        starts = np.arange(low, max(high - STRETCH, low) + 1e-9, 0.5)
+        starts = np.arange(low, max(high - EXCERPT, low) + 1e-9, 0.5)
         a = np.searchsorted(t, starts)
-        b = np.minimum(np.searchsorted(t, starts + STRETCH), np.searchsorted(t, high))
+        b = np.minimum(np.searchsorted(t, starts + EXCERPT), np.searchsorted(t, high))
         score = np.prod(np.cbrt(energy[np.maximum(b, a)] - energy[a]), axis=1)
         k = int(np.argmax(score))
         if b[k] - a[k] > 10 and score[k] > best:
@@ -235,20 +235,20 @@ def telling_stretch(outcome: Outcome) -> slice:
     return chosen
 
 
-def _excitation(outcome: Outcome, stretch: slice) -> Excitation:
+def _excitation(outcome: Outcome, excerpt: slice) -> Excitation:
     imu, history = outcome.recording.imu, outcome.estimate.run.history
     t, preparation, found = imu.seconds, outcome.preparation, outcome.estimate.run.parameters
     rates, forces = imu.rates / DEG, imu.accelerations
-    felt, seen = _rate_norms(outcome, stretch)
-    rests = np.array([(rest.start, rest.stop) for rest in outcome.problem.schedule.rests]).reshape(-1, 2)
+    gyro_rate, reference_rate = _rate_norms(outcome, excerpt)
+    standstills = np.array([(one.start, one.stop) for one in outcome.problem.schedule.standstills]).reshape(-1, 2)
     return Excitation(
         rates=thinned_axes(t, rates),
         forces=thinned_axes(t, forces),
-        rests=rests,
-        set_aside=history.seconds[~history.used].astype(np.float32),
+        standstills=standstills,
+        rejected=history.seconds[~history.used].astype(np.float32),
         rate_spread=_spread(rates),
         force_spread=_spread(forces),
-        resting=float(np.sum(rests[:, 1] - rests[:, 0]) / t[-1]),
+        at_standstill=float(np.sum(standstills[:, 1] - standstills[:, 0]) / t[-1]),
         clock=(
             _step("correlation of rate norms", preparation.correlation.clock),
             _step("fit on three axes", preparation.rate_fit.clock),
@@ -256,8 +256,8 @@ def _excitation(outcome: Outcome, stretch: slice) -> Excitation:
         ),
         coefficient=preparation.correlation.coefficient,
         explained=preparation.rate_fit.explained,
-        felt=felt,
-        seen=seen,
+        gyro_rate=gyro_rate,
+        reference_rate=reference_rate,
     )
 
 
@@ -269,57 +269,59 @@ def _spread(values: Array) -> Spread:
     return Spread(values.min(axis=0), values.max(axis=0), np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _rate_norms(outcome: Outcome, stretch: slice) -> tuple[Curve, Curve]:
-    """Return the norms of the rate by corrected gyros and by the reference, over the same stretch."""
+def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
+    """Return the norms of the rate by corrected gyros and by the reference, over the same excerpt."""
     readings, parameters, reference = (
         outcome.problem.readings,
         outcome.estimate.run.parameters,
         outcome.problem.reference,
     )
-    t = readings.stamps[stretch]
+    t = readings.stamps[excerpt]
     s = parameters.sensors
-    omega = polynomial(readings.rates[stretch], s.k_w) @ s.K_omega.T
-    felt = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
+    omega = polynomial(readings.rates[excerpt], s.k_w) @ s.K_omega.T
+    gyro_rate = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
-        return felt, nothing
+        return gyro_rate, nothing
     clock, tau = Clock(parameters.start, parameters.skew), outcome.problem.reference.seconds
     at = clock.imu_time(tau)
     inside = np.flatnonzero((at >= t[0]) & (at <= t[-1]))
     stride = max(1, round(0.06 / reference.interval))
     if inside.size <= stride + 1:
-        return felt, nothing
+        return gyro_rate, nothing
     q, moment = reference.quaternions[inside], at[inside]
     turned = log(multiply(conjugate(q[:-stride]), q[stride:]))
     span = moment[stride:] - moment[:-stride]
     middle = 0.5 * (moment[stride:] + moment[:-stride])
-    return felt, thinned(middle, np.linalg.norm(turned, axis=1) / span / DEG)
+    return gyro_rate, thinned(middle, np.linalg.norm(turned, axis=1) / span / DEG)
 
 
 def _residuals(h: History) -> Residuals:
-    path, rest = h.used & ~h.at_rest, h.used & h.at_rest
-    shown = every(h.seconds.size, MOST_MARKERS)
+    path, standstill = h.used & ~h.at_standstill, h.used & h.at_standstill
+    shown = every(h.seconds.size, MAX_MARKERS)
     position, orientation, velocity = slice(0, 3), slice(3, 6), slice(6, 9)
     samples = {
         "position, path": h.whitened[path, position],
         "attitude, path": h.whitened[path, orientation],
-        "position, rest": h.whitened[rest, position],
-        "attitude, rest": h.whitened[rest, orientation],
-        "velocity, rest": h.whitened[rest, velocity],
+        "position, standstill": h.whitened[standstill, position],
+        "attitude, standstill": h.whitened[standstill, orientation],
+        "velocity, standstill": h.whitened[standstill, velocity],
     }
-    lags = int(min(_MOST_LAGS, path.sum() // 4)) if path.sum() >= 12 else 0
+    lags = int(min(_MAX_LAGS, path.sum() // 4)) if path.sum() >= 12 else 0
     series = {"position": h.whitened[path, position], "attitude": h.whitened[path, orientation]}
     correlations = {name: _correlation(x, lags) for name, x in series.items()}
     steps = np.linspace(-5.0, 5.0, 201)
     return Residuals(
         seconds=h.seconds[shown].astype(np.float32),
-        at_rest=h.at_rest[shown],
+        at_standstill=h.at_standstill[shown],
         used=h.used[shown],
         position=(h.innovation[shown, position] / MM).astype(np.float32),
         attitude=(h.innovation[shown, orientation] / MRAD).astype(np.float32),
         nis=(h.nis / h.degrees)[shown].astype(np.float32),
         kinds=tuple(
-            _kind(name, h, which) for name, which in (("path", ~h.at_rest), ("rest", h.at_rest)) if which.any()
+            _kind(name, h, which)
+            for name, which in (("path", ~h.at_standstill), ("standstill", h.at_standstill))
+            if which.any()
         ),
         edges=_HISTOGRAM_EDGES,
         densities={name: d for name, x in samples.items() if (d := _density(x)) is not None},
@@ -338,7 +340,7 @@ def _kind(name: str, h: History, which: Mask) -> Kind:
     return Kind(
         name=name,
         count=int(which.sum()),
-        set_aside=int(np.sum(which & ~h.used)),
+        rejected=int(np.sum(which & ~h.used)),
         degrees=degrees,
         mean=mean_normalised(h.nis[used], h.degrees[used]),
         mean_bounds=normalised_bounds(h.degrees[used]) if used.any() else (np.nan, np.nan),
@@ -361,18 +363,18 @@ def _correlation(series: Array, lags: int) -> Array | None:
     return np.mean([autocorrelation(series[:, i], lags)[1:] for i in range(3)], axis=0)
 
 
-def _difference(outcome: Outcome, stretch: slice) -> Difference:
+def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     readings, sensors, nominal = (
         outcome.problem.readings,
         outcome.calibration.sensors,
         outcome.problem.prior.nominal.sensors,
     )
-    segment = readings.segments[readings.segment_of(stretch.start) or 0]
-    wide = slice(max(stretch.start - _MARGIN, segment[0]), min(stretch.stop + _MARGIN, segment[1] + 1))
+    segment = readings.segments[readings.segment_of(excerpt.start) or 0]
+    wide = slice(max(excerpt.start - _MARGIN, segment[0]), min(excerpt.stop + _MARGIN, segment[1] + 1))
     rates, forces = readings.rates[wide], readings.accelerations[wide]
     omega, f = outcome.calibration.correct(rates, forces, readings.stamps[wide])
-    cut = slice(stretch.start - wide.start, stretch.stop - wide.start)
-    t = readings.stamps[stretch]
+    cut = slice(excerpt.start - wide.start, excerpt.stop - wide.start)
+    t = readings.stamps[excerpt]
     gyro = _parts(rates[cut], sensors.K_omega, sensors.k_w, nominal.K_omega, omega[cut])
     accel = _parts(forces[cut], sensors.K_a, sensors.k_a, nominal.K_a, f[cut])
     del gyro["lever arms"]  # rates have none
@@ -427,7 +429,7 @@ def _uncertainty(outcome: Outcome) -> Uncertainty:
 
 def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> dict[str, tuple[Track, ...]]:
     n = len(groups)
-    table = outcome.calibration.estimates[every(outcome.calibration.estimates.shape[0], MOST_MARKERS)]
+    table = outcome.calibration.estimates[every(outcome.calibration.estimates.shape[0], MAX_MARKERS)]
     seconds, deviations = table[:, 0], table[:, 1 + n :]
     values = _around_prior(outcome, table[:, 1 : 1 + n], deviations)
     covariance, parameters = outcome.calibration.covariance, outcome.estimate.run.parameters
@@ -515,7 +517,7 @@ def _unseen(cross: CrossValidation) -> Unseen | None:
 
 
 def _drift(drift: Drift) -> DriftCurves:
-    shown = every(drift.seconds.size, MOST_MARKERS)
+    shown = every(drift.seconds.size, MAX_MARKERS)
     sizes = drift.position / MM, drift.attitude / MRAD
     curves = [Curve(drift.seconds[shown].astype(np.float32), size[shown].astype(np.float32)) for size in sizes]
     rms, greatest = (

@@ -25,13 +25,14 @@ _SETTLED = 6.0
 
 def excitation_figures(e: Excitation) -> list[Figure]:
     """Return the figures of section 1."""
-    count = e.set_aside.size
+    count = e.rejected.size
     aside = f" Rejected updates: {count}, marked by crosses at the top." if count else " No update was rejected."
     figures = [
         Figure(
             "rates",
             "Angular rates",
-            "Raw gyro readings; rests are shaded. Good: all three axes turn strongly between any two rests." + aside,
+            "Raw gyro readings; standstills are shaded. Good: all three axes turn strongly between any two standstills."
+            + aside,
             _over_time(e.rates, "Angular rate (deg/s)", e),
             link="excitation",
             shape="wide",
@@ -39,14 +40,14 @@ def excitation_figures(e: Excitation) -> list[Figure]:
         Figure(
             "accelerations",
             "Accelerations",
-            "Raw accelerometer readings. Good: gravity visits every axis in both directions from rest to rest, "
-            "and there is motion in between." + aside,
+            "Raw accelerometer readings. Good: gravity visits every axis in both directions from one standstill to the "
+            "next, and there is motion in between." + aside,
             _over_time(e.forces, "Acceleration (m/s²)", e),
             link="excitation",
             shape="wide",
         ),
     ]
-    if e.seen.x.size:
+    if e.reference_rate.x.size:
         figures.append(
             Figure(
                 "synchronisation",
@@ -54,7 +55,7 @@ def excitation_figures(e: Excitation) -> list[Figure]:
                 "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
                 "stretch. Good: the two lie on each other, peaks at the same moments.",
                 plots.plot(
-                    [plots.line(e.felt, "gyros", "x"), plots.line(e.seen, "reference", "y", dash="dot")],
+                    [plots.line(e.gyro_rate, "gyros", "x"), plots.line(e.reference_rate, "reference", "y", dash="dot")],
                     plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
                 ),
                 shape="wide",
@@ -70,7 +71,7 @@ def residual_figures(r: Residuals) -> list[Figure]:
             f"innovations-{name}",
             f"Innovations of {name}",
             f"Reference less predicted {name} at every update. Good: a structureless band about zero, narrower at "
-            "rest than on the path; slow waves mean errors the model does not know.",
+            "standstill than on the path; slow waves mean errors the model does not know.",
             _innovations(r, values, f"Innovation of {name} ({unit})"),
             link="residuals",
         )
@@ -216,7 +217,7 @@ def drift_figures(unseen: Unseen) -> list[Figure]:
             f"drift-{name}",
             f"Drift of {name} on unseen data",
             f"Error free navigation gathers from one update to the next, after {unseen.trained_until:.0f} s, which the "
-            "parameters used here have not seen. Good: calibrated lies well below nominal, down at the "
+            "parameters used here have not reference_rate. Good: calibrated lies well below nominal, down at the "
             "reference's noise.",
             _drift(getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"),
             link="drift",
@@ -244,16 +245,16 @@ def _axes_plot(curves: Curves, title: str) -> Plot:
 
 
 def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
-    """Return readings over time above the shaded rests, rejected updates marked at the top."""
+    """Return readings over time above the shaded standstills, rejected updates marked at the top."""
     data = []
-    if e.rests.size:
-        a, b = e.rests[:, 0], e.rests[:, 1]
+    if e.standstills.size:
+        a, b = e.standstills[:, 0], e.standstills[:, 1]
         gap = np.full_like(a, np.nan)
         x = np.column_stack([a, a, b, b, gap]).ravel()
         y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
         shade = plots.line(
             Curve(x.astype(np.float32), y.astype(np.float32)),
-            "rest",
+            "standstill",
             "muted",
             width=0,
             fill="toself",
@@ -262,8 +263,8 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
         )
         data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
     data += [plots.line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
-    if e.set_aside.size:
-        marks = plots.markers(e.set_aside, np.full(e.set_aside.size, 0.97), "rejected", "alert", symbol="x", size=6)
+    if e.rejected.size:
+        marks = plots.markers(e.rejected, np.full(e.rejected.size, 0.97), "rejected", "alert", symbol="x", size=6)
         data.append({**marks, "yaxis": "y2", "hovertemplate": "rejected at %{x:.2f} s"})
     layout = plots.layout_of(_TIME, title, height=280)
     layout["yaxis"]["overlaying"] = "y2"
@@ -275,8 +276,8 @@ def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
 def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
     data = []
     for name, which, marker in (
-        ("path", r.used & ~r.at_rest, {"opacity": 0.75}),
-        ("rest", r.used & r.at_rest, {"symbol": "diamond-open", "size": 6}),
+        ("path", r.used & ~r.at_standstill, {"opacity": 0.75}),
+        ("standstill", r.used & r.at_standstill, {"symbol": "diamond-open", "size": 6}),
     ):
         if which.any():
             data += [
@@ -305,8 +306,8 @@ def _nis(r: Residuals) -> Plot:
             name = f"95 % band, {kind.name}"
             data.append(plots.area(ends, [low] * 2, [high] * 2, name, f"{colour}/0.12"))
     for name, which, colour, symbol in (
-        ("path", ~r.at_rest & r.used, "x", "circle"),
-        ("rest", r.at_rest & r.used, "y", "diamond-open"),
+        ("path", ~r.at_standstill & r.used, "x", "circle"),
+        ("standstill", r.at_standstill & r.used, "y", "diamond-open"),
         ("rejected", ~r.used, "alert", "x"),
     ):
         if which.any():
@@ -325,9 +326,9 @@ def _histogram(r: Residuals) -> Plot:
     styles = {
         "position, path": ("x", "solid"),
         "attitude, path": ("y", "solid"),
-        "position, rest": ("x", "dot"),
-        "attitude, rest": ("y", "dot"),
-        "velocity, rest": ("z", "dot"),
+        "position, standstill": ("x", "dot"),
+        "attitude, standstill": ("y", "dot"),
+        "velocity, standstill": ("z", "dot"),
     }
     middle = 0.5 * (r.edges[:-1] + r.edges[1:])
     for name, density in r.densities.items():

@@ -43,7 +43,7 @@ def render(data: ReportData) -> str:
         "report.html",
         [f for part in drawn.values() for f in part],
         document=data.outcome.calibration.document,
-        findings=data.outcome.findings,
+        warnings=data.outcome.warnings,
         verdict=data.outcome.verdict,
         unobservable=tables.unobservable_by_group(data.outcome),
         not_estimated=tables.not_estimated(data.outcome),

@@ -92,7 +92,7 @@ class Support:
     fixed: tuple[str, ...]
     held: tuple[str, ...]
     unobservable: frozenset[str]
-    unshown: frozenset[str]
+    not_narrowed: frozenset[str]
     order: int
 
     @classmethod
@@ -103,13 +103,13 @@ class Support:
             tuple(settings.fixed),
             tuple(outcome.problem.held),
             frozenset(seen.unobservable),
-            frozenset(seen.unshown),
+            frozenset(seen.not_narrowed),
             settings.polynomial_order,
         )
 
     def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
         """Return whether the motion shows a quantity that depends on groups, or on a part of one."""
-        for group, word in ((g, w) for g in groups for w, those in self._set_aside() if g in those):
+        for group, word in ((g, w) for g in groups for w, those in self._not_estimated() if g in those):
             return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
         names = [name for group in groups for name in parameter_names(group, self.order)[part]]
         shown = sum(name not in self.unobservable for name in names)
@@ -117,12 +117,12 @@ class Support:
             return "yes"
         return "no" if shown == 0 else f"in part ({shown} of {len(names)} parameters)"
 
-    def _set_aside(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    def _not_estimated(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         return ("fixed", self.fixed), ("held at nominal", self.held)
 
     def of_name(self, name: str) -> str:
         """Return whether the motion shows one parameter."""
-        if name in self.unshown:
+        if name in self.not_narrowed:
             return "no"
         return "too weakly" if name in self.unobservable else "yes"
 
@@ -142,7 +142,7 @@ def key_table(outcome: Outcome) -> Table:
     rows.extend(_timing_rows(calibration.timing, support))
     word = "yes" if "alignment" in outcome.problem.groups else "no: fixed"
     rows.append(_key_row("Gravity in r", "m/s²", calibration.alignment.gravity, word))
-    columns = ("Error of the sensor", "Unit", "x / xy", "y / xz", "z / yz", "Shown")
+    columns = ("Error of the sensor", "Unit", "x / xy", "y / xz", "z / yz", "Observable")
     return Table("Result", columns, tuple(rows), 2, broad=True)
 
 
@@ -226,7 +226,7 @@ def nis_table(residuals: Residuals) -> Table:
                 (
                     kind.name,
                     str(kind.count),
-                    str(kind.set_aside),
+                    str(kind.rejected),
                     str(kind.degrees),
                     number(kind.mean),
                     f"{number(low)} to {number(high)}",
@@ -235,7 +235,7 @@ def nis_table(residuals: Residuals) -> Table:
                 weak=kind.mean > high,
             )
         )
-    columns = ("Kind", "Updates", "Set aside", "Degrees", "Mean", "95 % band", "Innovations")
+    columns = ("Kind", "Updates", "Rejected", "Degrees", "Mean", "95 % band", "Innovations")
     return Table("NIS per degree of freedom", columns, tuple(rows), broad=True)
 
 
@@ -307,7 +307,7 @@ def parameter_table(data: ReportData) -> Table:
                 bar=float(np.clip(np.log10(max(gain, 1.0)) / 5.0, 0.0, 1.0)),
             )
         )
-    columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Shown", "Prior / posterior")
+    columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Observable", "Prior / posterior")
     return Table("Every estimated parameter of IMU and cell", columns, tuple(rows), 2, broad=True)
 
 

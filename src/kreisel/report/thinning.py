@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, Indices
 
-MOST_POINTS = 4000
+MAX_POINTS = 4000
 """Points of a curve: twice what a wide screen has columns."""
 
 Single = NDArray[np.float32]
@@ -23,7 +23,7 @@ class Curve:
     y: Single
 
 
-def thinned(x: Array, y: Array, points: int = MOST_POINTS) -> Curve:
+def thinned(x: Array, y: Array, points: int = MAX_POINTS) -> Curve:
     """Return a curve of at most `points`: least and greatest value of every bucket of neighbours.
 
     Parameters
@@ -41,7 +41,7 @@ def thinned_axes(x: Array, values: Array) -> tuple[Curve, ...]:
     return tuple(thinned(x, values[:, i]) for i in range(values.shape[1]))
 
 
-def every(count: int, points: int = MOST_POINTS) -> slice:
+def every(count: int, points: int = MAX_POINTS) -> slice:
     """Return the slice that leaves at most `points` of `count` neighbours."""
     return slice(None, None, max(1, -(-count // points)))
 

@@ -30,7 +30,7 @@ SLOW = 0.5
 """rad/s; poses of a faster arm are not compared: angles and pose may be of different moments."""
 
 _TURNS = (0.2, 2.9)  # rad; turns between whose axis is well defined
-_MOST = 60
+_MAX_POSES = 60
 _AGAIN = 2  # poses in a row that must disagree
 
 
@@ -123,7 +123,7 @@ class Agreement:
             self.complaint = wrong
         self._taken.append(sample)
         self._model.append((p, q))
-        if len(self._taken) > _MOST:
+        if len(self._taken) > _MAX_POSES:
             del self._taken[1], self._model[1]
 
     def _compare(self, sample: Reported, p: Array, q: Array) -> str | None:

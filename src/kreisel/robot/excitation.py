@@ -11,7 +11,7 @@ from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Limits, Move, Plan, Planner
 
 _CANDIDATES = 12
-_WIDEST = np.pi
+_MAX_RANGE_SHARE = np.pi
 """Joints that turn further than this both ways are used no further."""
 
 
@@ -57,7 +57,7 @@ def random_plan(
 
 
 def _ranges(arm: Arm, share: float) -> tuple[Array, Array]:
-    low, high = np.maximum(arm.lower, -_WIDEST), np.minimum(arm.upper, _WIDEST)
+    low, high = np.maximum(arm.lower, -_MAX_RANGE_SHARE), np.minimum(arm.upper, _MAX_RANGE_SHARE)
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     return middle - half, middle + half
 

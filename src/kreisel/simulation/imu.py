@@ -15,7 +15,7 @@ from kreisel.units import DEG
 _FINER = 8
 """Points for each sample where readings are filtered."""
 
-_SLOWEST = 0.1
+_MIN_BANDWIDTH = 0.1
 """Hz; smallest bandwidth."""
 
 
@@ -85,8 +85,8 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
     """
     if bandwidth <= 0.0 and not averaged:
         return values
-    if 0.0 < bandwidth < _SLOWEST:
-        raise SettingsError(f"imu.bandwidth {bandwidth:g} Hz; expected 0 (none), or {_SLOWEST:g} Hz and above")
+    if 0.0 < bandwidth < _MIN_BANDWIDTH:
+        raise SettingsError(f"imu.bandwidth {bandwidth:g} Hz; expected 0 (none), or {_MIN_BANDWIDTH:g} Hz and above")
     n = values.shape[0]
     spline = CubicSpline(np.arange(n) / rate, values)
     if bandwidth > 0.0:

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array, Mask
-from kreisel.recording.recording import PIECE, ImuSamples, ReferencePoses, angles_over, excerpt, pieces
+from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angles_over, chunks, excerpt
 from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.results import Correlation
 
@@ -134,7 +134,7 @@ def quietest_second(imu: ImuSamples) -> slice:
     """Return the second of the recording with the least variance of the rates: most likely a rest."""
     n = max(8, round(1.0 / imu.interval))
     blocks = imu.rates[: imu.rates.shape[0] // n * n].reshape(-1, n, 3)
-    some = max(1, PIECE // n)
+    some = max(1, CHUNK // n)
     spread = [blocks[k : k + some].var(axis=1).sum(axis=1) for k in range(0, len(blocks), some)]
     best = int(np.argmin(np.concatenate(spread)))
     return slice(best * n, (best + 1) * n)
@@ -144,7 +144,7 @@ def _even_norm(t: Array, values: Array, centre: Array, usual: float, step: float
     """Return | |values - centre| - usual | averaged over `window`, on an even grid, worked out piece by piece."""
     parts: list[_Norm] = []
     grid, half = _grid(t, step), 0.5 * max(window, step)
-    for part in pieces(t.size):
+    for part in chunks(t.size):
         within = slice(*np.searchsorted(grid, (t[part][0], t[part.stop] if part.stop < t.size else np.inf)))
         if within.stop == within.start:
             continue

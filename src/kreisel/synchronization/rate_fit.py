@@ -178,7 +178,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
         fit = _settle(parts, rotations, fit.K_omega, fit.bias, clock, skewed=False)
-    everything = (_Integrated.of(part) for part in readings.stretches())
+    everything = (_Integrated.of(part) for part in readings.chunks())
     seen = _compare(everything, rotations, fit.K_omega, fit.bias, fit.clock)
     return replace(fit, clock_drift=_clock_drift(seen))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness
-from kreisel.preparation.standstill import find_rests
+from kreisel.preparation.standstill import find_standstills
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
 
@@ -26,7 +26,7 @@ def moved(way, scatter=0.0):
 
 def rests_of(reference, t):
     """Return the rests of a body whose IMU notices none of its moves."""
-    return find_rests(ImuStillness(t[::4], np.ones(t[::4].size, dtype=bool)), reference, Clock(0.0), NOISE)
+    return find_standstills(ImuStillness(t[::4], np.ones(t[::4].size, dtype=bool)), reference, Clock(0.0), NOISE)
 
 
 def test_a_slow_move_is_no_rest():

@@ -33,10 +33,10 @@ def test_small_angles_in_degrees_are_converted_where_the_poses_prove_it() -> Non
     right, degrees = recorded(), recorded(DEG)
     want, said = robot_model(right, right.reference)
     assert said == []
-    got, (finding,) = robot_model(degrees, degrees.reference)
+    got, (warning,) = robot_model(degrees, degrees.reference)
     np.testing.assert_allclose(got.angles, want.angles, rtol=1e-14)
-    assert "joint angles are in degrees, as the poses show, and were converted" in finding.message
-    assert "write q_1 [deg] into the header" in finding.message
+    assert "joint angles are in degrees, as the poses show, and were converted" in warning.message
+    assert "write q_1 [deg] into the header" in warning.message
 
 
 def test_small_angles_in_degrees_under_radians_are_refused() -> None:
@@ -47,6 +47,6 @@ def test_small_angles_in_degrees_under_radians_are_refused() -> None:
 
 def test_another_frame_is_no_other_unit() -> None:
     r = recorded()
-    model, (finding,) = robot_model(r, replace(r.reference, positions=r.reference.positions + 0.1))
+    model, (warning,) = robot_model(r, replace(r.reference, positions=r.reference.positions + 0.1))
     assert model is None
-    assert "base or tool frame differ" in finding.message
+    assert "base or tool frame differ" in warning.message

@@ -16,8 +16,8 @@ EQUATOR_TO_POLE = (9.780, 9.832)
 
 def site(**stated):
     imu = ImuSamples(np.arange(3), np.zeros((3, 3)), np.zeros((3, 3)), Path("imu0/data.csv"))
-    found, findings = site_of(Recording(Path("run"), imu, None, settings=RecordingSettings(site=SiteTable(**stated))))
-    return found, " ".join(map(str, findings))
+    found, warnings = site_of(Recording(Path("run"), imu, None, settings=RecordingSettings(site=SiteTable(**stated))))
+    return found, " ".join(map(str, warnings))
 
 
 @pytest.mark.parametrize("height", [0.0, 300.0, 1500.0, 2000.0])

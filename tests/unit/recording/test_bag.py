@@ -168,7 +168,7 @@ def test_every_kind_of_bag_and_of_reference(tmp_path: Path, kind: str, msgtype: 
     path = write_bag(tmp_path, kind, imu_messages() + reference_messages(msgtype) + joint_messages() + text_messages())
     got = load_bag(path)
     assert_imu(got.imu)
-    assert got.findings == ()
+    assert got.warnings == ()
     assert got.reference.name == "/pose"
     np.testing.assert_array_equal(got.reference.stamps_ns, stamps())
     if msgtype.endswith("QuaternionStamped"):
@@ -214,7 +214,7 @@ def test_load_takes_bags_and_topics(tmp_path: Path) -> None:
     (path / "metadata.yaml").unlink()
     got = load(path, imu="/b/imu")
     assert_imu(got.imu, 600)
-    assert "no metadata.yaml" in got.findings[0].message
+    assert "no metadata.yaml" in got.warnings[0].message
 
 
 def test_messages_are_taken_in_the_order_of_their_log_times(tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ def test_the_topics_of_kreisel_go_first(tmp_path: Path) -> None:
     assert_imu(got.imu)
     assert got.reference.name == "/robot/pose"
     assert got.joints is not None
-    assert [str(finding) for finding in got.findings] == [
+    assert [str(warning) for warning in got.warnings] == [
         "topics: took /imu/data_raw of /other/imu, /imu/data_raw; --imu picks another",
         "topics: took /robot/pose of /other/pose, /robot/pose; --reference picks another",
     ]
@@ -333,7 +333,7 @@ def test_headers_stamped_zero(tmp_path: Path) -> None:
     unstamped = [replace(message, stamp_ns=0) for message in imu_messages()]
     got = load_bag(write_bag(tmp_path, "mcap", unstamped))
     np.testing.assert_array_equal(got.imu.stamps_ns, stamps())
-    assert "every header on /imu is stamped zero" in str(got.findings[0])
+    assert "every header on /imu is stamped zero" in str(got.warnings[0])
 
 
 @pytest.mark.parametrize("lacking", ["rates", "accelerations"])
@@ -369,7 +369,7 @@ def test_joints_of_several_robots_are_left_out(tmp_path: Path) -> None:
     path = write_bag(tmp_path, "mcap", imu_messages() + joint_messages("/a/joints") + joint_messages("/b/joints"))
     got = load_bag(path)
     assert got.joints is None
-    assert "left out, for /a/joints, /b/joints hold them" in str(got.findings[0])
+    assert "left out, for /a/joints, /b/joints hold them" in str(got.warnings[0])
 
 
 # Settings
@@ -431,7 +431,7 @@ def test_a_cut_file_in_a_folder_is_read_through_the_stream(tmp_path: Path) -> No
     (path / "run.mcap").write_bytes(content[:-20])
     got = load_bag(path)
     assert_imu(got.imu)
-    assert "cut or damaged" in got.findings[0].message
+    assert "cut or damaged" in got.warnings[0].message
 
 
 @pytest.mark.parametrize("text", ["", "[", "rosbag2_bagfile_information: 3", "a: b: c:\n\n  - x"])
@@ -440,7 +440,7 @@ def test_files_beside_a_damaged_metadata_yaml_are_read(tmp_path: Path, text: str
     (path / "metadata.yaml").write_text(text)
     got = load_bag(path)
     assert_imu(got.imu)
-    assert "read its .mcap files one by one" in got.findings[0].message
+    assert "read its .mcap files one by one" in got.warnings[0].message
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])

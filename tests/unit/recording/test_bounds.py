@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, RobotError
 from kreisel.formats.bag import WANTED, load_bag
-from kreisel.formats.bounds import LARGEST_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
+from kreisel.formats.bounds import MAX_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
 from kreisel.formats.description import description_beside
 from kreisel.formats.diadem import read_diadem
 from kreisel.formats.folder import load_folder
@@ -67,7 +67,7 @@ def chunk(data: bytes, compression: str, size: int) -> bytes:
     return record(0x06, head + data)
 
 
-@pytest.mark.parametrize("stated", [BOMB, 1000, LARGEST_CHUNK, 2**62])
+@pytest.mark.parametrize("stated", [BOMB, 1000, MAX_CHUNK, 2**62])
 @pytest.mark.parametrize("kind", ["zstd", "zstd without size", "lz4"])
 def test_a_chunk_that_stands_for_much_is_left_out(tmp_path: Path, kind: str, stated: int) -> None:
     data = lz4_bomb() if kind == "lz4" else zstd_bomb(sized=kind == "zstd")
@@ -75,8 +75,8 @@ def test_a_chunk_that_stands_for_much_is_left_out(tmp_path: Path, kind: str, sta
     file.write_bytes(MCAP0_MAGIC + chunk(data, kind.split()[0], stated) + record(0x02, bytes(20)))
     with memory(200 * MIB):
         got = read_mcap(file, WANTED)
-    assert "the chunk at byte 8 is damaged" in got.findings[0].message
-    assert "bytes" in got.findings[0].message
+    assert "the chunk at byte 8 is damaged" in got.warnings[0].message
+    assert "bytes" in got.warnings[0].message
 
 
 def test_what_is_as_large_as_it_says_is_read() -> None:
@@ -114,12 +114,12 @@ def test_messages_that_are_more_than_their_file_can_hold_are_left_out(tmp_path: 
     assert file.stat().st_size < MIB
     with memory(200 * MIB):
         got = read_mcap(file, WANTED)
-    assert "over 100 times the file: more than real ones" in got.findings[0].message
+    assert "over 100 times the file: more than real ones" in got.warnings[0].message
     assert 40 < len(got.topics[0].payloads) < 150
 
 
 def test_many_small_messages_count_with_what_python_takes() -> None:
-    budget, most = Budget(0), LARGEST_CHUNK // 128
+    budget, most = Budget(0), MAX_CHUNK // 128
     for _ in range(most):
         budget.take(0)
     with pytest.raises(TooLargeError):
@@ -135,7 +135,7 @@ def test_a_chunk_of_a_ros_1_bag_that_stands_for_much_is_refused(tmp_path: Path, 
         connection = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=get_typestore(Stores.ROS1_NOETIC))
         writer.write(connection, 1, bytes(BOMB // 2))
     assert path.stat().st_size < 2 * MIB
-    with memory(150 * MIB), pytest.raises(RecordingError, match=f"more than {LARGEST_CHUNK} bytes"):
+    with memory(150 * MIB), pytest.raises(RecordingError, match=f"more than {MAX_CHUNK} bytes"):
         load_bag(path)
 
 
@@ -224,12 +224,12 @@ def test_a_datasheet_that_is_large_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "imu0" / "data.csv").write_text("t,w_x,w_y,w_z,a_x,a_y,a_z\n1,2,3,4,5,6,7\n")
     large(tmp_path / "imu0" / "sensor.yaml", 4096 * MIB)
     with memory(80 * MIB):
-        (finding,) = load_folder(tmp_path).findings
-    assert "holds no noise densities" in finding.message
+        (warning,) = load_folder(tmp_path).warnings
+    assert "holds no noise densities" in warning.message
 
 
 def test_a_trace_that_is_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kreisel.formats.kuka_trace._LARGEST_TRACE", MIB)
+    monkeypatch.setattr("kreisel.formats.kuka_trace._MAX_TRACE", MIB)
     with memory(20 * MIB), pytest.raises(RecordingError, match=f"longer than {MIB} bytes"):
         read_trace(large(tmp_path / "trace.dat", 4096 * MIB))
     (tmp_path / "trace.txt").write_text(f"Zeit\tA1\n{'1' * 70_000}\t2\n")

@@ -63,15 +63,15 @@ def message(r: Recording) -> str:
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, 0.05])
 @pytest.mark.parametrize("digits", [0.0, 1e-3, 0.02])
-@pytest.mark.parametrize("piece", [600, module.PIECE])
+@pytest.mark.parametrize("piece", [600, module.CHUNK])
 def test_a_sound_recording_passes_untouched(
     monkeypatch: pytest.MonkeyPatch, noise: float, digits: float, piece: int
 ) -> None:
     """Also one without any noise, whose readings repeat while it rests, and one with few digits."""
-    monkeypatch.setattr(module, "PIECE", piece)
+    monkeypatch.setattr(module, "CHUNK", piece)
     want = recording(noise, digits)
     got = check_streams(want)
-    assert got.findings == ()
+    assert got.warnings == ()
     np.testing.assert_array_equal(got.imu.rates, want.imu.rates)
     np.testing.assert_array_equal(got.reference.positions, want.reference.positions)
     np.testing.assert_allclose(got.reference.quaternions, want.reference.quaternions, atol=1e-15)
@@ -79,7 +79,7 @@ def test_a_sound_recording_passes_untouched(
 
 @pytest.mark.parametrize("row", [5, 599, 600, 1100, 2395])
 def test_a_fault_in_a_later_piece_keeps_its_place(monkeypatch: pytest.MonkeyPatch, row: int) -> None:
-    monkeypatch.setattr(module, "PIECE", 600)
+    monkeypatch.setattr(module, "CHUNK", 600)
     r = recording()
     rates = r.imu.rates.copy()
     rates[row, 1] += 5.0
@@ -95,7 +95,7 @@ def test_samples_that_repeat_are_left_out_across_pieces(monkeypatch: pytest.Monk
     doubled = with_imu(r, rates=r.imu.rates[half], accelerations=r.imu.accelerations[half])
     kept = []
     for piece in (601, 4000):
-        monkeypatch.setattr(module, "PIECE", piece)
+        monkeypatch.setattr(module, "CHUNK", piece)
         kept.append(check_streams(doubled).imu.stamps_ns)
     np.testing.assert_array_equal(*kept)
     assert kept[0].size == r.imu.stamps_ns.size // 2 + 1  # what repeats at the very end may yet go on
@@ -107,7 +107,7 @@ def test_exact_rests_of_a_robot_are_no_frozen_poses() -> None:
     got = check_streams(
         with_poses(r, positions=np.where(still[:, None], r.reference.positions[0], r.reference.positions))
     )
-    assert got.findings == ()
+    assert got.warnings == ()
     assert got.reference.stamps_ns.size == r.reference.stamps_ns.size
 
 
@@ -115,13 +115,13 @@ def test_a_knock_that_rings_is_no_spike() -> None:
     r = recording()
     t = r.imu.seconds - 7.0
     ring = np.where(t >= 0.0, 30.0 * np.exp(-t / 0.02) * np.sin(2.0 * np.pi * 30.0 * t), 0.0)
-    assert check_streams(with_imu(r, accelerations=r.imu.accelerations + ring[:, None])).findings == ()
+    assert check_streams(with_imu(r, accelerations=r.imu.accelerations + ring[:, None])).warnings == ()
 
 
 def test_a_channel_that_turns_one_way_only_is_not_saturated_while_it_rests() -> None:
     r = recording(digits=1e-3)
     rates = np.abs(r.imu.rates) + 0.005
-    assert check_streams(with_imu(r, rates=np.round(rates, 3))).findings == ()
+    assert check_streams(with_imu(r, rates=np.round(rates, 3))).warnings == ()
 
 
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
@@ -140,7 +140,7 @@ def test_without_a_reference_a_silent_channel_is_only_told() -> None:
     rates = r.imu.rates.copy()
     rates[:, 1] = 0.0
     got = check_streams(replace(with_imu(r, rates=rates), reference=None))
-    assert [str(f) for f in got.findings] == [
+    assert [str(f) for f in got.warnings] == [
         "imu: dead channel: w_y (always 0) never changes; check the sensor and the columns, and record again"
     ]
 
@@ -154,12 +154,12 @@ def test_gaps_are_bridged_up_to_fifty_milliseconds(length: int, told: str) -> No
     got = check_streams(
         with_imu(r, stamps_ns=s.stamps_ns[keep], rates=s.rates[keep], accelerations=s.accelerations[keep])
     )
-    (finding,) = got.findings
+    (warning,) = got.warnings
     if told:
-        assert finding.message.startswith(f"imu0: about {length} samples missing in 1 short gaps")
+        assert warning.message.startswith(f"imu0: about {length} samples missing in 1 short gaps")
     else:
         assert (
-            finding.message
+            warning.message
             == f"imu0: {(length + 1) / RATE:.3f} s without samples after line 1501; the recording is split there"
         )
 
@@ -263,32 +263,32 @@ def shifted(shift: int, keep: slice = slice(None)) -> Recording:
 @pytest.mark.parametrize("shift", [1, 1000, -1000, 100_000])
 def test_joints_whose_stamps_are_rounded_are_of_the_same_instant(shift: int) -> None:
     r = check_streams(shifted(shift))
-    assert r.findings == ()
+    assert r.warnings == ()
     np.testing.assert_array_equal(angles_at(r.joints, r.reference.stamps_ns), r.joints.angles)
 
 
 def test_joints_at_other_stamps_are_interpolated_and_it_is_said() -> None:
     r = check_streams(shifted(3_000_000))
-    (finding,) = r.findings
-    assert str(finding) == "joints: joint0: 960 of 960 poses have no joint angles of the same stamp; interpolated there"
+    (warning,) = r.warnings
+    assert str(warning) == "joints: joint0: 960 of 960 poses have no joint angles of the same stamp; interpolated there"
     between = angles_at(r.joints, r.reference.stamps_ns)[1:]
     share = 3.0 * POSE_RATE / 1000.0
     np.testing.assert_allclose(between, share * r.joints.angles[:-1] + (1.0 - share) * r.joints.angles[1:], atol=1e-12)
-    (finding,) = check_streams(shifted(0, slice(None, None, 2))).findings
-    assert "480 of 960 poses" in str(finding)
+    (warning,) = check_streams(shifted(0, slice(None, None, 2))).warnings
+    assert "480 of 960 poses" in str(warning)
 
 
 def test_angles_in_degrees_are_converted_where_the_poses_prove_it() -> None:
     want, got = check_streams(armed()), check_streams(armed(DEG))
-    assert want.findings == ()
+    assert want.warnings == ()
     np.testing.assert_allclose(got.joints.angles, want.joints.angles, rtol=1e-14)
-    (finding,) = got.findings
-    assert str(finding) == (
+    (warning,) = got.warnings
+    assert str(warning) == (
         "joints: joint0: joint angles are in degrees, as the poses show, and were converted; write q_1 [deg] into the "
         "header"
     )
-    (finding,) = check_streams(armed(DEG, source=Path("run.mcap/robot/joint_states"))).findings
-    assert "ROS messages are in rad" in str(finding)
+    (warning,) = check_streams(armed(DEG, source=Path("run.mcap/robot/joint_states"))).warnings
+    assert "ROS messages are in rad" in str(warning)
 
 
 def test_angles_in_degrees_that_the_header_says_are_radians_are_refused() -> None:
@@ -312,7 +312,7 @@ def test_angles_of_axes_without_end_are_no_degrees() -> None:
     r = armed()
     endless = r.joints.angles * [1.0, 100.0]
     for joints in (replace(r.joints, angles=endless), replace(r.joints, angles=100.0 * endless, source=Path("a/b"))):
-        assert check_streams(replace(r, joints=joints, urdf=None)).findings == ()
+        assert check_streams(replace(r, joints=joints, urdf=None)).warnings == ()
 
 
 def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:
@@ -322,7 +322,7 @@ def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:
     p[200:203] -= 0.5
     got = check_streams(with_poses(r, positions=p))
     assert got.reference.stamps_ns.size == r.reference.stamps_ns.size - 4
-    assert str(got.findings[0]).startswith("outliers: pose0: 4 of 960 poses jump away and back, by up to 1.73 m")
+    assert str(got.warnings[0]).startswith("outliers: pose0: 4 of 960 poses jump away and back, by up to 1.73 m")
     p[700:] += 2.0
     assert "line 702: the pose leaps by 3.46 m" in message(with_poses(r, positions=p))
 
@@ -333,7 +333,7 @@ def test_poses_logged_too_often_are_thinned_at_rest_too(repeats: int) -> None:
     held = np.arange(r.reference.stamps_ns.size) // repeats * repeats
     p, q = r.reference.positions[held], r.reference.quaternions[held]
     got = check_streams(with_poses(r, positions=p, quaternions=q))
-    assert str(got.findings[0]).startswith("repeats: pose0: ")
+    assert str(got.warnings[0]).startswith("repeats: pose0: ")
     assert got.reference.stamps_ns.size == pytest.approx(held.size / repeats, abs=repeats)
     assert np.median(np.diff(got.reference.seconds[got.reference.seconds < QUIET])) == pytest.approx(
         repeats / POSE_RATE

@@ -100,7 +100,7 @@ def test_everything_comes_back_exactly(written: Path) -> None:
     np.testing.assert_array_equal(got.joints.stamps_ns, want.joints.stamps_ns)
     np.testing.assert_array_equal(got.joints.angles, want.joints.angles)
     assert got.settings == want.settings
-    assert got.findings == ()
+    assert got.warnings == ()
     assert got.name == "run.mcap"
 
 
@@ -201,7 +201,7 @@ def test_the_mcap_tools_read_it(written: Path) -> None:
 
 
 def test_the_chunk_that_was_being_written_is_all_a_cut_costs(written: Path, tmp_path: Path) -> None:
-    """Everything in a chunk that is whole comes back; the finding says where the file was cut."""
+    """Everything in a chunk that is whole comes back; the warning says where the file was cut."""
     want = recording()
     with written.open("rb") as file:
         chunks = make_reader(file).get_summary().chunk_indexes
@@ -214,18 +214,18 @@ def test_the_chunk_that_was_being_written_is_all_a_cut_costs(written: Path, tmp_
             assert_same_imu(got.imu, want.imu, slice(n))
             assert_same_poses(got.reference, want.reference, slice(m))
             assert got.settings == SETTINGS
-            assert len(got.findings) == 1
-    assert "without a footer" in str(load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset)).findings[0])
-    beyond = load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset + 30)).findings[0]
+            assert len(got.warnings) == 1
+    assert "without a footer" in str(load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset)).warnings[0])
+    beyond = load_bag(cut(written, tmp_path, chunks[2].chunk_start_offset + 30)).warnings[0]
     lasts = (chunks[2].message_end_time - chunks[2].message_start_time) * 1e-9
     assert f"byte {chunks[2].chunk_start_offset} of" in beyond.message
     assert f"with {lasts:.3g} s of messages" in beyond.message
 
 
-def test_a_file_without_its_index_is_whole_but_for_the_finding(written: Path, tmp_path: Path) -> None:
+def test_a_file_without_its_index_is_whole_but_for_the_warning(written: Path, tmp_path: Path) -> None:
     got = load_bag(cut(written, tmp_path, written.stat().st_size - 20))
     assert_same_imu(got.imu, recording().imu)
-    assert len(got.findings) == 1
+    assert len(got.warnings) == 1
 
 
 def test_zeros_after_a_loss_of_power(written: Path, tmp_path: Path) -> None:
@@ -236,7 +236,7 @@ def test_zeros_after_a_loss_of_power(written: Path, tmp_path: Path) -> None:
         file.write(bytes(9_000))
     got = load_bag(path)
     assert 0 < got.imu.stamps_ns.size < 600
-    assert [finding.message for finding in got.findings] == [
+    assert [warning.message for warning in got.warnings] == [
         f"it is cut or damaged at byte {end} of {end + 9000}; the last 9000 bytes are lost"
     ]
 
@@ -252,7 +252,7 @@ def test_a_damaged_chunk_in_the_middle_is_left_out(written: Path, tmp_path: Path
     got, want = load_bag(path), recording()
     lost = (want.imu.stamps_ns >= chunk.message_start_time) & (want.imu.stamps_ns <= chunk.message_end_time)
     np.testing.assert_array_equal(got.imu.stamps_ns, want.imu.stamps_ns[~lost])
-    assert f"chunk at byte {chunk.chunk_start_offset} is damaged" in got.findings[0].message
+    assert f"chunk at byte {chunk.chunk_start_offset} is damaged" in got.warnings[0].message
 
 
 def test_definitions_lost_with_the_first_chunk_are_found_at_the_end(written: Path, tmp_path: Path) -> None:
@@ -322,7 +322,7 @@ def test_files_of_other_writers(tmp_path: Path, chunked: bool, compression: Comp
         writer.finish()
     got = load_bag(path)
     assert_same_imu(got.imu, want)
-    assert got.findings == ()
+    assert got.warnings == ()
     with pytest.raises(RecordingError, match=r"the topic /text holds 50 messages of type Text \(json\)"):
         load_bag(path, imu="/text")
 
@@ -354,7 +354,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(data=st.data())
-def test_any_damage_is_a_recording_error_or_a_finding(small: Path, data: st.DataObject) -> None:
+def test_any_damage_is_a_recording_error_or_a_warning(small: Path, data: st.DataObject) -> None:
     content = bytearray(small.read_bytes())
     where = st.integers(0, len(content) - 1)
     for place, value in data.draw(st.lists(st.tuples(where, st.integers(0, 255)), max_size=6)):

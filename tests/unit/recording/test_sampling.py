@@ -52,19 +52,19 @@ def test_even_stamps_stay_as_they_are():
 @pytest.mark.parametrize("jitter", [1e-4, 3e-4, 1e-3])
 def test_jitter_is_taken_out(jitter):
     stamped = regular() + np.random.default_rng(1).normal(0.0, jitter, COUNT)
-    found, (finding,) = regularly_sampled(samples(regular(), stamped))
+    found, (warning,) = regularly_sampled(samples(regular(), stamped))
     assert_recovered(found, regular(), 4.0 * jitter / COUNT**0.5)
-    assert "sampled every 5 ms" in str(finding)
-    assert f"scatter about that by {1e3 * jitter:.2g} ms" in str(finding)
+    assert "sampled every 5 ms" in str(warning)
+    assert f"scatter about that by {1e3 * jitter:.2g} ms" in str(warning)
 
 
 def test_stamps_of_arrival_are_taken_back_and_the_lateness_is_kept():
     arrival = np.maximum.accumulate(regular() + late(2))
-    found, (finding,) = regularly_sampled(samples(regular(), arrival))
+    found, (warning,) = regularly_sampled(samples(regular(), arrival))
     assert_recovered(found, regular(), 5e-5)
     shift = (found.stamps_ns[0] - 1_700_000_000_000_000_000) * 1e-9
     assert 0.0 <= shift < 2.0 * found.lateness
-    assert "late" in str(finding)
+    assert "late" in str(warning)
 
 
 def test_bursts_are_spread():
@@ -81,10 +81,10 @@ def test_missing_samples_stay_missing(lateness):
     number = np.flatnonzero(rng.random(COUNT) > 0.01)
     scatter = lateness * rng.exponential(1e-3, number.size) + rng.normal(0.0, 1e-4, number.size)
     stamped = np.maximum.accumulate(INTERVAL * number + scatter) + 1e-8 * np.arange(number.size)
-    found, (finding,) = regularly_sampled(samples(INTERVAL * number, stamped))
+    found, (warning,) = regularly_sampled(samples(INTERVAL * number, stamped))
     off = (found.stamps_ns - found.stamps_ns[0]) * 1e-9 - INTERVAL * (number - number[0])
     assert np.mean(np.abs(off - np.median(off)) < 0.02 * INTERVAL) > 0.99
-    assert "missing" in str(finding)
+    assert "missing" in str(warning)
 
 
 def test_rounding_is_taken_out():

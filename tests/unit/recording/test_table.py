@@ -41,7 +41,7 @@ def test_a_table_as_euroc_writes_it(tmp_path: Path) -> None:
     np.testing.assert_array_equal(numbers(got), [[1, 2, 3, 4, 5, 6], [-1e-3, 2.5, 3, 4, 5, 6]])
     assert [column.unit for column in got.columns] == ["ns", "rad s^-1", None, None, "m s^-2", None, None]
     assert [column.unit for column in got.with_units(list(got.columns[4:7]))] == 3 * ["m s^-2"]
-    assert got.findings == ()
+    assert got.warnings == ()
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def readings(tmp_path: Path, header: str) -> tuple[np.ndarray, np.ndarray, list[
     (tmp_path / "imu0").mkdir(exist_ok=True)
     (tmp_path / "imu0" / "data.csv").write_text(f"#timestamp [ns],{header}\n1,1,1,1,1,1,1\n")
     got = load_folder(tmp_path)
-    return got.imu.rates[0], got.imu.accelerations[0], [finding.message for finding in got.findings]
+    return got.imu.rates[0], got.imu.accelerations[0], [warning.message for warning in got.warnings]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_units_of_poses_and_joints_hold_for_their_groups(tmp_path: Path) -> None
     np.testing.assert_allclose(got.reference.positions, [[2e-3, 3e-3, 1e-3]], rtol=1e-15)
     np.testing.assert_allclose(got.joints.angles, [[DEG, 2 * DEG, 3 * DEG]], rtol=1e-15)
     assert (got.reference.units.length, got.joints.units.angle) == ("mm", "deg")
-    assert [str(finding) for finding in got.findings] == [
+    assert [str(warning) for warning in got.warnings] == [
         "pose0/data.csv: converted from [mm] to SI", "joint0/data.csv: converted from [deg] to SI"
     ]  # fmt: skip
 
@@ -150,7 +150,7 @@ def test_impossible_stamps_have_their_line(tmp_path: Path, stamp: str) -> None:
 def test_a_line_without_an_end_is_left_out(tmp_path: Path, end: str, rows: int) -> None:
     got = table(tmp_path, f"t,x\n1,2.5\n2,3.5{end}")
     assert got.stamps_ns.size == rows
-    assert len(got.findings) == 2 - rows
+    assert len(got.warnings) == 2 - rows
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def test_blocks_are_joined_as_if_read_at_once(
     np.testing.assert_array_equal(parts.stamps_ns, whole.stamps_ns)
     np.testing.assert_array_equal(numbers(parts), numbers(whole))
     np.testing.assert_array_equal(parts.take([parts.columns[1]], "length"), whole.take([whole.columns[1]], "length"))
-    assert len(parts.findings) == len(whole.findings) == 1
+    assert len(parts.warnings) == len(whole.warnings) == 1
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def assert_all_read(got: Trace, atol: float = 1e-9) -> None:
 def test_header_and_values_of_a_kr_c4(tmp_path: Path) -> None:
     got = read_trace(diadem(tmp_path))
     assert_all_read(got)
-    assert [str(finding) for finding in got.findings] == [
+    assert [str(warning) for warning in got.warnings] == [
         f"trace: took {', '.join(AXES)}",
         "trace: took X_Act, Y_Act, Z_Act",
         "trace: took A_Act, B_Act, C_Act",
@@ -124,7 +124,7 @@ def test_measured_before_commanded(tmp_path: Path) -> None:
 def test_values_of_a_renamed_trace(tmp_path: Path) -> None:
     got = read_trace(diadem(tmp_path, edit={"211,run_KRCIpo.r64": r"211,C:\KRC\TRACE\runm1_KRCIpo.r64"}))
     assert_all_read(got)
-    assert str(got.findings[0]) == ("trace: the header names runm1_KRCIpo.r64, which is not there; took run_KRCIpo.r64")
+    assert str(got.warnings[0]) == ("trace: the header names runm1_KRCIpo.r64, which is not there; took run_KRCIpo.r64")
 
 
 def test_names_in_another_case(tmp_path: Path) -> None:
@@ -148,8 +148,8 @@ def test_text_of_a_kr_c2(tmp_path: Path, comma: str, divider: str) -> None:
     file = table(tmp_path, [*AXES, *TCP], np.hstack([DEGREES, POSE]), comma, divider)
     got = read_trace(file)
     assert_all_read(got, 1e-8)
-    assert str(got.findings[0]) == "trace: 't' has no unit, so it is taken in ms"
-    assert "without unit, so taken in ° and mm" in str(got.findings[1])
+    assert str(got.warnings[0]) == "trace: 't' has no unit, so it is taken in ms"
+    assert "without unit, so taken in ° and mm" in str(got.warnings[1])
 
 
 def test_text_with_units_seconds_and_more_lines_above(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_a_cut_last_line_is_left_out_and_told(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-4])
     got = read_trace(file)
     assert got.joints.angles.shape == (N - 1, 6)
-    assert "the last line has no end" in str(got.findings[0])
+    assert "the last line has no end" in str(got.warnings[0])
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_what_names_say(name: str, said: tuple[str, str] | None) -> None:
 def test_bare_names_are_taken_where_nothing_is_commanded(tmp_path: Path) -> None:
     bare = {name: ("°", 1.0, DEGREES[:, k]) for k, name in enumerate(["A1", "A2", "A3", "A4", "A5", "A6"])}
     got = read_trace(diadem(tmp_path / "a", bare))
-    assert "do not say whether they are measured or commanded" in str(got.findings[0])
+    assert "do not say whether they are measured or commanded" in str(got.warnings[0])
     refused(diadem(tmp_path / "b", {**bare, "AxisPos_Cmd1": ("°", 1.0, DEGREES[:, 0])}), "no measured motion")
 
 
@@ -391,7 +391,7 @@ def test_beside_the_imu(tmp_path: Path) -> None:
     write_folder(Recording(folder, imu(), None), folder)
     before = (folder / "imu0" / "data.csv").read_bytes()
     said = add_trace(diadem(tmp_path / "trace"), folder)
-    assert not any(finding.subject == "imu0" for finding in said)
+    assert not any(warning.subject == "imu0" for warning in said)
     got = load_folder(folder)
     assert got.reference.name == "pose0"
     np.testing.assert_allclose(np.degrees(got.joints.angles), DEGREES, rtol=0, atol=1e-9)
@@ -423,7 +423,7 @@ def test_joint_angles_alone_need_the_robots_description(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "arm.urdf").write_text(arm.urdf)
     (folder / "recording.toml").write_text('[robot]\nurdf = "arm.urdf"\ntcp = "tool0"\n')
-    said = [str(finding) for finding in add_trace(trace, folder)]
+    said = [str(warning) for warning in add_trace(trace, folder)]
     assert "pose0: poses of 'tool0' by arm.urdf from these angles: the trace holds none" in said
     write_folder(Recording(folder, imu(), None), tmp_path / "imu")
     (tmp_path / "imu" / "imu0").rename(folder / "imu0")

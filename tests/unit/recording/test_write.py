@@ -55,7 +55,7 @@ def test_a_folder_comes_back_exactly(tmp_path: Path, half: dict[str, bool]) -> N
     got = load_folder(tmp_path / "new" / "run")
     assert_same(got, want)
     assert got.reference.name == "pose0"
-    assert got.findings == ()
+    assert got.warnings == ()
 
 
 def test_load_reads_what_write_wrote(tmp_path: Path) -> None:

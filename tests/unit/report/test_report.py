@@ -20,12 +20,12 @@ from kreisel.calibration.validation import cross_validate, inject
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.recording import Finding, Recording
+from kreisel.recording.recording import DataWarning, Recording
 from kreisel.report.data import extract
 from kreisel.report.page import snippet, write_report
 from kreisel.report.plots import PALETTES, packed
 from kreisel.report.tables import number, pair
-from kreisel.report.thinning import MOST_POINTS, thinned
+from kreisel.report.thinning import MAX_POINTS, thinned
 
 from ...small_cell import simulate
 
@@ -36,7 +36,7 @@ SECTIONS = {
     "uncertainty": "4 Uncertainty",
     "cross-validation": "5 Cross-validation",
 }
-LARGEST_PAGE = 8_000_000
+MAX_PAGE = 8_000_000
 Parts = tuple[CrossValidation, Injection]
 
 
@@ -60,7 +60,7 @@ def parts(outcome: Outcome) -> Parts:
 def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_report(outcome, path, cross=parts[0], injection=parts[1])
-    assert path.stat().st_size < LARGEST_PAGE
+    assert path.stat().st_size < MAX_PAGE
     return path.read_text(encoding="utf-8")
 
 
@@ -112,14 +112,14 @@ def test_names_from_outside_are_escaped(outcome: Outcome, tmp_path: Path) -> Non
     changed = replace(
         outcome,
         calibration=replace(outcome.calibration, recording=recording),
-        findings=(Finding(hostile, hostile),),
+        warnings=(DataWarning(hostile, hostile),),
         verdict=Verdict(False, (hostile,)),
     )
     own = written(changed, tmp_path)
     assert "<img" not in own
     assert "alert(2)</script>" not in own
     assert own.count("<script>") == 2
-    assert own.count("&lt;img src=x onerror=alert(1)&gt;") == 6  # title, headline, reference, finding twice, reason
+    assert own.count("&lt;img src=x onerror=alert(1)&gt;") == 6  # title, headline, reference, warning twice, reason
 
 
 def test_missing_parts_are_said_with_how_to_get_them(outcome: Outcome, parts: Parts, page: str, tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_no_curve_has_more_points_than_a_screen_shows(page: str) -> None:
     for name, plot in drawings(page).items():
         for trace in plot["data"]:
             if "x" in trace:
-                assert unpacked(trace["x"]).size <= 2 * MOST_POINTS, name
+                assert unpacked(trace["x"]).size <= 2 * MAX_POINTS, name
                 assert unpacked(trace["x"]).size == unpacked(trace["y"]).size
 
 
@@ -275,7 +275,7 @@ def test_thinning_keeps_peaks_and_gaps() -> None:
     y[12345], y[54321] = 99.0, -99.0
     late = t + np.where(t > 200.0, 30.0, 0.0)
     curve = thinned(late, y)
-    assert curve.x.size <= MOST_POINTS + 1
+    assert curve.x.size <= MAX_POINTS + 1
     assert np.nanmax(curve.y) == 99.0
     assert np.nanmin(curve.y) == -99.0
     assert np.isnan(curve.x).sum() == 1

@@ -57,7 +57,7 @@ def rotation_vector(R):
     return [scale * x for x in axis]
 
 
-class UrTwin:
+class UrSimulator:
     """The controller.
 
     Parameters

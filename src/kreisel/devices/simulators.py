@@ -42,7 +42,7 @@ def robot_samples(recording: Recording) -> Iterator[RobotSample]:
 
 
 class Pace:
-    """Real time, or a multiple of it, from a moment that all twins of a cell share.
+    """Real time, or a multiple of it, from a moment that all simulators of a cell share.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Obedient(Protocol):
         """Whether a move is under way."""
 
 
-async def ekrl_twin(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def ekrl_simulator(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Do what telegrams say until the connection ends, and answer, as kreisel's program on a KUKA controller does."""
     splitter, nowhere = ekrl.Splitter("Kreisel"), RobotSample(0, None, None, (0.0,) * 6)
 
@@ -155,7 +155,7 @@ async def ekrl_twin(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio
 class _Clients:
     """Those a stream is sent to; one that does not read is dropped rather than waited for."""
 
-    _MOST = 1 << 20
+    _MAX_COMMAND = 1 << 20
 
     def __init__(self) -> None:
         self._writers: dict[asyncio.StreamWriter, Callable[[object], bytes]] = {}
@@ -168,7 +168,7 @@ class _Clients:
 
     def send(self, sample: object) -> None:
         for writer, encode in list(self._writers.items()):
-            if writer.is_closing() or writer.transport.get_write_buffer_size() > self._MOST:
+            if writer.is_closing() or writer.transport.get_write_buffer_size() > self._MAX_COMMAND:
                 self.remove(writer)
                 writer.close()
             else:
@@ -179,7 +179,7 @@ class _Clients:
             writer.close()
 
 
-class TcpTwin:
+class TcpSimulator:
     """A device that clients connect to: serve it, then play what it measures.
 
     Parameters
