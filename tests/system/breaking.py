@@ -68,7 +68,7 @@ def check(case: Case, ended: Ended, truth: Truth) -> None:
         assert_one_line(ended.err, case.words)
         return
     document = json.loads(ended.out)
-    verdict, warnings = document["verdict"], " | ".join(document["recording"]["warnings"])
+    verdict, warnings = document["verdict"], " | ".join(document["recording"]["findings"])
     told = " | ".join(verdict["reasons"]) if case.status == 3 else warnings
     for word in case.words:
         assert word in told

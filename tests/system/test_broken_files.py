@@ -213,7 +213,7 @@ def test_the_good_recording_is_accepted(good: Good, kreisel: Command) -> None:
     truth, _, folder = good
     ended = kreisel("calibrate", folder, "--no-validate", "--json")
     check(Case(simulated, 0, ()), ended, truth)
-    warnings = json.loads(ended.out)["recording"]["warnings"]
+    warnings = json.loads(ended.out)["recording"]["findings"]
     # that its joint angles are missing, and what gravity costs, nothing else
     assert [said.split(" ")[0] for said in warnings] == ["robot:", "site:"]
 
