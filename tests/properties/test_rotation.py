@@ -1,4 +1,4 @@
-"""Group laws, exponential and logarithm, Jacobians; almost-zero rotations included."""
+"""Group laws, exponential and logarithm; almost-zero rotations included."""
 
 import numpy as np
 import pytest
@@ -13,12 +13,10 @@ from kreisel.geometry.rotation import (
     exp,
     from_matrix,
     from_two_vectors,
-    inverse_right_jacobian,
     log,
     matrix,
     multiply,
     nearest_rotation,
-    right_jacobian,
 )
 
 EPS = np.finfo(float).eps
@@ -44,23 +42,6 @@ def test_products_and_actions(a, b, v):
     np.testing.assert_allclose(apply(multiply(p, q), v), apply(p, apply(q, v)), atol=50 * EPS)
     np.testing.assert_allclose(multiply(p, conjugate(p)), [1, 0, 0, 0], atol=10 * EPS)
     np.testing.assert_allclose(apply(p, v), matrix(p) @ v, atol=50 * EPS)
-
-
-@given(vectors, vectors)
-def test_right_jacobian_is_the_derivative_of_exp(theta, direction):
-    size = np.linalg.norm(direction)
-    if size < 1e-3:
-        return
-    d = 1e-6 * direction / size
-    difference = log(multiply(conjugate(exp(theta - d)), exp(theta + d))) / 2
-    # central difference: third order in d, rounding of order eps / |d|
-    np.testing.assert_allclose(right_jacobian(theta) @ d, difference, atol=1e-15)
-
-
-@given(vectors)
-def test_inverse_right_jacobian(theta):
-    if np.linalg.norm(theta) < 3.0:
-        np.testing.assert_allclose(inverse_right_jacobian(theta) @ right_jacobian(theta), np.eye(3), atol=1e-11)
 
 
 @given(vectors)

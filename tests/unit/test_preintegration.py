@@ -77,7 +77,7 @@ def test_coefficients_are_the_sensor_model(form):
     slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
     force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
     np.testing.assert_allclose(step.omega_end[:, 0], omega[101], rtol=1e-13)
-    np.testing.assert_allclose(step.u_path[100 - step.low], force[100], rtol=1e-13)
+    np.testing.assert_allclose(step.u_path[100 - step.span.low], force[100], rtol=1e-13)
 
 
 def test_noise_covariance_is_that_of_disturbed_readings():
@@ -99,7 +99,7 @@ def test_noise_covariance_is_that_of_disturbed_readings():
         # left perturbation: 2 vec(q q0^-1)
         turned = 2.0 * (-q[0] * q0[1:] + q0[0] * q[1:] - np.cross(q[1:], q0[1:]))
         errors[i] = [*turned, *(other.dv - centre.dv)[:, 0], *(other.dp - centre.dp)[:, 0]]
-    Q = noise_covariance(clean, first, last, centre, columns)
+    Q = noise_covariance(clean, centre, columns)
     shown = errors.T @ errors / draws
     scale = np.sqrt(np.diag(Q))
     np.testing.assert_allclose(shown / np.outer(scale, scale), Q / np.outer(scale, scale), atol=0.08)

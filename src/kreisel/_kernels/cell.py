@@ -126,3 +126,43 @@ class Motion(NamedTuple):
     earth_rate: np.ndarray
     around: np.ndarray
     noise: np.ndarray
+
+
+class Moments(NamedTuple):
+    """Moments after the last sample of an interval, one for each column of a state.
+
+    Attributes
+    ----------
+    dt : (k,)
+        s, by at most a sampling interval.
+    before, after
+        Sampling intervals on either side of the last sample, s.
+    which : (m,)
+        Each state's column of the integrated motion.
+    own : (m,)
+        Each state's place in `dt`, and its column of what belongs to a sigma point.
+    """
+
+    dt: np.ndarray
+    before: float
+    after: float
+    which: np.ndarray
+    own: np.ndarray
+
+
+class Gate(NamedTuple):
+    """What rejects an update.
+
+    Attributes
+    ----------
+    bounds : (10,)
+        Of the normalised innovation squared, for every number of degrees of freedom.
+    most
+        Measurements rejected in a row after which to stop.
+    rejected : (1,)
+        Measurements rejected in a row so far.
+    """
+
+    bounds: np.ndarray
+    most: int
+    rejected: np.ndarray

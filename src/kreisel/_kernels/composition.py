@@ -57,10 +57,10 @@ def environment(level, down, q_rn, north, vertical, magnitude, gravity, earth_ra
 
 
 @kernel
-def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
-    """Carry attitude, velocity and position (columns, in place) over the preintegrated interval.
+def compose(duration, which, increments, gravity, earth_rate, q, v, p):
+    """Carry attitude, velocity and position (columns, in place) over the preintegrated interval, (9).
 
-    which (m,): the column of dq, dv, dp each state moves by.
+    which (m,): the column of the increments each state moves by.
 
     Solves v' = C f + g - 2 Omega x v with gravity g and Earth rate Omega constant in r. With E the turn of
     r during the interval and y the displacement seen from where r stood at its beginning,
@@ -80,10 +80,10 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
     for s in range(m):
         j = which[s]
         for i in range(4):
-            dq_own[i, s] = dq[i, j]
+            dq_own[i, s] = increments.dq[i, j]
         for i in range(3):
-            y_dot[i, s] = dv[i, j]
-            y[i, s] = dp[i, j]
+            y_dot[i, s] = increments.dv[i, j]
+            y[i, s] = increments.dp[i, j]
         for i in range(3):
             w[i, s] = -earth_rate[i, s] * T
         E[0, s] = 1.0
@@ -111,16 +111,14 @@ def compose(duration, which, dq, dv, dp, gravity, earth_rate, q, v, p):
 
 
 @kernel
-def pose_at(
-    dt, dt_before, dt_after, which, own, q_first, omega, alpha, u_end, gravity, earth_rate, q, v, p, q_out, p_out
-):  # fmt: skip
-    """Write attitude and position a moment dt after the last sample, |dt| at most a sampling interval.
+def pose_at(moments, motion, q, v, p, q_out, p_out):
+    """Write attitude and position a moment after the last sample, by at most a sampling interval, (12).
 
-    q, v, p stand at the last sample, q_first at the first; u_end as `preintegrate` writes it.
-    which (m,): each state's column of omega, alpha, u_end; own (m,): its place in dt, and its column of q_first,
-    gravity and earth_rate.
-    dt_before and dt_after are the sampling intervals on either side of the last sample.
+    moments, motion: see `cell.Moments` and `cell.Motion`. q, v, p stand at the last sample.
     """
+    which, own, earth_rate, gravity = moments.which, moments.own, motion.earth_rate, motion.gravity
+    omega, alpha, u_end, q_first = motion.omega, motion.alpha, motion.force, motion.q_first
+    dt_before, dt_after = moments.before, moments.after
     m = q.shape[1]
     theta = np.empty((3, m))
     back = np.empty((4, m))
@@ -132,7 +130,7 @@ def pose_at(
     moment = np.empty(m)
     span = dt_before + dt_after
     for s in range(m):
-        moment[s] = dt[own[s]]
+        moment[s] = moments.dt[own[s]]
         for i in range(4):
             begin[i, s] = q_first[i, own[s]]
         for i in range(3):

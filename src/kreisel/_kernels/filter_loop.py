@@ -19,20 +19,13 @@ from kreisel._kernels.process_model import process_noise, propagate
 
 
 @kernel
-def run(model, signal, steps, begin, end, gates, most, mean, upper, record, rejected):
+def run(model, signal, steps, begin, end, gate, belief, record):
     """Carry a belief over the updates from `begin` to `end`, in place.
 
     Parameters
     ----------
-    gates : (10,)
-        Bound of the normalised innovation squared for every number of degrees.
-    most
-        Measurements rejected in a row after which to stop.
-    mean, upper : (size,), (n, n)
-        The belief, its factor transposed.
-    record : Record
-    rejected : (1,)
-        Measurements rejected in a row.
+    gate, belief, record
+        `cell.Gate`, `sigma_point_filter.Belief`, `cell.Record`.
 
     Returns
     -------
@@ -40,48 +33,49 @@ def run(model, signal, steps, begin, end, gates, most, mean, upper, record, reje
         The update it stopped before: less than `end` if too many measurements were rejected in a row, or the
         state is no longer finite.
     """
-    n, size, at = upper.shape[0], mean.size, model.stored
+    n, size, at = belief.upper.shape[0], belief.mean.size, model.stored
     points = np.empty((size, 2 * n + 1))
     for i in range(begin, end):
         first, last = steps.first[i], steps.last[i]
         duration = signal.stamps[last] - signal.stamps[first]
         for j in range(model.walking.size):
-            triangular.inflate(upper, model.walking[j], model.walk[j] * math.sqrt(duration))
-        sigma_point_filter.draw(model.parts, mean, upper, model.weights[sigma_point_filter.SPREAD], points)
+            triangular.inflate(belief.upper, model.walking[j], model.walk[j] * math.sqrt(duration))
+        spread = model.weights[sigma_point_filter.SPREAD]
+        sigma_point_filter.draw(model.parts, belief.mean, belief.upper, spread, points)
         motion = propagate(model, signal, first, last, points)
         noise = process_noise(model, motion.noise, duration, points)
         seen, seen_noise, innovation = predict_measurement(model, signal, steps, i, motion, points, noise)
         velocity, omega = column_of(rows_from(points, at[VELOCITY], 3), 0), column_of(motion.omega, 0)
         by_reference = measurement_noise(model, steps.at_standstill[i], steps.given, velocity, omega)
-        m = innovation.size
-        used, nis, innovation_factor, whitened, gain = sigma_point_filter.update(
-            model.parts, model.tail, model.weights, mean, upper, seen, seen_noise, innovation, noise, points,
-            by_reference, gates[m],
-        )  # fmt: skip
-        rejected[0] = 0 if used else rejected[0] + 1
-        note(record, i, used, mean, innovation, whitened, innovation_factor, by_reference, gain)
-        sigma_point_filter.deviations(upper, i, record.deviation)
-        if not math.isfinite(nis) or rejected[0] >= most:
+        predicted = sigma_point_filter.Predicted(points, noise, seen, seen_noise)
+        bound = gate.bounds[innovation.size]
+        done = sigma_point_filter.update(
+            model.parts, model.tail, model.weights, belief, predicted, innovation, by_reference, bound
+        )
+        gate.rejected[0] = 0 if done.used else gate.rejected[0] + 1
+        note(record, i, belief.mean, innovation, by_reference, done)
+        sigma_point_filter.deviations(belief.upper, i, record.deviation)
+        if not math.isfinite(done.nis) or gate.rejected[0] >= gate.most:
             return i + 1
     return end
 
 
 @part_of_kernel
-def note(record, i, used, mean, innovation, whitened, innovation_factor, measurement_factor, gain):
+def note(record, i, mean, innovation, measurement_factor, done):
     """Note in the record what an update leaves."""
-    n, m = gain.shape
-    record.used[i] = used
+    n, m = done.gain.shape
+    record.used[i] = done.used
     for j in range(mean.size):
         record.mean[i, j] = mean[j]
     for r in range(m):
         record.innovation[i, r] = innovation[r]
-        record.whitened[i, r] = whitened[r]
+        record.whitened[i, r] = done.whitened[r]
         for j in range(m):
-            record.factor[i, r, j] = innovation_factor[r, j]
+            record.factor[i, r, j] = done.factor[r, j]
             variance = 0.0
             for e in range(measurement_factor.shape[1]):
                 variance += measurement_factor[r, e] * measurement_factor[j, e]
             record.noise[i, r, j] = variance
         for j in range(3):
-            record.gain[i, j, r] = gain[n - 9 + j, r]
-            record.gain[i, 3 + j, r] = gain[n - 3 + j, r]
+            record.gain[i, j, r] = done.gain[n - 9 + j, r]
+            record.gain[i, 3 + j, r] = done.gain[n - 3 + j, r]

@@ -18,6 +18,7 @@ from kreisel._kernels.cell import (
     STANDSTILL_POSITION,
     STANDSTILL_VELOCITY,
     VELOCITY,
+    Moments,
 )
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
@@ -42,17 +43,15 @@ def measurement_noise(model, at_standstill, given, velocity, omega):
 
 
 @kernel
-def predict_poses(model, motion, regressor, at_standstill, t, before, after, points, columns, own):
-    """Return attitude (4, m) and position (3, m) the reference should show, a moment t (m,) after the last sample.
+def predict_poses(model, motion, regressor, at_standstill, moments, points):
+    """Return attitude (4, m) and position (3, m) the reference should show at moments after the last sample, (13).
 
-    before and after are the sampling intervals beside it, regressor (6, e) that of the robot's errors, columns and
-    own (m,) each point's column of the integrated motion, and its sigma point.
+    regressor (6, e): that of the robot's errors.
     """
     at, m = model.stored, points.shape[1]
     q, p = np.empty((4, m)), np.empty((3, m))
     composition.pose_at(
-        t, before, after, columns, own, motion.q_first, motion.omega, motion.alpha, motion.force, motion.gravity,
-        motion.earth_rate, rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3),
+        moments, motion, rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3),
         rows_from(points, at[POSITION], 3), q, p,
     )  # fmt: skip
     of_position = at[STANDSTILL_POSITION if at_standstill else PATH_POSITION]
@@ -98,12 +97,9 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
     before, after = stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last]
     same = np.zeros(others.shape[1], dtype=np.int64)
     regressor = steps.regressor[i]
-    q, p = predict_poses(
-        model, motion, regressor, at_standstill, t, before, after, points, model.which, np.arange(sigma)
-    )
-    q_others, p_others = predict_poses(
-        model, motion, regressor, at_standstill, t_centre, before, after, others, same, same
-    )
+    own, centre = Moments(t, before, after, model.which, np.arange(sigma)), Moments(t_centre, before, after, same, same)
+    q, p = predict_poses(model, motion, regressor, at_standstill, own, points)
+    q_others, p_others = predict_poses(model, motion, regressor, at_standstill, centre, others)
     m = 3 * (steps.given[0] + steps.given[1] + at_standstill)
     seen, seen_others, measured = np.empty((m, sigma)), np.empty((m, others.shape[1])), np.empty((m, 1))
     row = 0
@@ -114,13 +110,13 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
         distances(p_others, 0, p, 0, seen_others, 0)
         row = 3
     if steps.given[1]:
-        centre, quaternion = np.empty((4, 1)), np.empty((4, 1))
+        q_centre, quaternion = np.empty((4, 1)), np.empty((4, 1))
         for j in range(4):
-            centre[j, 0] = q[j, 0]
+            q_centre[j, 0] = q[j, 0]
             quaternion[j, 0] = steps.quaternion[i, j]
-        rotation.minus(q, centre, rows_from(seen, row, 3))
-        rotation.minus(q_others, centre, rows_from(seen_others, row, 3))
-        rotation.minus(quaternion, centre, rows_from(measured, row, 3))
+        rotation.minus(q, q_centre, rows_from(seen, row, 3))
+        rotation.minus(q_others, q_centre, rows_from(seen_others, row, 3))
+        rotation.minus(quaternion, q_centre, rows_from(measured, row, 3))
         row += 3
     if at_standstill:
         at = model.stored[VELOCITY]

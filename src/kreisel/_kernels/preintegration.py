@@ -1,13 +1,13 @@
 """The strapdown computation between two updates, for many parameter sets along one path.
 
-Seen from the body's attitude at the first sample, the motion the IMU felt does not depend on where it
+Seen from the body's attitude at the first sample, the motion that the IMU measured does not depend on where it
 was, how it was turned, how fast it moved, or where gravity points. It is computed here once for every
 distinct set of sensor parameters; `composition` puts it onto the navigation state.
 
 The first set, the centre, is integrated sample by sample. The others differ from it little, and what they
 differ by is the same few products of the raw readings for all of them. These are summed over blocks of
 samples once. Each set then turns against the centre by one small rotation a block, and its specific force
-is a combination of the block's sums: the cost of a set hangs on the number of blocks, not of samples.
+is a combination of the block's sums: the cost of a set depends on the number of blocks, not of samples.
 Blocks are as long as the second order of the turn within them stays below rounding of the readings.
 
 Features of the raw readings, and what they are multiplied by: see `coefficients`.
@@ -16,6 +16,7 @@ Features of the raw readings, and what they are multiplied by: see `coefficients
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,76 @@ from kreisel._kernels.rotation import direction_cosines, rotate, turn
 
 SMALL_TURN = 1.5e-5
 """rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected."""
+
+
+class Span(NamedTuple):
+    """Samples of an increment: its first and last, and those that enter, two beyond either end where there are."""
+
+    first: int
+    last: int
+    low: int
+    high: int
+
+
+class Coefficients(NamedTuple):
+    """Sensor parameters as coefficients, see `coefficients`: the columns of `shared` turn as the first of `rate` does.
+
+    rate, force, shared: (P, 3, m), (features, 3, m), (features, 3, M - m).
+    """
+
+    rate: np.ndarray
+    force: np.ndarray
+    shared: np.ndarray
+
+
+class Increments(NamedTuple):
+    """Motion between two samples, one column for each parameter set, seen from the body's attitude at the first.
+
+    Attributes
+    ----------
+    dq, dv, dp : (4, M), (3, M), (3, M)
+    omega_end, alpha_end : (3, M)
+        Rate and angular acceleration at the last sample.
+    u_end : (3, 3, M)
+        Specific force at the last sample and its two neighbours.
+    u_path, q_path : (c, 3), (c, 4)
+        Specific force and attitude along the way, of the first column.
+    """
+
+    dq: np.ndarray
+    dv: np.ndarray
+    dp: np.ndarray
+    omega_end: np.ndarray
+    alpha_end: np.ndarray
+    u_end: np.ndarray
+    u_path: np.ndarray
+    q_path: np.ndarray
+
+
+class Path(NamedTuple):
+    """What all parameter sets share along the samples: outer weights, direction cosines, features of the force."""
+
+    weights: np.ndarray
+    C: np.ndarray
+    psi: np.ndarray
+
+
+class Relative(NamedTuple):
+    """The parameter sets against the centre.
+
+    Attributes
+    ----------
+    total : (2, 9, features)
+        Sums of `sum_products` over all samples.
+    q : (4, m)
+        How the sets have turned against the centre at the last sample, seen from the attitude at the first.
+    neighbours : (2, 3, m)
+        How they turn on from there to the samples before and behind.
+    """
+
+    total: np.ndarray
+    q: np.ndarray
+    neighbours: np.ndarray
 
 
 @part_of_kernel
@@ -231,58 +302,33 @@ def add_coning(before, theta, share, out):
 
 
 @kernel
-def preintegrate(
-    first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega_end, alpha_end, u_end, u_path, q_path
-):  # fmt: skip
-    """Write attitude, velocity and position increments from sample `first` to `last`.
-
-    Samples from `low` to `high` enter (two beyond either end where there are). All increments are
-    seen from the body's inertial attitude at `first`.
-
-    Parameters
-    ----------
-    signal
-        With the fields of `inertial.strapdown.Samples`.
-    rate, force, shared : (P, 3, m), (features, 3, m), (features, 3, M - m)
-        See the module; the columns of `shared` turn as the first column of `rate` does.
-    dq, dv, dp : (4, M), (3, M), (3, M)
-    omega_end, alpha_end : (3, M)
-        Rate and angular acceleration at `last`.
-    u_end : (3, 3, M)
-        Specific force at the samples last - 1, last, last + 1, seen from the attitude at `first`.
-    u_path, q_path : (high - low + 1, 3), (high - low + 1, 4)
-        Specific force and attitude along the way, of the first column.
-    """
-    m, features, count = rate.shape[2], force.shape[0], high - low + 1
-    weights = np.empty((2, count))
-    C = np.empty((count, 9))
-    psi = np.empty((count, features))
-    outer_weights(first, last, low, signal, weights)
-    centre_path(first, low, high, signal, rate[:, :, 0], q_path)
-    direction_cosines(q_path, C)
-    features_along(low, signal, psi)
-    force_along(psi, C, force, u_path)
-    total = np.zeros((2, 9, features))
-    q = np.zeros((4, m))
-    q[0] = 1.0
-    neighbours = np.zeros((2, 3, m))
-    relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp)
+def preintegrate(span, signal, coefficients, out):
+    """Write the increments over a span, (8); `signal` has the fields of `inertial.strapdown.Samples`."""
+    force, shared = coefficients.force, coefficients.shared
+    m, features, count = coefficients.rate.shape[2], force.shape[0], span.high - span.low + 1
+    path = Path(np.empty((2, count)), np.empty((count, 9)), np.empty((count, features)))
+    outer_weights(span.first, span.last, span.low, signal, path.weights)
+    centre_path(span.first, span.low, span.high, signal, coefficients.rate[:, :, 0], out.q_path)
+    direction_cosines(out.q_path, path.C)
+    features_along(span.low, signal, path.psi)
+    force_along(path.psi, path.C, force, out.u_path)
+    relative = Relative(np.zeros((2, 9, features)), np.zeros((4, m)), np.zeros((2, 3, m)))
+    relative.q[0] = 1.0
+    relative_motion(span, signal, coefficients, path, relative, out)
     others = np.empty((3, shared.shape[2]))
-    combine(total[0], shared, others)
-    place(others, 0, m, dv)
-    combine(total[1], shared, others)
-    place(others, 0, m, dp)
-    finish(last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end)
+    combine(relative.total[0], shared, others)
+    place(others, 0, m, out.dv)
+    combine(relative.total[1], shared, others)
+    place(others, 0, m, out.dp)
+    finish(span, signal, coefficients, path, relative, out)
 
 
 @part_of_kernel
-def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_path, total, q, neighbours, dv, dp):
-    """Write the increments of the sets with gyro parameters of their own, block by block.
-
-    total (2, 9, features), zero at first: sums of `sum_products` over all samples. q (4, m), units at
-    first: how the sets have turned against the centre at `last`, seen from the attitude at `first`.
-    neighbours (2, 3, m), zero at first: how they turn on from there to the samples before and behind.
-    """
+def relative_motion(span, signal, coefficients, path, relative, out):
+    """Write the increments of the sets with gyro parameters of their own, block by block; fill `relative`."""
+    rate, force = coefficients.rate, coefficients.force
+    weights, C, psi, u_path = path.weights, path.C, path.psi, out.u_path
+    q, dv, dp, low = relative.q, out.dv, out.dp, span.low
     count, features = psi.shape
     P, m = rate.shape[0], rate.shape[2]
     difference = np.empty((P, 3, m))
@@ -290,7 +336,7 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
         for row in range(3):
             for s in range(m):
                 difference[f, row, s] = rate[f, row, s] - rate[f, row, 0]
-    length = block_length(first, last, signal, difference)
+    length = block_length(span.first, span.last, signal, difference)
     blocks = (count + length - 1) // length
     units = np.empty((count - 1, 9 * P))
     unit_turns(low, signal, C, units)
@@ -302,7 +348,7 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
     part = np.empty((3, m))
     dv[:, :m] = 0.0
     dp[:, :m] = 0.0
-    at, span_before = first - low, 0.0
+    at, span_before = span.first - low, 0.0
     for b in range(blocks):
         begin, end = b * count // blocks, (b + 1) * count // blocks
         centre = (begin + end) // 2
@@ -310,7 +356,7 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
         for which in range(2):
             for i in range(9):
                 for f in range(features):
-                    total[which, i, f] += sums[which, i, f]
+                    relative.total[which, i, f] += sums[which, i, f]
         sum_turns(begin, centre, end, weights, units, u_path, turns)
         span_before = advance(signal, low, at, centre, span_before, units, difference, before, theta, q)
         at = centre
@@ -325,15 +371,15 @@ def relative_motion(first, last, low, signal, rate, force, weights, C, psi, u_pa
             combine(sums[which], force, part)
             contract(lever[which], difference, part)
             rotate(q, part)
-            out = dv if which == 0 else dp
+            increment = dv if which == 0 else dp
             for i in range(3):
                 for s in range(m):
-                    out[i, s] += part[i, s]
-    end = last - low
+                    increment[i, s] += part[i, s]
+    end = span.last - low
     advance(signal, low, at, end, span_before, units, difference, before, theta, q)
-    contract(-units[end - 1], difference, neighbours[0])
+    contract(-units[end - 1], difference, relative.neighbours[0])
     if end < count - 1:
-        contract(units[end], difference, neighbours[1])
+        contract(units[end], difference, relative.neighbours[1])
 
 
 @kernel
@@ -425,45 +471,44 @@ def advance(signal, low, begin, end, span_before, units, difference, before, the
 
 
 @part_of_kernel
-def finish(
-    last, low, high, signal, rate, force, shared, C, psi, q, neighbours, q_path, dq, omega_end, alpha_end, u_end
-):  # fmt: skip
-    """Write the attitude at `last`, and what lets it be carried on by less than a sampling interval."""
-    P, m, M = rate.shape[0], rate.shape[2], dq.shape[1]
-    end = last - low
+def finish(span, signal, coefficients, path, relative, out):
+    """Write the attitude at the last sample, and what lets it be carried on by less than a sampling interval."""
+    rate, q, u_end = coefficients.rate, relative.q, out.u_end
+    P, m, M = rate.shape[0], rate.shape[2], out.dq.shape[1]
+    end = span.last - span.low
     omega = np.zeros((3, m))
     alpha = np.zeros((3, m))
     for row in range(3):
         for f in range(P):
-            value, slope = signal.rates[f, last], signal.slopes[f, last]
+            value, slope = signal.rates[f, span.last], signal.slopes[f, span.last]
             for s in range(m):
                 omega[row, s] += rate[f, row, s] * value
                 alpha[row, s] += rate[f, row, s] * slope
-    a, b, c, d = q_path[end, 0], q_path[end, 1], q_path[end, 2], q_path[end, 3]
+    a, b, c, d = out.q_path[end, 0], out.q_path[end, 1], out.q_path[end, 2], out.q_path[end, 3]
     for s in range(M):
         j = s if s < m else 0
         w, x, y, z = q[0, j], q[1, j], q[2, j], q[3, j]
-        dq[0, s] = w * a - x * b - y * c - z * d
-        dq[1, s] = w * b + x * a + y * d - z * c
-        dq[2, s] = w * c - x * d + y * a + z * b
-        dq[3, s] = w * d + x * c - y * b + z * a
+        out.dq[0, s] = w * a - x * b - y * c - z * d
+        out.dq[1, s] = w * b + x * a + y * d - z * c
+        out.dq[2, s] = w * c - x * d + y * a + z * b
+        out.dq[3, s] = w * d + x * c - y * b + z * a
         for i in range(3):
-            omega_end[i, s] = omega[i, j]
-            alpha_end[i, s] = alpha[i, j]
+            out.omega_end[i, s] = omega[i, j]
+            out.alpha_end[i, s] = alpha[i, j]
     turned = np.empty((4, m))
     part, others = np.empty((3, m)), np.empty((3, M - m))
     for which in range(3):
-        k = last - 1 + which
-        if k > high:  # no sample beyond `last`
+        k = span.last - 1 + which
+        if k > span.high:  # no sample beyond `last`
             place(u_end[which - 1], 0, 0, u_end[which])
             continue
-        force_at(k - low, psi, C, force, part)
+        force_at(k - span.low, path.psi, path.C, coefficients.force, part)
         place(q, 0, 0, turned)
         if which != 1:
-            turn(turned, neighbours[which // 2], 1.0)
+            turn(turned, relative.neighbours[which // 2], 1.0)
         rotate(turned, part)
         place(part, 0, 0, u_end[which])
-        force_at(k - low, psi, C, shared, others)
+        force_at(k - span.low, path.psi, path.C, coefficients.shared, others)
         place(others, 0, m, u_end[which])
 
 

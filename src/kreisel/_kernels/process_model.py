@@ -54,12 +54,12 @@ def propagate(model, signal, first, last, points):
     force, shared = np.empty((features, 3, turning)), np.empty((features, 3, sharing))
     sensor_coefficients(model, points, rate, force, shared)
     low, high = min(signal.base[first], last - 1), max(last, signal.base[last - 1] + POINTS - 1)
-    dq, dv, dp = np.empty((4, M)), np.empty((3, M)), np.empty((3, M))
-    omega, alpha, u_end = np.empty((3, M)), np.empty((3, M)), np.empty((3, 3, M))
-    u_path, q_path = np.empty((high - low + 1, 3)), np.empty((high - low + 1, 4))
-    preintegration.preintegrate(
-        first, last, low, high, signal, rate, force, shared, dq, dv, dp, omega, alpha, u_end, u_path, q_path
-    )
+    span = preintegration.Span(first, last, low, high)
+    increments = preintegration.Increments(
+        np.empty((4, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, 3, M)),
+        np.empty((high - low + 1, 3)), np.empty((high - low + 1, 4)),
+    )  # fmt: skip
+    preintegration.preintegrate(span, signal, preintegration.Coefficients(rate, force, shared), increments)
     q, v, p = rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3), rows_from(points, at[POSITION], 3)
     q_first = np.empty((4, sigma))
     place(q, 0, 0, q_first)
@@ -67,7 +67,7 @@ def propagate(model, signal, first, last, points):
     gravity, earth_rate = np.empty((3, sigma)), np.empty((3, sigma))
     composition.environment(model.level, model.down, around[:4], around[4:6], around[9], around[6], gravity, earth_rate)
     duration = signal.stamps[last] - signal.stamps[first]
-    composition.compose(duration, model.which, dq, dv, dp, gravity, earth_rate, q, v, p)
+    composition.compose(duration, model.which, increments, gravity, earth_rate, q, v, p)
 
     taken = max(1, int(model.noise_step * (last - first) / duration)) if duration > 0.0 else 1
     K_omega, K_a = np.empty((3, 3)), np.empty((3, 3))
@@ -76,9 +76,10 @@ def propagate(model, signal, first, last, points):
             K_omega[row, axis] = rate[1 + axis, row, 0]
             K_a[row, axis] = force[P * (P + 1) // 2 + P - 1 + axis, row, 0]
     Q, noise = np.empty((9, 9)), np.empty((9, 9))
-    sensor_noise.noise_covariance(first, last, low, taken, signal, u_path, q_path, K_omega, K_a, Q)
-    sensor_noise.navigation_noise(Q, column_of(q_first, 0), column_of(dq, 0), noise)
-    return Motion(q_first, omega, alpha, u_end, gravity, earth_rate, around, noise)
+    sensor_noise.noise_covariance(span, taken, signal, increments, K_omega, K_a, Q)
+    sensor_noise.navigation_noise(Q, column_of(q_first, 0), column_of(increments.dq, 0), noise)
+    end = increments.omega_end, increments.alpha_end, increments.u_end
+    return Motion(q_first, end[0], end[1], end[2], gravity, earth_rate, around, noise)
 
 
 @part_of_kernel

@@ -11,16 +11,16 @@ from kreisel._kernels.rotation import direction_cosines
 
 
 @kernel
-def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K_a, Q):
-    """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9).
+def noise_covariance(span, every, signal, motion, K_omega, K_a, Q):
+    """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9), (10).
 
-    Seen from the body's attitude at `first`; attitude errors as left perturbations in that frame.
+    Seen from the body's attitude at the first sample; attitude errors as left perturbations in that frame.
     `every` samples are taken together, with force and attitude in their middle.
 
     Parameters
     ----------
-    u_path, q_path
-        As `preintegrate` writes them, from sample `low` on.
+    span, motion
+        `preintegration.Span` and the `Increments` over it.
     K_omega, K_a : (3, 3)
 
     Notes
@@ -34,9 +34,9 @@ def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K
     rate = np.empty(3)
     force = np.empty(3)
     Q[:] = 0.0
-    for start in range(first, last, every):
-        stop = min(start + every, last)
-        middle = (start + stop) // 2 - low
+    for start in range(span.first, span.last, every):
+        stop = min(start + every, span.last)
+        middle = (start + stop) // 2 - span.low
         dt = stamps[stop] - stamps[start]
         bridged = 0.0
         for k in range(start, stop):
@@ -46,8 +46,8 @@ def noise_covariance(first, last, low, every, signal, u_path, q_path, K_omega, K
         for axis in range(3):
             rate[axis] = density[0, axis] * dt + density[2, axis] * density[2, axis] * bridged
             force[axis] = density[1, axis] * dt + density[3, axis] * density[3, axis] * bridged
-        advance_covariance(u_path[middle, 0], u_path[middle, 1], u_path[middle, 2], dt, Q)
-        direction_cosines(q_path[middle : middle + 1], C)
+        advance_covariance(motion.u_path[middle], dt, Q)
+        direction_cosines(motion.q_path[middle : middle + 1], C)
         product(C, K_omega, G)
         add_noise(G, rate, 1.0, 0.0, 0, 0, Q)
         product(C, K_a, G)
@@ -63,11 +63,12 @@ def product(A, B, out):
 
 
 @kernel
-def advance_covariance(ux, uy, uz, dt, Q):
+def advance_covariance(u, dt, Q):
     """Replace Q (9, 9) by F Q F^T for errors that move as v += -u x theta dt, p += v dt - u x theta dt^2/2.
 
-    theta, v and p are attitude error (left), velocity and position error; u the specific force.
+    theta, v and p are attitude error (left), velocity and position error; u (3,) the specific force.
     """
+    ux, uy, uz = u[0], u[1], u[2]
     h = 0.5 * dt
     for j in range(9):
         x = -dt * (uy * Q[2, j] - uz * Q[1, j])

@@ -7,6 +7,7 @@ are kept transposed, for their rows are then the columns that are rotated.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,9 +22,56 @@ ROUNDING = 1e-9
 """Share of a deviation whose square is lost beside it in rounding."""
 
 
+class Belief(NamedTuple):
+    """Mean (size,) as stored, and factor (n, n) of the covariance, transposed: upper triangular."""
+
+    mean: np.ndarray
+    upper: np.ndarray
+
+
+class Predicted(NamedTuple):
+    """Sigma points carried to an update, and the measurements they predict.
+
+    Attributes
+    ----------
+    points : (size, 2 n + 1)
+        At the update.
+    noise : (c, k)
+        Columns of noise of the degrees of freedom that have moved.
+    measured, measured_noise : (m, 2 n + 1), (m, 2 k)
+        Predicted measurements as distances from the centre's: of the sigma points, and of the centre with noise
+        put in, plus and minus.
+    """
+
+    points: np.ndarray
+    noise: np.ndarray
+    measured: np.ndarray
+    measured_noise: np.ndarray
+
+
+class Updated(NamedTuple):
+    """What an update did: whether it was used, and its innovation.
+
+    Attributes
+    ----------
+    used, nis
+        Whether the measurement was used; its normalised innovation squared.
+    factor, whitened : (m, m), (m,)
+        Factor of the innovation's covariance, and the innovation divided by it.
+    gain : (n, m)
+        On what is so divided.
+    """
+
+    used: bool
+    nis: float
+    factor: np.ndarray
+    whitened: np.ndarray
+    gain: np.ndarray
+
+
 @kernel
 def draw(parts, mean, upper, spread, points):
-    """Write the sigma points (size, 2 n + 1): centre, then all in plus, then all in minus direction."""
+    """Write the sigma points (size, 2 n + 1), (17): centre, then all in plus, then all in minus direction."""
     n = upper.shape[0]
     change = np.zeros((n, 2 * n + 1))
     for i in range(n):
@@ -107,32 +155,23 @@ def correct(parts, mean, gain, whitened):
 
 
 @kernel
-def update(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, points, measurement_factor, gate):
+def update(parts, tail, w, belief, predicted, innovation, measurement_factor, gate):
     """Predict and update: change the belief in place by a measurement that sigma points predict, (18) to (20).
 
     Parameters
     ----------
-    mean, upper : (size,), (n, n)
-        The belief before the step, its factor transposed; the one after it on return.
-    seen, seen_noise : (m, 2 n + 1), (m, 2 k)
-        Predicted measurements as distances from the centre's: of the sigma points, and of the centre with noise
-        put in, plus and minus.
+    parts, tail, w
+        Tables of the state and of its last parts, which have moved; weights of the sigma points.
+    belief, predicted
+        The belief before the step, the one after it on return; what became of its sigma points.
     innovation : (m,)
         The measurement's distance from the centre's prediction; from the mean prediction on return.
-    noise : (c, k)
-        Columns of noise of the degrees of freedom that have moved.
-    points : (size, 2 n + 1)
-        Sigma points at the update.
     measurement_factor : (m, e)
     gate
-        Bound of the normalised innovation squared, beyond which only the prediction is taken over.
-
-    Returns
-    -------
-    bool, float, (m, m), (m,), (n, m)
-        Whether the measurement was used; its normalised innovation squared; factor of the innovation's
-        covariance, the innovation divided by it, and the gain on what is so divided.
+        Bound of the normalised innovation squared, beyond which only the prediction is taken over, (20).
     """
+    mean, upper, points, noise = belief.mean, belief.upper, predicted.points, predicted.noise
+    seen, seen_noise = predicted.measured, predicted.measured_noise
     n, m, e = upper.shape[0], seen.shape[0], measurement_factor.shape[1]
     c, k = noise.shape
     last = tail.shape[0] - 1
@@ -165,6 +204,7 @@ def update(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, poi
     innovation_factor, whitened = np.empty((m, m)), np.empty(m)
     gain = np.empty((n, m))
     before = upper.copy()
+    # (19)
     triangular.condition(first, upper, further[: rows + k + e], innovation, innovation_factor, whitened, gain, upper)
     nis = 0.0
     for r in range(m):
@@ -178,4 +218,4 @@ def update(parts, tail, w, mean, upper, seen, seen_noise, innovation, noise, poi
             first[m:].copy(), before, further[: rows + k, m:].copy(), whitened[:0], nothing, whitened[:0],
             np.empty((n, 0)), upper,
         )  # fmt: skip
-    return used, nis, innovation_factor, whitened, gain
+    return Updated(used, nis, innovation_factor, whitened, gain)

@@ -70,31 +70,32 @@ def _filter() -> None:
     """Run the filter over no updates: nothing is computed, all of it compiled."""
     steps = cell.Steps(_INDEX, _INDEX, _NUMBER, _FLAGS, _NUMBERS, _NUMBERS, _FLAGS, _BLOCK)
     record = cell.Record(_NUMBERS, _NUMBERS, _FLAGS, _NUMBERS, _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
-    filter_loop.run(_model(), _samples(), steps, 0, 0, _NUMBER, 1, _NUMBER, _NUMBERS, record, _INDEX)
+    gate = cell.Gate(_NUMBER, 1, _INDEX)
+    filter_loop.run(_model(), _samples(), steps, 0, 0, gate, sigma_point_filter.Belief(_NUMBER, _NUMBERS), record)
+
+
+_SPAN = preintegration.Span(0, 0, 0, 0)
+_INCREMENTS = preintegration.Increments(*[_NUMBERS] * 5, _BLOCK, _NUMBERS, _NUMBERS)
 
 
 def _motion_kernels() -> None:
     compilation.compile_for(process_model.sensor_coefficients, _model(), _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
-    out = (*[_NUMBERS] * 5, _BLOCK, _NUMBERS, _NUMBERS)
-    compilation.compile_for(preintegration.preintegrate, 0, 0, 0, 0, _samples(), _BLOCK, _BLOCK, _BLOCK, *out)
+    coefficients = preintegration.Coefficients(_BLOCK, _BLOCK, _BLOCK)
+    compilation.compile_for(preintegration.preintegrate, _SPAN, _samples(), coefficients, _INCREMENTS)
 
 
 def _update_kernels() -> None:
-    compilation.compile_for(sigma_point_filter.draw, _LAYOUT.table, _NUMBER, _NUMBERS, 0.0, _NUMBERS)
-    out = (_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
-    compilation.compile_for(
-        sigma_point_filter.update, _LAYOUT.table, _LAYOUT.table, _NUMBER, _NUMBER, *out[:3], _NUMBER, *out[:3], 0.0
-    )
-    compilation.compile_for(composition.compose, 0.0, _INDEX, *out, *out)
-    compilation.compile_for(
-        sensor_noise.noise_covariance, 0, 0, 0, 0, _samples(), _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
-    )
-    compilation.compile_for(sensor_noise.navigation_noise, _NUMBERS, _NUMBER, _NUMBER, _NUMBERS)
     x = _NUMBERS
+    compilation.compile_for(sigma_point_filter.draw, _LAYOUT.table, _NUMBER, x, 0.0, x)
+    belief, predicted = sigma_point_filter.Belief(_NUMBER, x), sigma_point_filter.Predicted(x, x, x, x)
+    table = _LAYOUT.table
+    compilation.compile_for(sigma_point_filter.update, table, table, _NUMBER, belief, predicted, _NUMBER, x, 0.0)
+    compilation.compile_for(composition.compose, 0.0, _INDEX, _INCREMENTS, x, x, x, x, x)
+    compilation.compile_for(sensor_noise.noise_covariance, _SPAN, 0, _samples(), _INCREMENTS, x, x, x)
+    compilation.compile_for(sensor_noise.navigation_noise, x, _NUMBER, _NUMBER, x)
     motion = cell.Motion(x, x, x, _BLOCK, x, x, x, x)
-    compilation.compile_for(
-        measurement_model.predict_poses, _model(), motion, _NUMBERS, True, _NUMBER, 0.0, 0.0, _NUMBERS, _INDEX, _INDEX
-    )
+    moments = cell.Moments(_NUMBER, 0.0, 0.0, _INDEX, _INDEX)
+    compilation.compile_for(measurement_model.predict_poses, _model(), motion, x, True, moments, x)
 
 
 _NEEDED = (_signal, _belief, _filter)

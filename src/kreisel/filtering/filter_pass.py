@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel._kernels import filter_loop
-from kreisel._kernels.cell import MEASURED
+from kreisel._kernels import cell, filter_loop, sigma_point_filter
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, gate_bound
@@ -55,22 +54,23 @@ def run_filter(
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
     belief = first_belief(problem, start) if belief is None else belief
-    bounds = np.array([0.0, *(gate * gate_bound(GATE, m) for m in range(1, MEASURED + 1))])
-    rejected, histories = np.zeros(1, dtype=np.int64), []
+    bounds = np.array([0.0, *(gate * gate_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
+    limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
+    histories = []
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         steps, record = filter_steps(problem, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
         done = begin
         while done < chunk.stop:
-            belief = _belief_before(problem, start, belief, done, rejected)
-            mean, upper = belief.mean.copy(), belief.factor.T.copy()
+            belief = _belief_before(problem, start, belief, done, limit.rejected)
+            filtered = sigma_point_filter.Belief(belief.mean.copy(), belief.factor.T.copy())
             signal, until = problem.readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
             done = begin + filter_loop.run(
                 model, signal.samples, counted, done - begin, _next_event(updates, done, chunk.stop, until) - begin,
-                bounds, MAX_REJECTED_IN_A_ROW, mean, upper, record, rejected,
+                limit, filtered, record,
             )  # fmt: skip
-            belief = Belief(mean, upper.T.copy())
+            belief = Belief(filtered.mean, filtered.upper.T.copy())
             if not np.isfinite(record.whitened[done - 1 - begin]).all():
                 raise EstimationError(
                     f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "

@@ -1,4 +1,4 @@
-"""Exponential and logarithm, products, actions and Jacobians of rotations."""
+"""Exponential and logarithm, products and actions of rotations."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_SMALL = 1e-4
-"""Below this angle (rad) series replace quotients; their first term left out is below 1e-17."""
 
 
 def exp(theta: ArrayLike) -> Array:
@@ -125,28 +123,3 @@ def skew(v: ArrayLike) -> Array:
     x, y, z = np.moveaxis(v, -1, 0)
     zero = np.zeros_like(x)
     return _matrices((zero, -z, y), (z, zero, -x), (-y, x, zero))
-
-
-def right_jacobian(theta: ArrayLike) -> Array:
-    """Return J (..., 3, 3) with ``exp(theta + d) = exp(theta) * exp(J d)`` to first order in d."""
-    theta = np.asarray(theta, dtype=float)
-    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
-    angle = np.sqrt(angle2)
-    small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    b = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (safe - np.sin(safe)) / safe**3)
-    S = skew(theta)
-    return np.asarray(np.eye(3) - a * S + b * (S @ S))
-
-
-def inverse_right_jacobian(theta: ArrayLike) -> Array:
-    """Return the inverse of `right_jacobian`, for angles below 2 pi."""
-    theta = np.asarray(theta, dtype=float)
-    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
-    angle = np.sqrt(angle2)
-    small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
-    b = np.where(small, 1.0 / 12.0 + angle2 / 720.0, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)))
-    S = skew(theta)
-    return np.asarray(np.eye(3) + 0.5 * S + b * (S @ S))

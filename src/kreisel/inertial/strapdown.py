@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import attitude, coefficients, composition, preintegration, quadrature, sensor_noise
+from kreisel._kernels import attitude, coefficients, preintegration, quadrature, sensor_noise
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
@@ -142,7 +141,7 @@ class Increment:
     ``dq`` (4, m), ``dv`` and ``dp`` (3, m) are seen from the inertial attitude at the first sample;
     ``omega_end``, ``alpha_end`` (3, m) are rate and angular acceleration at the last, ``u_end``
     (3, 3, m) the specific force around it. ``u_path`` (k, 3) and ``q_path`` (k, 4) hold force and attitude
-    along the way from sample ``low`` on, of the first column.
+    along the way from sample ``span.low`` on, of the first column.
     """
 
     duration: float
@@ -154,7 +153,13 @@ class Increment:
     u_end: Array
     u_path: Array
     q_path: Array
-    low: int
+    span: preintegration.Span
+
+    @property
+    def arrays(self) -> preintegration.Increments:
+        """The arrays, as the kernels take them."""
+        motion = self.dq, self.dv, self.dp, self.omega_end, self.alpha_end, self.u_end
+        return preintegration.Increments(*motion, self.u_path, self.q_path)
 
 
 def prepare(
@@ -250,26 +255,23 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         u_end=np.empty((3, 3, m)),
         u_path=np.empty((count, 3)),
         q_path=np.empty((count, 4)),
-        low=low,
+        span=preintegration.Span(first, last, low, high),
     )
-    preintegration.preintegrate(
-        first, last, low, high, signal.samples, columns.rate, columns.force, columns.shared,
-        out.dq, out.dv, out.dp, out.omega_end, out.alpha_end, out.u_end, out.u_path, out.q_path,
-    )  # fmt: skip
+    coefficients = preintegration.Coefficients(columns.rate, columns.force, columns.shared)
+    preintegration.preintegrate(out.span, signal.samples, coefficients, out.arrays)
     return out
 
 
-def noise_covariance(signal: InertialSignal, first: int, last: int, step: Increment, columns: SensorColumns) -> Array:
+def noise_covariance(signal: InertialSignal, step: Increment, columns: SensorColumns) -> Array:
     """Return the covariance (9, 9) of attitude, velocity and position left by sensor noise.
 
-    Uses the first column of an increment between the same samples. Seen from the body's inertial attitude
-    at `first`; attitude errors as left perturbations there.
+    Uses the first column of an increment. Seen from the body's inertial attitude at its first sample; attitude errors
+    as left perturbations there.
     """
     Q = np.empty((9, 9))
-    every = max(1, int(NOISE_STEP * (last - first) / step.duration)) if step.duration > 0.0 else 1
-    sensor_noise.noise_covariance(
-        first, last, step.low, every, signal.samples, step.u_path, step.q_path, columns.K_omega, columns.K_a, Q,
-    )  # fmt: skip
+    samples = step.span.last - step.span.first
+    every = max(1, int(NOISE_STEP * samples / step.duration)) if step.duration > 0.0 else 1
+    sensor_noise.noise_covariance(step.span, every, signal.samples, step.arrays, columns.K_omega, columns.K_a, Q)
     return Q
 
 
@@ -288,40 +290,3 @@ def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
     samples = signal.samples
     attitude.integrate(samples.stamps, samples.rates, samples.integrals, np.ascontiguousarray(rate), q)
     return q
-
-
-def navigate(
-    signal: InertialSignal,
-    parameters: SensorParameters,
-    q: Array,
-    v: Array,
-    p: Array,
-    gravity: Array,
-    earth_rate: Array,
-    *,
-    form: SizeEffect = SizeEffect.COMPLETED,
-    stride: int = 100,
-) -> tuple[Array, Array, Array, Array]:
-    """Return stamps, attitudes, velocities and positions of free inertial navigation in r.
-
-    Parameters
-    ----------
-    q, v, p : (4,), (3,), (3,)
-        Attitude q_rb, velocity and position at the first sample.
-    gravity, earth_rate : (3,)
-        In r, m/s^2 and rad/s.
-    stride
-        Samples between two results; results stand at every `stride`-th sample and at the last.
-    """
-    columns = SensorColumns.single(parameters, form)
-    state = [np.array(part, dtype=float).reshape(-1, 1) for part in (q, v, p)]
-    g, w = gravity.reshape(3, 1).astype(float), earth_rate.reshape(3, 1).astype(float)
-    last_sample = signal.stamps.size - 1
-    knots = [*range(0, last_sample, stride), last_sample]
-    history = [[part[:, 0].copy() for part in state]]
-    for first, last in pairwise(knots):
-        step = preintegrate(signal, first, last, columns)
-        composition.compose(step.duration, np.zeros(1, dtype=np.int64), step.dq, step.dv, step.dp, g, w, *state)
-        history.append([part[:, 0].copy() for part in state])
-    qs, vs, ps = (np.array(column) for column in zip(*history, strict=True))
-    return signal.stamps[knots], qs, vs, ps

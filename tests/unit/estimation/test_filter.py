@@ -33,10 +33,11 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     sigma_point_filter.draw(layout.table, mean, upper, w.spread, points)
     points = F @ points
     centre = points[:, :1]
+    predicted = sigma_point_filter.Predicted(points, noise, H @ (points - centre), np.hstack([H @ Q, -H @ Q]))
+    belief = sigma_point_filter.Belief(mean, upper)
     used, nis, factor, whitened, gain = sigma_point_filter.update(
-        layout.table, layout.tail(changing).table, figures, mean, upper, H @ (points - centre),
-        np.hstack([H @ Q, -H @ Q]), z - H @ points[:, 0], noise, points, R, gate,
-    )  # fmt: skip
+        layout.table, layout.tail(changing).table, figures, belief, predicted, z - H @ points[:, 0], R, gate
+    )
 
     P1 = F @ P @ F.T + Q @ Q.T
     S = H @ P1 @ H.T + R @ R.T

@@ -12,11 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from kreisel.inertial.noise import GRADES, Grade, allan_deviation, high_frequency_density, noise
+from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters, correct_angular_rate, correct_specific_force
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.imu import disturbed, draw_sensors, filtered, ideal_readings
 from kreisel.simulation.settings import Cell, Imu
+
+from ...oracle.allan import allan_deviation
 
 RATE = 200.0
 QUIET = Grade(gyro_noise_density=0.0, accel_noise_density=0.0, gyro_offset_sd=0.0, accel_offset_sd=0.0)
