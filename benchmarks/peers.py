@@ -87,7 +87,9 @@ def filterpy(case: Case, updates: int) -> Result:
         after, path = plain.propagate(centre, samples, world)
         after = {name: value[0] for name, value in after.items()}
 
-        def move(x, _dt, nominal=nominal, start=start, stop=int(stop), after=after):
+        def move(
+            x: Any, _dt: float, nominal: Any = nominal, start: int = start, stop: int = int(stop), after: Any = after
+        ) -> Any:
             moved = plain.plus(nominal, x[None])
             moved, _ = plain.propagate(moved, plain.correct(moved, imu, start, stop, 5), world)
             return plain.minus(moved, after)[0]
@@ -96,7 +98,9 @@ def filterpy(case: Case, updates: int) -> Result:
         at_end = plain.plus(after, np.zeros((1, plain.SIZE)))
         p0, q0 = plain.predict_pose(at_end, plain.correct(at_end, imu, int(stop), int(stop), 5), float(tau), world)
 
-        def look(x, after=after, stop=int(stop), tau=float(tau), p0=p0, q0=q0):
+        def look(
+            x: Any, after: Any = after, stop: int = int(stop), tau: float = float(tau), p0: Any = p0, q0: Any = q0
+        ) -> Any:
             there = plain.plus(after, x[None])
             p, q = plain.predict_pose(there, plain.correct(there, imu, stop, stop, 5), tau, world)
             return np.concatenate([(p - p0)[0], quat.log(quat.multiply(quat.conjugate(q0), q))[0]])
@@ -137,7 +141,7 @@ def pyins(case: Case) -> Result:
     )  # fmt: skip
     scale = np.full((3, 3), 5e-4)
 
-    def run():
+    def run() -> Any:
         return filters.run_feedback_filter(
             pva, 1e-3, 1e-3, np.degrees(1e-3), np.degrees(1e-3), increments,
             inertial_sensor.EstimationModel(1e-4, GYRO, None, scale),
@@ -164,7 +168,7 @@ def gtsam(case: Case) -> Result:
     params = gtsam.PreintegrationParams.MakeSharedD(GRAVITY)
     dt = 1.0 / 200.0
 
-    def run():
+    def run() -> Any:
         motion = gtsam.PreintegratedImuMeasurements(params, gtsam.imuBias.ConstantBias())
         for f, w in zip(case.forces, case.rates, strict=True):
             motion.integrateMeasurement(f, w, dt)
@@ -179,14 +183,18 @@ def main(runs: int = 4) -> None:
     scores: dict[str, list[float]] = {}
     unit = 0.0
     for seed in range(runs):
-        case = Case(seed)
+        case: Any = Case(seed)
         unit = yardstick.seconds(case.rates, case.forces, 1.0 / 200.0, 50)
         ours, deviation = kreisel(case)
         truth = {g: np.ravel(case.truth["k_w" if g == "gyro_offset" else "k_a" if g == "accel_offset" else GROUPS[g]])
                  for g in JUDGED}  # fmt: skip
         found = {"kreisel": ours, "NumPy, from the book": numpy_filter(case)}
-        for name, peer in (("filterpy UKF", lambda c: filterpy(c, len(c.samples))), ("pyins EKF (fewer states)", pyins),
-                           ("gtsam preintegration (1 set)", gtsam)):  # fmt: skip
+        peers: dict[str, Callable[[Any], Result]] = {
+            "filterpy UKF": lambda c: filterpy(c, len(c.samples)),
+            "pyins EKF (fewer states)": pyins,
+            "gtsam preintegration (1 set)": gtsam,
+        }
+        for name, peer in peers.items():
             if seed > 0 and name.startswith("gtsam"):
                 continue
             try:
@@ -203,8 +211,8 @@ def main(runs: int = 4) -> None:
     print(f"{'filter':30s} {'ms':>10s} {'strapdown passes':>17s} {'times kreisel':>14s} {'error over sd':>14s}")
     for name, results in rows.items():
         seconds = min(s for s, _ in results)
-        error = f"{np.sqrt(np.mean(scores[name])):14.3f}" if name in scores else f"{'':>14s}"
-        print(f"{name:30s} {seconds * 1e3:10.2f} {seconds / unit:17.1f} {seconds / first:14.1f} {error}")
+        score_text = f"{np.sqrt(np.mean(scores[name])):14.3f}" if name in scores else f"{'':>14s}"
+        print(f"{name:30s} {seconds * 1e3:10.2f} {seconds / unit:17.1f} {seconds / first:14.1f} {score_text}")
 
 
 if __name__ == "__main__":

@@ -27,11 +27,12 @@ def main(folder: Path | None) -> None:
         return now
 
     from kreisel.calibration.evidence import Evidence
+    from kreisel.calibration.inflation import with_unestimated_errors
     from kreisel.calibration.latitude_check import check_latitude
     from kreisel.calibration.split_halves import split_halves
     from kreisel.calibration.verdict import consistency, judge
     from kreisel.filtering.compile_kernels import compile_kernels
-    from kreisel.filtering.iteration import estimate
+    from kreisel.filtering.iteration import Given, estimate
     from kreisel.filtering.observability import observability
     from kreisel.formats.loading import load
     from kreisel.formats.write import write
@@ -53,16 +54,17 @@ def main(folder: Path | None) -> None:
         at = lap("read and check", at)
         settings = CalibrationSettings()
         preparation = prepare_recording(recording, settings)
-        at = lap("synchronise, first values", at)
+        at = lap("synchronise, start values", at)
         problem = build_problem(preparation, settings)
         at = lap("build the problem", at)
-        found = estimate(problem, reference_given=True, imu_given=True)
+        found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True)))
         at = lap(f"filter, {found.passes} pass(es)", at)
         halves = split_halves(found)
         at = lap("halves", at)
         latitude = check_latitude(found.problem, found.run)
         at = lap("latitude", at)
-        judge(found, Evidence(observability(found.problem, found.run), consistency(found), halves, latitude))
+        facts = consistency(found, preparation.correlation)
+        judge(found, Evidence(observability(found.problem, found.run), facts, halves, latitude))
         lap("judge", at)
         unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
     total = sum(phases.values())

@@ -6,6 +6,7 @@ Ratios within one run are what counts; machines differ and are noisy. `multiple`
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from kreisel.filtering.compile_kernels import compile_kernels
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import SensorColumns, preintegrate
+from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
+from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 
@@ -27,17 +30,17 @@ SECONDS = float(os.environ.get("KREISEL_BENCHMARK_SECONDS", "600"))
 
 
 @pytest.fixture(scope="module")
-def recording():
+def recording() -> Recording:
     compile_kernels()
     return simulate(Cell.model_validate({"seed": 3, "seconds": SECONDS, "imu": {"rate": 400.0}}), Path("run"))[1]
 
 
 @pytest.fixture(scope="module")
-def unit(recording):
+def unit(recording: Recording) -> float:
     return yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
 
 
-def problem_of(recording, *, robot):
+def problem_of(recording: Recording, *, robot: bool) -> Problem:
     settings = CalibrationSettings()
     if not robot:
         recording = replace(recording, joints=None)
@@ -45,13 +48,13 @@ def problem_of(recording, *, robot):
 
 
 @pytest.mark.parametrize("width", [1, 8, 25, 67])
-def test_columns_side_by_side(benchmark, recording, unit, width):
+def test_columns_side_by_side(benchmark: Any, recording: Recording, unit: float, width: int) -> None:
     """One pass over 240,000 samples with so many sets of gyro parameters side by side."""
     problem = problem_of(recording, robot=False)
     one = SensorColumns.single(problem.prior.start.sensors, SizeEffect.COMPLETED)
     columns = replace(one, rate=np.repeat(one.rate, width, axis=-1), force=np.repeat(one.force, width, axis=-1))
 
-    def run():
+    def run() -> None:
         for update in problem.schedule.updates:
             signal, _ = problem.readings.holding(update.first, update.last)
             preintegrate(signal, update.first - signal.begin, update.last - signal.begin, columns)
@@ -61,7 +64,7 @@ def test_columns_side_by_side(benchmark, recording, unit, width):
 
 
 @pytest.mark.parametrize("robot", [False, True])
-def test_filter(benchmark, recording, unit, robot):
+def test_filter(benchmark: Any, recording: Recording, unit: float, robot: bool) -> None:
     """One pass of the filter; with the robot's errors 42 states more."""
     problem = problem_of(recording, robot=robot)
     benchmark.pedantic(run_filter, args=(problem, problem.prior.start), rounds=3)
@@ -69,6 +72,6 @@ def test_filter(benchmark, recording, unit, robot):
     benchmark.extra_info["multiple"] = benchmark.stats.stats.median / unit
 
 
-def test_preparation(benchmark, recording):
-    """Correlation, rate fit, force fit, rests."""
+def test_preparation(benchmark: Any, recording: Recording) -> None:
+    """Correlation, fits of rates and accelerometers, standstills."""
     benchmark.pedantic(prepare_recording, args=(recording, CalibrationSettings()), rounds=2)

@@ -8,10 +8,11 @@ import time
 import numpy as np
 
 from kreisel._kernels.compilation import kernel
+from kreisel.geometry.rotation import Array
 
 
 @kernel
-def strapdown_pass(rates, forces, dt, gravity, q, v, p):
+def strapdown_pass(rates: Array, forces: Array, dt: float, gravity: Array, q: Array, v: Array, p: Array) -> None:
     """Navigate through samples (n, 3), in place: attitude q (4,), velocity and position (3,)."""
     for k in range(rates.shape[0] - 1):
         a, b = rates[k], rates[k + 1]
@@ -41,7 +42,7 @@ def strapdown_pass(rates, forces, dt, gravity, q, v, p):
 
 
 @kernel
-def turned(q, f):
+def turned(q: Array, f: Array) -> tuple[float, float, float]:
     """Return f (3,) turned by q (4,)."""
     x = 2.0 * (q[2] * f[2] - q[3] * f[1])
     y = 2.0 * (q[3] * f[0] - q[1] * f[2])
@@ -53,7 +54,7 @@ def turned(q, f):
     )
 
 
-def seconds(rates, forces, interval, repeats=7):
+def seconds(rates: Array, forces: Array, interval: float, repeats: int = 7) -> float:
     """Return the time of one pass over readings (n, 3): the median of a few."""
     times = []
     for _ in range(repeats + 1):

@@ -1,11 +1,11 @@
-"""The errors kreisel raises on purpose, each with what, where, got, expected and what to do.
+"""The errors that kreisel raises on purpose; each message has what, where, got, expected and what to do.
 
 ::
 
     KreiselError
-    ├── RecordingError          a file or a stream that cannot be read, or that says impossible things
+    ├── RecordingError          a file or a stream that cannot be read, or that holds impossible values
     ├── SynchronizationError    reference and IMU cannot be brought onto one clock
-    ├── ExcitationError         the motion does not show what is asked for
+    ├── ExcitationError         the motion does not make the parameters observable
     ├── SettingsError           a setting that does not exist or makes no sense
     ├── RobotError              an arm that cannot be read, or a pose it cannot reach
     ├── ProtocolError           bytes that are not what the protocol says
@@ -33,7 +33,7 @@ __all__ = [
 
 
 class KreiselError(Exception):
-    """Root of all errors kreisel raises on purpose; its text is one line fit for a user."""
+    """Base class of all errors that kreisel raises on purpose; its text is one line for the user."""
 
 
 class RecordingError(KreiselError):
@@ -46,7 +46,7 @@ class RecordingError(KreiselError):
     file
         The file or folder at fault.
     line
-        The line in it, counted from 1, where that is known.
+        The line in the file, counted from 1, if known.
     """
 
     def __init__(self, message: str, *, file: Path | str | None = None, line: int | None = None) -> None:
@@ -58,7 +58,7 @@ class RecordingError(KreiselError):
 
 
 class SynchronizationError(KreiselError):
-    """Reference and IMU could not be brought onto one clock; `correlation` holds the best found."""
+    """Reference and IMU could not be brought onto one clock; `correlation` is the best that was found."""
 
     def __init__(self, message: str, *, correlation: float | None = None) -> None:
         self.correlation = correlation
@@ -66,7 +66,7 @@ class SynchronizationError(KreiselError):
 
 
 class ExcitationError(KreiselError):
-    """The motion is too poor for what is asked of it."""
+    """The motion is too poor to make the parameters observable."""
 
 
 class SettingsError(KreiselError):
@@ -74,11 +74,11 @@ class SettingsError(KreiselError):
 
 
 class RobotError(KreiselError):
-    """An arm that cannot be read, or a pose it cannot reach; the message names joint and limit."""
+    """An arm that cannot be read, or a pose that it cannot reach; the message names joint and limit."""
 
 
 class ProtocolError(KreiselError):
-    """Bytes that are not what the protocol says; `protocol` names it, the message what came and what was expected."""
+    """Bytes that are not what the protocol says; `protocol` names it; the message names got and expected."""
 
     def __init__(self, protocol: str, message: str) -> None:
         self.protocol = protocol
@@ -95,5 +95,5 @@ class EstimationError(KreiselError):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the sentence for a name nobody knows, listing those that are known."""
+    """Return the sentence for an unknown name; it lists the known ones."""
     return f"unknown {kind} '{name}'; known are: {', '.join(sorted(known))}"

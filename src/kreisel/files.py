@@ -1,4 +1,4 @@
-"""Files read only as far as they may be long, and files written that take the place of others together."""
+"""Reading files of limited size, and replacing several files together."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 MAX_TEXT = 1 << 24
-"""Bytes of a description, a table of settings or a result, far above what there is: 16 MiB."""
+"""Largest size in bytes of a description, settings or a result, far above real ones: 16 MiB."""
 
 MAX_YAML = 1 << 19
-"""Bytes of a file in YAML, which takes a thousand times as much memory to read."""
+"""Largest size in bytes of a YAML file; reading it takes a thousand times as much memory."""
 
 
 def read_bytes(path: Path, most: int = MAX_TEXT) -> bytes:
-    """Return the content of a file of at most so many bytes.
+    """Return the content of a file of at most `most` bytes.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def read_bytes(path: Path, most: int = MAX_TEXT) -> bytes:
 
 
 def read_text(path: Path, most: int = MAX_TEXT) -> str:
-    """Return the text of a UTF-8 file of at most so many bytes, without the mark some editors put first.
+    """Return the text of a UTF-8 file of at most `most` bytes, without a byte order mark.
 
     Raises
     ------
@@ -48,30 +48,30 @@ _WRITING, _WRITTEN, _MOVING = ".kreisel-writing", ".kreisel-written", ".kreisel-
 
 @contextmanager
 def replaced_together(folder: Path, names: Collection[str]) -> Iterator[Path]:
-    """Yield an empty folder for new files, which take the place of those of certain names once the block has ended.
+    """Yield an empty folder for new files, which replace the files of certain names once the block has ended.
 
-    However it is interrupted, files of before and new ones never stand side by side: until all new ones are whole those
-    of before stay; then these are removed, and the new ones moved in. Where that was cut short, `finish_replacing`
-    goes on. Files of other names stay as they are.
+    Old and new files are never mixed, even if the process is interrupted: the old files stay until all new ones are
+    complete; then the old ones are removed and the new ones moved in. If this step was interrupted,
+    `finish_replacing` completes it. Files of other names are not changed.
 
     Parameters
     ----------
     folder
-        Made where it is not there.
+        Made if it does not exist.
     names
-        Files that belong together; of those, none of before is left.
+        Files that belong together; old files of these names are removed.
 
     Raises
     ------
     OSError
-        If something cannot be written; what was there before is kept then.
+        If something cannot be written; the old files are kept.
     """
     folder.mkdir(parents=True, exist_ok=True)
     finish_replacing(folder, names)
     for name in names:
         if (folder / name).is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder, where a file is to be written", str(folder / name))
-    shutil.rmtree(folder / _WRITING, ignore_errors=True)  # of a run that was killed
+    shutil.rmtree(folder / _WRITING, ignore_errors=True)  # left by a run that was killed
     writing = folder / _WRITING
     writing.mkdir()
     try:
@@ -84,7 +84,7 @@ def replaced_together(folder: Path, names: Collection[str]) -> Iterator[Path]:
 
 
 def finish_replacing(folder: Path, names: Collection[str]) -> None:
-    """Go on where `replaced_together` was cut short once all was written."""
+    """Complete a `replaced_together` that was interrupted after all files were written."""
     written, moving = folder / _WRITTEN, folder / _MOVING
     if written.is_dir():
         for name in names:

@@ -1,4 +1,4 @@
-"""XML that is safe to parse: UTF-8, without the declarations that make a short document grow without bounds."""
+"""XML that is safe to parse: UTF-8, without declarations that make a short document expand without limit."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY|ELEMENT|ATTLIST|NOTATION)", re.IGN
 
 
 def screened(document: str | bytes) -> str:
-    """Return the text of an XML document once it is known to declare no document type and no entities.
+    """Return the text of an XML document if it declares no document type and no entities.
 
-    Bytes are decoded first: what is looked for does not show in those of another encoding.
+    Bytes are decoded first: the check would find nothing in bytes of another encoding.
 
     Parameters
     ----------
@@ -22,14 +22,14 @@ def screened(document: str | bytes) -> str:
     Raises
     ------
     ValueError
-        If it is not UTF-8, says that it is in another encoding, or has such a declaration.
+        If it is not UTF-8, states another encoding, or has such a declaration.
     """
     text = document if isinstance(document, str) else _decoded(document)
     if "\0" in text:
         raise ValueError(f"zero at character {text.index(chr(0))}, as in UTF-16; expected UTF-8")
     found = _DECLARATION.search(text)
     if found is not None:
-        raise ValueError(f"declaration '<!{found[1]}' at character {found.start()}; expected elements alone")
+        raise ValueError(f"declaration '<!{found[1]}' at character {found.start()}; expected elements only")
     return text
 
 

@@ -1,4 +1,4 @@
-"""How long work reports what it does: a step's name, and the share of it that is done."""
+"""Progress of long work: the name of a step, and the share of it that is done."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ Progress = Callable[[str, float], None]
 """Called with a step's name and the share of it that is done, 0 to 1."""
 
 StepProgress = Callable[[float], None]
-"""Called with the share that is done of one step, 0 to 1."""
+"""Called with the share of one step that is done, 0 to 1."""
 
 
 def of_step(progress: Progress | None, name: str) -> StepProgress | None:
-    """Return what reports a step under its name; None where nobody listens."""
+    """Return a function that reports the progress of a step under its name; None if `progress` is None."""
     return None if progress is None else lambda share: progress(name, share)

@@ -1,4 +1,4 @@
-"""Units of the trade and their size in SI, used only at the edges (files, reports, terminal)."""
+"""Usual units other than SI, and their size in SI; used only for input and output (files, reports, terminal)."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ def test_a_rotation_without_bounds_is_refused():
     client = rtde.Client(500.0)
     client.state = rtde.State.RUNNING
     data = struct.pack(">HBB13d", 3 + 1 + 104, ord("U"), 0, *[0.0] * 10, 1e200, 0.0, 0.0)
-    with pytest.raises(ProtocolError, match="longer than a turn"):
+    with pytest.raises(ProtocolError, match="longer than 4 pi"):
         client.receive(data)
 
 
@@ -229,7 +229,7 @@ def test_headers_that_say_too_little(header, complaint):
         (b"<Rob><RIst X='1' Y='2' Z='1' A='1' B='1' C='1'/></Rob>", "IPOC is ''"),
         (b"<Rob><RIst X='1' Y='2' Z='1' A='1' B='1' C='1'/><IPOC>-5</IPOC></Rob>", "IPOC is '-5'"),
         (b"<Rob><RIst X='1' Y='2' Z='1' A='1' B='1' C='1'/><IPOC>9999999999999999</IPOC></Rob>", "impossible"),
-        (b"<Rob><RIst X='one' Y='2' Z='1' A='1' B='1' C='1'/><IPOC>1</IPOC></Rob>", "no number"),
+        (b"<Rob><RIst X='one' Y='2' Z='1' A='1' B='1' C='1'/><IPOC>1</IPOC></Rob>", "not a number"),
         (b"<Rob><IPOC>1</IPOC></Rob>", "neither RIst nor AIPos"),
         (b"<Sen><IPOC>1</IPOC></Sen>", "expected <Rob>"),
         (b"<Rob>", "not well-formed"),

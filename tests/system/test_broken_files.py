@@ -117,7 +117,7 @@ REFUSED: dict[str, tuple[Damage, tuple[str, ...]]] = {
         line(500, lambda r: re.sub(",[^,]*", ",", r, count=1)),
         (f"{IMU}, line 500: '' in column 2 ('w_x') is not a number", "repair"),
     ),
-    "blanks": (line(500, lambda r: f"  \n{r}"), (f"{IMU}, line 500: nothing but blanks", "delete")),
+    "blanks": (line(500, lambda r: f"  \n{r}"), (f"{IMU}, line 500: only blanks", "delete")),
     "after a comment": (line(500, lambda r: f"# note\n\n{r},1"), (f"{IMU}, line 502: 8 values",)),
     "nan after a comment": (
         line(500, lambda r: f"# note\n\n{r.rsplit(',', 1)[0]},nan"),
@@ -186,7 +186,7 @@ HANDLED: dict[str, tuple[Damage, tuple[str, ...]]] = {
     ),
     "scalar last by name": (
         columns("#timestamp [s],tx,ty,tz,qx,qy,qz,qw", lambda c: [in_seconds(c[0]), *c[1:4], *c[5:], c[4]]),
-        ("quaternions stand as qx, qy, qz, qw",),
+        ("quaternion columns are in the order qx, qy, qz, qw",),
     ),
     "two references": (lambda f: shutil.copytree(f / "pose0", f / "vicon0"), ("took pose0 of pose0, vicon0",)),
     "data sheet": (lambda f: (f / "imu0/sensor.yaml").write_text("gyroscope_noise_density: [1,\n"), ("sensor.yaml",)),

@@ -82,3 +82,20 @@ def test_help_answers_without_the_mathematics():
     code += "try:\n run()\nexcept SystemExit: pass\n"
     code += "assert not {'numpy','numba','scipy','plotly'} & set(sys.modules), 'heavy imports'"
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_the_reference_is_made_from_docstrings(tmp_path):
+    """`make docs` does the same for all packages."""
+    command = [
+        sys.executable,
+        "-m",
+        "pdoc",
+        "--docformat",
+        "numpy",
+        "--output-directory",
+        str(tmp_path),
+        "kreisel.model",
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    page = (tmp_path / "kreisel" / "model" / "problem.html").read_text(encoding="utf-8")
+    assert "Everything a filter run needs" in page

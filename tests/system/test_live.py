@@ -201,8 +201,8 @@ def test_rubbish_between_telegrams_costs_nothing(tmp_path, rubbish, complaint):
 def test_a_silent_controller_is_told_and_the_gap_marked(tmp_path):
     sent = (None if 100 <= k < 450 else rsi.encode(pose(k)) for k in itertools.count())
     status, path = with_robot(tmp_path, sent, seconds=2.5)
-    said(status, "nothing comes in")
-    said(status, "messages come in")
+    said(status, "nothing is received")
+    said(status, "messages are received again")
     said(status, "gap of 1.4")
     recording = load_bag(path)
     assert any("gap of 1.4" in warning.message for warning in recording.warnings)
@@ -230,7 +230,7 @@ def test_a_clock_that_leaps_forward_is_told(tmp_path):
 def test_single_telegrams_of_another_clock_are_dropped(tmp_path):
     sent = (rsi.encode(pose(k, 500 * 10**9) if k % 50 in (48, 49) else pose(k)) for k in itertools.count())
     status, path = with_robot(tmp_path, sent)
-    said(status, "readings dropped whose stamps are on another clock")
+    said(status, "readings dropped: stamps on another clock")
     assert status.robot.epoch == 1
     assert status.robot.odd >= 8
     assert load_bag(path).reference.stamps_ns[-1] < 10 * 10**9
@@ -253,7 +253,7 @@ def test_telegrams_of_another_sender_are_dropped_and_reported(tmp_path, scheme):
 
     status, path = asyncio.run(all_of_it())
     reports = [note for note in status.notes if "dropped" in note]
-    assert "1 so far: this port keeps to 127.0.0.1:" in reports[0]
+    assert "1 so far: this port accepts only 127.0.0.1:" in reports[0]
     assert len(reports) <= 3
     assert load_bag(path).reference.positions[:, 0].max() < 5.0
     assert np.all(np.diff(load_bag(path).reference.stamps_ns) == CYCLE_NS)
@@ -300,7 +300,7 @@ def test_a_controller_restarted_on_another_port_is_taken_after_silence(tmp_path)
 def test_datagrams_that_are_no_telegrams_do_not_hide_a_silent_controller(tmp_path):
     sent = (rsi.encode(pose(k)) if k < 100 else b"<Rob>" for k in itertools.count())
     status, _ = with_robot(tmp_path, sent, seconds=2.0)
-    said(status, "nothing comes in")
+    said(status, "nothing is received")
 
 
 def test_egm_is_recorded_too(tmp_path):
@@ -360,7 +360,7 @@ def test_a_connection_that_breaks_is_made_again(tmp_path):
 
     status, path = with_imu(tmp_path, lines(items), seconds=1.5)
     said(status, "lost (connection: closed by the device)")
-    said(status, "come in again after 0.5")
+    said(status, "are received again after 0.5")
     assert np.all(np.diff(load_bag(path).imu.stamps_ns) == INTERVAL_NS)  # this device waits for its clients
 
 
@@ -382,7 +382,7 @@ def test_a_device_that_is_not_there_yet_is_waited_for(tmp_path):
 
     status = asyncio.run(all_of_it())
     said(status, "cannot be reached")
-    said(status, "come in again")
+    said(status, "are received again")
     assert status.imu.count > 150
 
 
@@ -423,7 +423,7 @@ def test_garbage_among_frames_is_skipped_and_told(tmp_path):
             writer.write(b"\x7e\x00\x01garbage" if k == 100 else ixcom.encode_sample(reading(k), k))
 
     status, path = with_imu(tmp_path, talk, imu="ixcom")
-    said(status, "bytes that belong to no frame")
+    said(status, "bytes belong to no frame")
     said(status, "1 frames were lost")
     assert status.imu.missing == 1
     steps = np.diff(load_bag(path).imu.stamps_ns)
@@ -451,7 +451,7 @@ def test_a_silent_connection_is_given_up_and_made_again(tmp_path):
 
 def test_lines_without_a_header_are_told(tmp_path):
     status, _ = with_imu(tmp_path, lines(steady, header=""), most=1.0)
-    said(status, "no header has come")
+    said(status, "no header received")
 
 
 def test_columns_can_be_named_by_the_user(tmp_path):
@@ -550,7 +550,7 @@ def test_what_came_of_the_imu_is_kept_aside_where_no_pose_came(tmp_path):
     for (status, last), name in zip(found, ("run_partial.mcap", "run_partial_2.mcap"), strict=True):
         assert status == 1
         assert f"kreisel: no poses came from rtde://{HOST}:{port}: cannot be reached (" in last
-        assert last.endswith(f"what came is kept in {tmp_path / name}")
+        assert last.endswith(f"the data received are kept in {tmp_path / name}")
         assert load_bag(tmp_path / name).imu.stamps_ns.size > 50
     assert {path.name for path in tmp_path.iterdir()} == {"run_partial.mcap", "run_partial_2.mcap"}
 
@@ -560,7 +560,7 @@ def test_what_came_of_the_imu_is_kept_aside_where_no_pose_came(tmp_path):
     [
         ("ixcom:/host", "names no host"),
         ("http://host", "unknown scheme 'http'; known are: csv, ixcom, mcap, serial"),
-        ("ixcom://host:70000", "no address"),
+        ("ixcom://host:70000", "not an address"),
         ("ixcom://host?speed=3", "unknown option 'speed'; known are: channel, divider"),
     ],
 )
@@ -659,7 +659,7 @@ def test_the_virtual_cell_is_recorded_and_found_again(tmp_path, robot):
     finally:
         cell.terminate()
         cell.communicate()
-    assert "missing 0 and 0, twice or late 0 and 0" in done.stdout
+    assert "missing 0 and 0, repeated or late 0 and 0" in done.stdout
     calibration = kreisel.calibrate(kreisel.load(tmp_path / "run"))
     truth = __import__("json").loads((tmp_path / "known" / "truth.json").read_text())
     document = calibration.document

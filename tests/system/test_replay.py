@@ -292,7 +292,7 @@ def test_readings_that_are_impossible_are_left_out_and_told(tmp_path):
         for k, rate in enumerate(rates)
     ]
     status = replayed(foreign(tmp_path / "bag", messages), tmp_path / "new", with_robot=False)
-    assert any("2 messages left out that are not finite" in note for note in status.notes)
+    assert any("2 messages left out: values not finite" in note for note in status.notes)
     assert load_bag(tmp_path / "new").imu.rates[:, 0].tolist() == [0.1, 0.3, 0.5]
 
 
@@ -330,7 +330,9 @@ def test_the_command_replays_and_the_program_refuses_to(tmp_path):
     address = f"mcap://{file}?speed=10"
     done = kreisel("record", "--imu", address, "--robot", address, "-o", "new")
     assert done.returncode == 0, done.stderr
-    assert "400 IMU samples at 400.0 Hz, 150 poses at 250.0 Hz; missing 0 and 0, twice or late 0 and 0" in done.stdout
+    assert (
+        "400 IMU samples at 400.0 Hz, 150 poses at 250.0 Hz; missing 0 and 0, repeated or late 0 and 0" in done.stdout
+    )
     assert "has ended" in done.stderr
     same(load_bag(file), load_bag(tmp_path / "new"))
     done = kreisel("record", "--imu", "mcap:///no.mcap", "-o", "newer")
@@ -338,4 +340,4 @@ def test_the_command_replays_and_the_program_refuses_to(tmp_path):
     assert done.stderr.startswith("kreisel: /no.mcap: no such file")
     done = kreisel("run", "p.toml", "--robot", "rtde://127.0.0.1", "--imu", address, "--model", "ur10e")
     assert done.returncode == 1
-    assert "a recording feels nothing of this motion" in done.stderr
+    assert "a recording does not measure this motion" in done.stderr

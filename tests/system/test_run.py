@@ -138,19 +138,19 @@ def test_it_ends_between_moves_once_enough_is_known():
 @pytest.mark.parametrize(
     ("disturb", "reason"),
     [
-        (lambda watch, stop: stop.set(), "told to"),
+        (lambda watch, stop: stop.set(), "stop requested"),
         (lambda watch, stop: watch.take(Notice(Level.LOST, "the IMU is lost", 0)), "the IMU is lost"),
         (lambda watch, stop: report(watch, blocked="protective stop"), "the controller reports: protective stop"),
         (
             lambda watch, stop: report(watch, joints=(6.27, 0, 0, 0, 0, 0)),
-            "stands at 359.2 deg, within a degree of its limits -360 to 360 deg",
+            "is at 359.2 deg, within a degree of its limits -360 to 360 deg",
         ),
         (
             lambda watch, stop: [
                 watch.take(Arrival(ImuSample(k, (0.1 * k, 5.0, 0.2 * k), (0.3 * k, 0.0, 9.8)), time.monotonic_ns()))
                 for k in range(30)
             ],
-            "the IMU is saturated: w_y stays at 5 while the others go on",
+            "the IMU is saturated: w_y stays at 5 while the others change",
         ),
     ],
 )
@@ -166,7 +166,7 @@ def test_the_motion_is_stopped(disturb, reason):
 
 def test_a_stop_is_not_confirmed_while_the_joints_move():
     ended, told = driven(lambda watch, stop: stop.set(), arrives=False, obeys=False)
-    assert str(ended) == "stop NOT confirmed: told to"
+    assert str(ended) == "stop NOT confirmed: stop requested"
     assert "the joints still move" in ended.stop.text
     assert told[-2:] == [("stop",), ("stop",)]
 
@@ -329,7 +329,7 @@ def test_an_interrupt_stops_the_arm_and_keeps_the_recording(program, cell, tmp_p
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     assert process.returncode == 1
-    assert "the motion was stopped: told to; what was recorded is kept" in errors
+    assert "the motion was stopped: stop requested; what was recorded is kept" in errors
     assert "Traceback" not in errors
     assert (tmp_path / "run" / "recording.mcap").stat().st_size > 10_000
 
@@ -354,7 +354,7 @@ def test_the_page_shows_the_program_while_it_runs(program, cell, tmp_path):
     finally:
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
-    assert "the motion was stopped: told to; what was recorded is kept" in errors
+    assert "the motion was stopped: stop requested; what was recorded is kept" in errors
     assert "Traceback" not in errors
     with pytest.raises(OSError, match="refused"):  # the page goes with the program
         client.connect(f"{url.replace('http', 'ws', 1)}/live")
@@ -424,7 +424,7 @@ def test_where_moves_go_must_be_known(program):
         cwd=program, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 1
-    assert "say with --mover where moves are sent: urscript://" in done.stderr
+    assert "give with --mover where moves are sent: urscript://" in done.stderr
 
 
 def test_programs_that_cannot_obey(program):

@@ -144,7 +144,7 @@ def test_signals_stop_the_arm(tmp_path, name):
         assert stands(simulator)
     assert len(simulator.moves()) == 2
     assert f"{name}: the arm is to stop" in errors
-    confirmed(tmp_path, errors, "told to")
+    confirmed(tmp_path, errors, "stop requested")
 
 
 def test_a_terminal_that_is_gone_does_not_keep_the_arm_from_being_stopped(tmp_path):
@@ -167,8 +167,8 @@ def test_an_interrupt_that_the_controller_ignores_is_not_a_stop(tmp_path):
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
         assert not stands(simulator)
-    not_confirmed(tmp_path, errors, "told to")
-    assert "it answers 'Failed to execute: stop'" in last_line(errors)
+    not_confirmed(tmp_path, errors, "stop requested")
+    assert "the answer is 'Failed to execute: stop'" in last_line(errors)
 
 
 def test_a_stop_that_one_connection_ignores_is_sent_over_another(tmp_path):
@@ -188,7 +188,7 @@ def test_an_arm_that_has_not_begun_its_move_yet_is_watched_for_longer(tmp_path):
         simulator.wait(lambda: len(simulator.moves()) == 2, 30.0)
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
-    not_confirmed(tmp_path, errors, "told to")
+    not_confirmed(tmp_path, errors, "stop requested")
 
 
 @pytest.mark.parametrize("state", [2, 4])  # playing, paused
@@ -200,7 +200,7 @@ def test_an_arm_that_stands_within_a_program_is_not_stopped(tmp_path, state):
         simulator.program = state
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
-    not_confirmed(tmp_path, errors, "the controller still holds a program and may go on with it")
+    not_confirmed(tmp_path, errors, "the controller still holds a program and may continue it")
 
 
 def test_an_arm_that_somebody_else_moves_at_rest_is_stopped(tmp_path):
@@ -213,7 +213,7 @@ def test_an_arm_that_somebody_else_moves_at_rest_is_stopped(tmp_path):
         errors = ended(process, 1)
         assert stands(simulator)
     assert len(simulator.moves()) == 2
-    confirmed(tmp_path, errors, "the arm moves while it is to rest")
+    confirmed(tmp_path, errors, "the arm moves during a rest")
 
 
 def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
@@ -223,7 +223,7 @@ def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
         simulator.push((-90, -90, 60, -60, -90, 0))
         errors = ended(process, 1)
         assert stands(simulator)
-    confirmed(tmp_path, errors, "the arm leaves its way")
+    confirmed(tmp_path, errors, "the arm leaves its path")
 
 
 @pytest.mark.parametrize(
@@ -276,7 +276,7 @@ def test_a_stop_that_cannot_be_seen_is_not_confirmed(tmp_path):
         simulator.close_rtde()
         errors = ended(process, 1)
     assert any(line.startswith("stopj") for _, _, line in simulator.told)
-    not_confirmed(tmp_path, errors, "no joint angles come in")
+    not_confirmed(tmp_path, errors, "no joint angles are received")
 
 
 def test_a_silent_robot_stream_stops_the_arm(tmp_path):
@@ -315,9 +315,7 @@ def test_an_arm_far_from_the_start_is_not_moved_unless_that_is_allowed(tmp_path)
     with controller(joints_deg=(0, -90, 60, -48, -90, 0)) as simulator:
         errors = ended(started(tmp_path, simulator, SHORT), 1)
         assert simulator.moves() == []
-        assert re.search(
-            r"joint_4 stands 12\.0 deg from the program's start .*0\.0, -12\.0, 0\.0.*--approach 12", errors
-        )
+        assert re.search(r"joint_4 is 12\.0 deg from the program's start .*0\.0, -12\.0, 0\.0.*--approach 12", errors)
         (tmp_path / "run" / "recording.mcap").unlink()
         ended(started(tmp_path, simulator, SHORT, "--approach", "12.5"), 0)
         assert len(simulator.moves()) == 3

@@ -40,7 +40,7 @@ def test_a_trace_is_converted_and_calibrated(halves):
     done = command("convert", trace, folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].startswith("· trace: took AxisPos_Act1, AxisPos_Act2")
-    assert "by robot.urdf from these angles" in done.stdout
+    assert "from these angles with robot.urdf" in done.stdout
     recording = kreisel.load(folder)
     np.testing.assert_allclose(recording.reference.positions, simulated.reference.positions, rtol=0, atol=1e-9)
     again = command("convert", trace, folder)

@@ -106,7 +106,7 @@ def test_before_there_is_enough_it_says_why(small, tmp_path):
     tail.read()
     found = Online(tail).step()
     assert found.names == ()
-    assert "record longer" in found.said
+    assert "record longer" in found.summary
 
 
 def test_calibrating_takes_its_share_and_no_more(small, tmp_path):
@@ -302,10 +302,10 @@ def test_a_page_that_was_let_go_comes_back_up_to_date(small, tmp_path, monkeypat
         tab.goto(f"http://127.0.0.1:{port}")
         wait_until(lambda: tab.inner_text("#link") == "live")
         in_loop(hub, lambda: [hub.tell({"kind": "pose", "pose": [9.0] * 7, "arm": None}) for _ in range(1000)])
-        wait_until(lambda: "trying again" in tab.inner_text("#link"))
+        wait_until(lambda: "connecting again" in tab.inner_text("#link"))
         in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(2 * MAX_ESTIMATES)])
         wait_until(lambda: tab.inner_text("#link") == "live")
-        wait_until(lambda: "of the earlier ones 1 in 3" in tab.inner_text("#thinned"))
+        wait_until(lambda: "1 of 3 earlier estimates" in tab.inner_text("#thinned"))
         assert tab.evaluate("estimates.length") >= MAX_ESTIMATES / 2
         before = int(tab.inner_text("#imu-count"))
         grow(file, parts[2])

@@ -24,7 +24,7 @@ def test_others_are_dropped_counted_and_reported_a_few_times_only():
     assert source.dropped == 300
     news = source.news()
     assert len(news) == 3
-    assert "10.0.0.2:4000 dropped, 1 so far: this port keeps to 10.0.0.1:4000" in news[0]
+    assert "10.0.0.2:4000 dropped, 1 so far: this port accepts only 10.0.0.1:4000" in news[0]
     assert source.news() == []
 
 
@@ -36,7 +36,7 @@ def test_another_port_of_the_same_host_is_taken_after_silence():
     assert source.takes(RESTARTED, now + HANDOVER_NS + 1)
     source.keep(RESTARTED, now + HANDOVER_NS + 1)
     assert source.sender == RESTARTED
-    assert source.news() == ["10.0.0.1:4000 was silent for 2.0 s; now 10.0.0.1:4001 is taken"]
+    assert source.news() == ["10.0.0.1:4000 was silent for 2.0 s; now 10.0.0.1:4001 is accepted"]
     assert not source.takes(FIRST, now + HANDOVER_NS + 2)
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.compilation import kernel
 from kreisel._kernels.rotation import turn
 
 
 @kernel
-def integrate(stamps, rates, integrals, coefficients, q):
+def integrate(stamps: Array, rates: Array, integrals: Array, coefficients: Array, q: Array) -> None:
     """Write the attitudes q (n, 4) that start at the first and turn with the rate, coning included.
 
-    rates (P, n), integrals (P, n - 1) and coefficients (P, 3): see `preintegration`.
+    stamps (n,), rates (P, n), integrals (P, n - 1): see `arrays.PreparedReadings`; coefficients (P, 3): see
+    `coefficients`.
     """
     column = np.empty((4, 1))
     theta = np.empty((3, 1))

@@ -1,4 +1,4 @@
-"""Rows, columns and blocks of arrays, copied by plain loops.
+"""ParameterRows, columns and blocks of arrays, copied by plain loops.
 
 An assignment of one array to another brings with it, wherever it stands, all that NumPy says of shapes that do not fit;
 compiled, that is longer than most kernels.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.compilation import kernel
 
 forward = np.uint64
@@ -19,16 +20,16 @@ looks at every element by itself, and takes four times as long.
 
 
 @kernel
-def place(block, row, column, out):
-    """Write a block (r, c) into an array from a row and column on."""
+def place(block: Array, row: int, column: int, out: Array) -> None:
+    """Write a block (r, c) into out (R, C) from a row and column on."""
     for i in range(block.shape[0]):
         for j in range(block.shape[1]):
             out[row + i, forward(column + j)] = block[i, j]
 
 
 @kernel
-def column_of(points, j):
-    """Return a column."""
+def column_of(points: Array, j: int) -> Array:
+    """Return column j, (r,), of points (r, c)."""
     out = np.empty(points.shape[0])
     for i in range(out.size):
         out[i] = points[i, j]
@@ -36,6 +37,6 @@ def column_of(points, j):
 
 
 @kernel
-def rows_from(points, at, size):
-    """Return so many rows from one on, not copied."""
+def rows_from(points: Array, at: int, size: int) -> Array:
+    """Return rows of points (r, c) from row `at` on, (size, c), not copied."""
     return points[at : at + size]

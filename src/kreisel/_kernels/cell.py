@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
+from kreisel._kernels.arrays import Array, Indices, Mask
 
 VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
 """Places of parts in `Model.stored`."""
@@ -16,11 +16,14 @@ MEASURED = 9
 """Most numbers a measurement has: position, orientation, velocity."""
 
 
-class Rows(NamedTuple):
-    """Where some numbers of the model come from: rows of the stored state, or, where -1, known values."""
+class ParameterRows(NamedTuple):
+    """Where some numbers of the model come from: rows of the stored state, or, where -1, known values.
 
-    source: np.ndarray
-    known: np.ndarray
+    source, known (e,).
+    """
+
+    source: Indices
+    known: Array
 
 
 class Model(NamedTuple):
@@ -32,7 +35,7 @@ class Model(NamedTuple):
         Tables of `manifold` for the state, and for its last parts alone, which change between updates.
     weights : (5,)
         See `sigma_point_filter.SPREAD`.
-    gyro, accel, around, robot : Rows
+    gyro, accel, around, robot : ParameterRows
         Sensor parameters; alignment, north, gravity, time offset and skew, Earth rate downward; errors of the robot.
     turning, sharing : (a,), (b,)
         Sigma points with gyro parameters of their own, the centre first, and with accelerometer parameters.
@@ -54,26 +57,26 @@ class Model(NamedTuple):
         Seconds of readings whose noise is taken together.
     """
 
-    parts: np.ndarray
-    tail: np.ndarray
-    weights: np.ndarray
-    gyro: Rows
-    accel: Rows
-    around: Rows
-    robot: Rows
-    turning: np.ndarray
-    sharing: np.ndarray
-    which: np.ndarray
-    stored: np.ndarray
+    parts: Indices
+    tail: Indices
+    weights: Array
+    gyro: ParameterRows
+    accel: ParameterRows
+    around: ParameterRows
+    robot: ParameterRows
+    turning: Indices
+    sharing: Indices
+    which: Indices
+    stored: Indices
     order: int
     products: float
     inside: bool
     level: float
     down: float
-    noise: np.ndarray
-    coloured: np.ndarray
-    walking: np.ndarray
-    walk: np.ndarray
+    noise: Array
+    coloured: Array
+    walking: Indices
+    walk: Array
     noise_step: float
 
 
@@ -84,14 +87,14 @@ class Steps(NamedTuple):
     they are measured; regressor (u, 6, e), with e = 0 without a robot.
     """
 
-    first: np.ndarray
-    last: np.ndarray
-    tau: np.ndarray
-    at_standstill: np.ndarray
-    position: np.ndarray
-    quaternion: np.ndarray
-    given: np.ndarray
-    regressor: np.ndarray
+    first: Indices
+    last: Indices
+    tau: Array
+    at_standstill: Mask
+    position: Array
+    quaternion: Array
+    given: Mask
+    regressor: Array
 
 
 class Record(NamedTuple):
@@ -101,31 +104,32 @@ class Record(NamedTuple):
     noise's covariance (u, 9, 9), gain of velocity and attitude (u, 6, 9). Of the nines the first m count.
     """
 
-    mean: np.ndarray
-    deviation: np.ndarray
-    used: np.ndarray
-    innovation: np.ndarray
-    whitened: np.ndarray
-    factor: np.ndarray
-    noise: np.ndarray
-    gain: np.ndarray
+    mean: Array
+    deviation: Array
+    used: Mask
+    innovation: Array
+    whitened: Array
+    factor: Array
+    noise: Array
+    gain: Array
 
 
-class Motion(NamedTuple):
+class IntegratedMotion(NamedTuple):
     """The motion to an update: what carries sigma points on to the reference's own time, and its noise.
 
-    Columns of omega, alpha (3, M) and force (3, 3, M) are those of `Model.which`; q_first, gravity and earth_rate
-    have one for each sigma point. noise (9, 9): factor of noise in velocity, position and attitude.
+    Columns of omega, alpha (3, M) and force (3, 3, M) are those of `Model.which`; q_first (4, 2 n + 1), gravity and
+    earth_rate (3, 2 n + 1) and around (10, 2 n + 1) have one for each sigma point. noise (9, 9): factor of noise in
+    velocity, position and attitude.
     """
 
-    q_first: np.ndarray
-    omega: np.ndarray
-    alpha: np.ndarray
-    force: np.ndarray
-    gravity: np.ndarray
-    earth_rate: np.ndarray
-    around: np.ndarray
-    noise: np.ndarray
+    q_first: Array
+    omega: Array
+    alpha: Array
+    force: Array
+    gravity: Array
+    earth_rate: Array
+    around: Array
+    noise: Array
 
 
 class Moments(NamedTuple):
@@ -143,11 +147,11 @@ class Moments(NamedTuple):
         Each state's place in `dt`, and its column of what belongs to a sigma point.
     """
 
-    dt: np.ndarray
+    dt: Array
     before: float
     after: float
-    which: np.ndarray
-    own: np.ndarray
+    which: Indices
+    own: Indices
 
 
 class Gate(NamedTuple):
@@ -163,6 +167,6 @@ class Gate(NamedTuple):
         Measurements rejected in a row so far.
     """
 
-    bounds: np.ndarray
+    bounds: Array
     most: int
-    rejected: np.ndarray
+    rejected: Indices

@@ -12,18 +12,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.compilation import kernel
 
 
 @kernel
-def force_features(P, order):
+def force_features(P: int, order: int) -> int:
     """Return the number of features of the specific force."""
     return P * (P + 1) // 2 + P - 1 + 3 * order
 
 
 @kernel
-def rate_coefficients(K_omega, k_w, out):
-    """Write what equation (1) multiplies the features by, (P, 3, m), from (3, 3, m) and (N, 3, m)."""
+def rate_coefficients(K_omega: Array, k_w: Array, out: Array) -> None:
+    """Write what equation (1) multiplies the features by, (P, 3, m), from K_omega (3, 3, m) and k_w (N, 3, m)."""
     for row in range(3):
         for s in range(out.shape[2]):
             out[0, row, s] = (
@@ -40,11 +41,14 @@ def rate_coefficients(K_omega, k_w, out):
 
 
 @kernel
-def force_coefficients(rate, K_a, k_a, lever_arms, products, inside, out):
+def force_coefficients(
+    rate: Array, K_a: Array, k_a: Array, lever_arms: Array, products: float, inside: bool, out: Array
+) -> None:
     """Write what equation (2) multiplies the features by, (features, 3, m).
 
-    rate (P, 3, m), or (P, 3, 1) for all columns. products is 1, or 0 to leave out the products of two rates,
-    as the printed equation (2) does; inside is True where e stands inside the parentheses.
+    rate (P, 3, m), or (P, 3, 1) for all columns; K_a and lever_arms (3, 3, m), k_a (N, 3, m). products is 1, or 0 to
+    leave out the products of two rates, as the printed equation (2) does; inside is True where e stands inside the
+    parentheses.
     """
     m, P = out.shape[2], rate.shape[0]
     slopes = P * (P + 1) // 2
@@ -104,8 +108,8 @@ def force_coefficients(rate, K_a, k_a, lever_arms, products, inside, out):
 
 
 @kernel
-def inverse(A, out):
-    """Write the inverses of matrices (3, 3, m)."""
+def inverse(A: Array, out: Array) -> None:
+    """Write the inverses, (3, 3, m), of matrices A (3, 3, m)."""
     for s in range(A.shape[2]):
         a = A[1, 1, s] * A[2, 2, s] - A[1, 2, s] * A[2, 1, s]
         b = A[1, 2, s] * A[2, 0, s] - A[1, 0, s] * A[2, 2, s]

@@ -35,8 +35,8 @@ def reassociating_kernel(function: F) -> F:
 def cache_folder() -> Path | None:
     """Return the folder compiled kernels are kept in, or None, with a warning, where there is no safe one.
 
-    It lies in `NUMBA_CACHE_DIR` or else in the user's cache. Its name tells the kernels' source: a kernel is
-    compiled together with those it calls, so a change to any of them makes all of them anew.
+    It lies in `NUMBA_CACHE_DIR` or else in the user's cache. Its name contains a hash of the kernels' source: a kernel
+    is compiled together with those it calls, so after a change to any of them all are compiled again.
 
     What is read from it is run as code. So it must be the user's own with mode 0700, and nobody else may be able to
     put another folder in its place.

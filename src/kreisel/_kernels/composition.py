@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array, Indices
 from kreisel._kernels.blocks import place
+from kreisel._kernels.cell import IntegratedMotion, Moments
 from kreisel._kernels.compilation import kernel
+from kreisel._kernels.increments import Increments
 from kreisel._kernels.rotation import rotate, turn
 
 
 @kernel
-def cross(a, b, out):
+def cross(a: Array, b: Array, out: Array) -> None:
     """Write a x b for columns, (3, m)."""
     for s in range(a.shape[1]):
         x = a[1, s] * b[2, s] - a[2, s] * b[1, s]
@@ -22,7 +25,7 @@ def cross(a, b, out):
 
 
 @kernel
-def multiply(a, b, out):
+def multiply(a: Array, b: Array, out: Array) -> None:
     """Write the quaternion products a * b for columns, (4, m); out is neither of them."""
     for s in range(a.shape[1]):
         out[0, s] = a[0, s] * b[0, s] - a[1, s] * b[1, s] - a[2, s] * b[2, s] - a[3, s] * b[3, s]
@@ -32,15 +35,24 @@ def multiply(a, b, out):
 
 
 @kernel
-def gather(points, columns, source, known, out):
-    """Write rows `source` of the chosen columns of points (size, M) to out (e, m); known (e,) where source is -1."""
+def gather(points: Array, columns: Indices, source: Indices, known: Array, out: Array) -> None:
+    """Write rows `source` (e,) of `columns` (m,) of points (size, M) to out (e, m); known (e,) where source is -1."""
     for e in range(out.shape[0]):
         for s in range(out.shape[1]):
             out[e, s] = known[e] if source[e] < 0 else points[source[e], columns[s]]
 
 
 @kernel
-def environment(level, down, q_rn, north, vertical, magnitude, gravity, earth_rate):
+def environment(
+    level: float,
+    down: float,
+    q_rn: Array,
+    north: Array,
+    vertical: Array,
+    magnitude: Array,
+    gravity: Array,
+    earth_rate: Array,
+) -> None:
     """Write gravity and Earth rate in r, (3, m).
 
     level, down: Earth rate that a unit of north (2, m) and of vertical (m,) stand for; q_rn (4, m), magnitude (m,).
@@ -57,10 +69,19 @@ def environment(level, down, q_rn, north, vertical, magnitude, gravity, earth_ra
 
 
 @kernel
-def compose(duration, which, increments, gravity, earth_rate, q, v, p):
-    """Carry attitude, velocity and position (columns, in place) over the preintegrated interval, (9).
+def compose(
+    duration: float,
+    which: Indices,
+    increments: Increments,
+    gravity: Array,
+    earth_rate: Array,
+    q: Array,
+    v: Array,
+    p: Array,
+) -> None:
+    """Carry attitude q (4, m), velocity v and position p (3, m), in place, over the preintegrated interval, (9).
 
-    which (m,): the column of the increments each state moves by.
+    which (m,): the column of the increments each state moves by; gravity and earth_rate (3, m).
 
     Solves v' = C f + g - 2 Omega x v with gravity g and Earth rate Omega constant in r. With E the turn of
     r during the interval and y the displacement seen from where r stood at its beginning,
@@ -111,10 +132,12 @@ def compose(duration, which, increments, gravity, earth_rate, q, v, p):
 
 
 @kernel
-def pose_at(moments, motion, q, v, p, q_out, p_out):
-    """Write attitude and position a moment after the last sample, by at most a sampling interval, (12).
+def pose_at(
+    moments: Moments, motion: IntegratedMotion, q: Array, v: Array, p: Array, q_out: Array, p_out: Array
+) -> None:
+    """Write attitude (4, m) and position (3, m) a moment after the last sample, by at most a sampling interval, (12).
 
-    moments, motion: see `cell.Moments` and `cell.Motion`. q, v, p stand at the last sample.
+    q (4, m), v and p (3, m): attitude, velocity and position at the last sample.
     """
     which, own, earth_rate, gravity = moments.which, moments.own, motion.earth_rate, motion.gravity
     omega, alpha, u_end, q_first = motion.omega, motion.alpha, motion.force, motion.q_first

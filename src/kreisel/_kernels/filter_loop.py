@@ -11,21 +11,26 @@ import math
 import numpy as np
 
 from kreisel._kernels import sigma_point_filter, triangular
+from kreisel._kernels.arrays import Array, PreparedReadings
 from kreisel._kernels.blocks import column_of, rows_from
-from kreisel._kernels.cell import VELOCITY
+from kreisel._kernels.cell import VELOCITY, Gate, Model, Record, Steps
 from kreisel._kernels.compilation import kernel, part_of_kernel
 from kreisel._kernels.measurement_model import measurement_noise, predict_measurement
 from kreisel._kernels.process_model import process_noise, propagate
 
 
 @kernel
-def run(model, signal, steps, begin, end, gate, belief, record):
+def run(
+    model: Model,
+    signal: PreparedReadings,
+    steps: Steps,
+    begin: int,
+    end: int,
+    gate: Gate,
+    belief: sigma_point_filter.Gaussian,
+    record: Record,
+) -> int:
     """Carry a belief over the updates from `begin` to `end`, in place.
-
-    Parameters
-    ----------
-    gate, belief, record
-        `cell.Gate`, `sigma_point_filter.Belief`, `cell.Record`.
 
     Returns
     -------
@@ -61,8 +66,10 @@ def run(model, signal, steps, begin, end, gate, belief, record):
 
 
 @part_of_kernel
-def note(record, i, mean, innovation, measurement_factor, done):
-    """Note in the record what an update leaves."""
+def note(
+    record: Record, i: int, mean: Array, innovation: Array, measurement_factor: Array, done: sigma_point_filter.Updated
+) -> None:
+    """Write into the record what update i leaves: mean (size,), innovation (m,), measurement_factor (m, e)."""
     n, m = done.gain.shape
     record.used[i] = done.used
     for j in range(mean.size):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels import rotation
+from kreisel._kernels.arrays import Array, Indices
 from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel
 
@@ -13,7 +14,7 @@ DEGREE, DEGREES, STORED, ROTATION = range(4)
 
 
 @kernel
-def plus(parts, x, change, out):
+def plus(parts: Indices, x: Array, change: Array, out: Array) -> None:
     """Write the states (size, m) that lie changes (degrees, m) away from the state x (size,).
 
     parts (p, 4): see `DEGREE`. Rotations are stored as quaternions and changed on their right.
@@ -33,8 +34,8 @@ def plus(parts, x, change, out):
 
 
 @kernel
-def minus(parts, states, x, out):
-    """Write the changes (degrees, m) that lead from the state x (size,) to states (size, m)."""
+def minus(parts: Indices, states: Array, x: Array, out: Array) -> None:
+    """Write the changes (degrees, m) that lead from the state x (size,) to states (size, m); parts as for `plus`."""
     m = states.shape[1]
     for i in range(parts.shape[0]):
         d = parts[i, DEGREE]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel._kernels import composition, manifold, rotation
+from kreisel._kernels.arrays import Array, Mask, PreparedReadings
 from kreisel._kernels.blocks import column_of, place, rows_from
 from kreisel._kernels.cell import (
     AT_POSITION,
@@ -18,14 +19,20 @@ from kreisel._kernels.cell import (
     STANDSTILL_POSITION,
     STANDSTILL_VELOCITY,
     VELOCITY,
+    IntegratedMotion,
+    Model,
     Moments,
+    Steps,
 )
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
 
 @part_of_kernel
-def measurement_noise(model, at_standstill, given, velocity, omega):
-    """Return the factor (m, m + 1) of the measurement noise; the last column is that of the stamps."""
+def measurement_noise(model: Model, at_standstill: bool, given: Mask, velocity: Array, omega: Array) -> Array:
+    """Return the factor (m, m + 1) of the measurement noise; the last column is that of the stamps.
+
+    given (2,): see `cell.Steps`; velocity (3,) and omega (3,) at the update.
+    """
     m = 3 * (given[0] + given[1] + at_standstill)
     out = np.zeros((m, m + 1))
     at = 0
@@ -43,10 +50,12 @@ def measurement_noise(model, at_standstill, given, velocity, omega):
 
 
 @kernel
-def predict_poses(model, motion, regressor, at_standstill, moments, points):
+def predict_poses(
+    model: Model, motion: IntegratedMotion, regressor: Array, at_standstill: bool, moments: Moments, points: Array
+) -> tuple[Array, Array]:
     """Return attitude (4, m) and position (3, m) the reference should show at moments after the last sample, (13).
 
-    regressor (6, e): that of the robot's errors.
+    regressor (6, e): that of the robot's errors; points (size, m): the states at the last sample.
     """
     at, m = model.stored, points.shape[1]
     q, p = np.empty((4, m)), np.empty((3, m))
@@ -82,10 +91,13 @@ def predict_poses(model, motion, regressor, at_standstill, moments, points):
 
 
 @part_of_kernel
-def predict_measurement(model, signal, steps, i, motion, points, noise):
-    """Return what points predict (m, 2 n + 1), and the measurement (m,), as distances from the centre's prediction.
+def predict_measurement(
+    model: Model, signal: PreparedReadings, steps: Steps, i: int, motion: IntegratedMotion, points: Array, noise: Array
+) -> tuple[Array, Array, Array]:
+    """Return what points (size, 2 n + 1) predict for update i, and its measurement: distances from the centre's.
 
-    Between the two: the same for the centre with noise in it, (m, 2 k), all in plus, then all in minus.
+    Three arrays: predictions (m, 2 n + 1) of the points; predictions (m, 2 k) of the centre with columns of noise
+    (c, k) added, all in plus, then all in minus; the measurement (m,).
     """
     stamps, start, skew, tau = signal.stamps, motion.around[7], motion.around[8], steps.tau[i]
     sigma, last, at_standstill = points.shape[1], steps.last[i], steps.at_standstill[i]
@@ -128,8 +140,8 @@ def predict_measurement(model, signal, steps, i, motion, points, noise):
 
 
 @part_of_kernel
-def disturbed(model, centre, noise):
-    """Return the centre (size,) with columns of noise (c, k) put in, (size, 2 k): all in plus, then in minus."""
+def disturbed(model: Model, centre: Array, noise: Array) -> Array:
+    """Return the centre (size,) with columns of noise (c, k) added, (size, 2 k): all in plus, then in minus."""
     c, k = noise.shape
     last = model.parts.shape[0] - 1
     n = model.parts[last, manifold.DEGREE] + model.parts[last, manifold.DEGREES]
@@ -144,8 +156,11 @@ def disturbed(model, centre, noise):
 
 
 @kernel
-def distances(points, at, centre, centre_at, out, row):
-    """Write three rows of points less those of the first column of `centre` into out, from a row on."""
+def distances(points: Array, at: int, centre: Array, centre_at: int, out: Array, row: int) -> None:
+    """Write three rows of points (r, m), less those of the first column of centre (s, k), into out (R, m).
+
+    The rows begin at `at` in points, at `centre_at` in centre, and at `row` in out.
+    """
     for axis in range(3):
         for s in range(points.shape[1]):
             out[row + axis, s] = points[at + axis, s] - centre[centre_at + axis, 0]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.compilation import kernel
 
 
 @kernel
-def drive(step, now, later, u, x):
+def drive(step: Array, now: Array, later: Array, u: Array, x: Array) -> None:
     """Write the states x (2, n, m) of m oscillators driven by u (n, m), from standstill.
 
     x_k+1 = step x_k + now u_k + later u_k+1, with step (2, 2), now and later (2,).
@@ -22,7 +23,7 @@ def drive(step, now, later, u, x):
 
 
 @kernel
-def gauss_markov(keep, white, out):
+def gauss_markov(keep: Array, white: Array, out: Array) -> None:
     """Write a stationary Gauss-Markov process of unit variance, (n, m), from white noise (n, m) and keep (n - 1,)."""
     out[0] = white[0]
     for k in range(keep.size):

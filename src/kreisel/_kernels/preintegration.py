@@ -20,8 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array, PreparedReadings
 from kreisel._kernels.blocks import place
 from kreisel._kernels.compilation import kernel, part_of_kernel
+from kreisel._kernels.increments import Coefficients, Increments, Span
 from kreisel._kernels.quadrature import POINTS
 from kreisel._kernels.rotation import direction_cosines, rotate, turn
 
@@ -29,56 +31,15 @@ SMALL_TURN = 1.5e-5
 """rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected."""
 
 
-class Span(NamedTuple):
-    """Samples of an increment: its first and last, and those that enter, two beyond either end where there are."""
-
-    first: int
-    last: int
-    low: int
-    high: int
-
-
-class Coefficients(NamedTuple):
-    """Sensor parameters as coefficients, see `coefficients`: the columns of `shared` turn as the first of `rate` does.
-
-    rate, force, shared: (P, 3, m), (features, 3, m), (features, 3, M - m).
-    """
-
-    rate: np.ndarray
-    force: np.ndarray
-    shared: np.ndarray
-
-
-class Increments(NamedTuple):
-    """Motion between two samples, one column for each parameter set, seen from the body's attitude at the first.
-
-    Attributes
-    ----------
-    dq, dv, dp : (4, M), (3, M), (3, M)
-    omega_end, alpha_end : (3, M)
-        Rate and angular acceleration at the last sample.
-    u_end : (3, 3, M)
-        Specific force at the last sample and its two neighbours.
-    u_path, q_path : (c, 3), (c, 4)
-        Specific force and attitude along the way, of the first column.
-    """
-
-    dq: np.ndarray
-    dv: np.ndarray
-    dp: np.ndarray
-    omega_end: np.ndarray
-    alpha_end: np.ndarray
-    u_end: np.ndarray
-    u_path: np.ndarray
-    q_path: np.ndarray
-
-
 class Path(NamedTuple):
-    """What all parameter sets share along the samples: outer weights, direction cosines, features of the force."""
+    """What all parameter sets share along the samples: outer weights, direction cosines, features of the force.
 
-    weights: np.ndarray
-    C: np.ndarray
-    psi: np.ndarray
+    weights (2, c), C (c, 9), psi (c, features).
+    """
+
+    weights: Array
+    C: Array
+    psi: Array
 
 
 class Relative(NamedTuple):
@@ -94,17 +55,17 @@ class Relative(NamedTuple):
         How they turn on from there to the samples before and behind.
     """
 
-    total: np.ndarray
-    q: np.ndarray
-    neighbours: np.ndarray
+    total: Array
+    q: Array
+    neighbours: Array
 
 
 @part_of_kernel
-def rotation_step(step, omega, alpha, stamps, theta):
+def rotation_step(step: Array, omega: Array, alpha: Array, stamps: Array, theta: Array) -> None:
     """Write the rotation vectors over sampling intervals, (3, c - 1), to the sixth order in their length.
 
     `step` (3, c - 1) is the integrated rate; what its axis' motion within the interval adds follows from rate
-    and angular acceleration (3, c) at both ends. The leading term is the coning correction
+    and angular acceleration (3, c) at both ends, at stamps (c,). The leading term is the coning correction
     dt^2/12 omega_k x omega_k+1. Magnus' series as given by Blanes, Casas and Ros (2000), equation (4.12)
     there with the sign of a rotation composed on its right.
     """
@@ -138,7 +99,7 @@ def rotation_step(step, omega, alpha, stamps, theta):
 
 
 @part_of_kernel
-def outer_weights(first, last, low, signal, weights):
+def outer_weights(first: int, last: int, low: int, signal: PreparedReadings, weights: Array) -> None:
     """Write the weights (2, count) of the samples from `low` on in the velocity and position integrals."""
     stamps, base, single, double = signal.stamps, signal.base, signal.single, signal.double
     weights[:] = 0.0
@@ -151,8 +112,8 @@ def outer_weights(first, last, low, signal, weights):
 
 
 @kernel
-def weighted(coefficients, features, out):
-    """Write sum_f coefficients[f, i] features[f, k], (3, c)."""
+def weighted(coefficients: Array, features: Array, out: Array) -> None:
+    """Write sum_f coefficients[f, i] features[f, k], (3, c), for coefficients (P, 3) and features (P, c)."""
     for i in range(3):
         a, b, c, d = coefficients[0, i], coefficients[1, i], coefficients[2, i], coefficients[3, i]
         for k in range(out.shape[1]):
@@ -164,7 +125,7 @@ def weighted(coefficients, features, out):
 
 
 @kernel
-def centre_path(first, low, high, signal, rate, q):
+def centre_path(first: int, low: int, high: int, signal: PreparedReadings, rate: Array, q: Array) -> None:
     """Write the attitude (c, 4) at the samples from `low` to `high`, for rate coefficients (P, 3)."""
     count = high - low + 1
     step = np.empty((3, count - 1))
@@ -210,7 +171,7 @@ def centre_path(first, low, high, signal, rate, q):
 
 
 @part_of_kernel
-def features_along(low, signal, psi):
+def features_along(low: int, signal: PreparedReadings, psi: Array) -> None:
     """Write the features of the specific force at the samples from `low` on, (c, features)."""
     rates, slopes, forces = signal.rates, signal.slopes, signal.forces
     P = rates.shape[0]
@@ -231,8 +192,11 @@ def features_along(low, signal, psi):
 
 
 @part_of_kernel
-def force_along(psi, C, force, u):
-    """Write the specific force of the first column at every sample, turned by C, (c, 3)."""
+def force_along(psi: Array, C: Array, force: Array, u: Array) -> None:
+    """Write the specific force of the first column at every sample, turned by C (c, 9), (c, 3).
+
+    psi (c, features), force (features, 3, m).
+    """
     for j in range(psi.shape[0]):
         x, y, z = 0.0, 0.0, 0.0
         for f in range(psi.shape[1]):
@@ -244,8 +208,8 @@ def force_along(psi, C, force, u):
 
 
 @part_of_kernel
-def block_length(first, last, signal, difference):
-    """Return how many samples a block may have for parameter sets that differ so much, (P, 3, m)."""
+def block_length(first: int, last: int, signal: PreparedReadings, difference: Array) -> int:
+    """Return how many samples a block may have for sets whose coefficients differ by `difference` (P, 3, m)."""
     rates = signal.rates
     P = rates.shape[0]
     largest = np.zeros(P)
@@ -268,8 +232,11 @@ def block_length(first, last, signal, difference):
 
 
 @kernel
-def combine(sums, coefficients, out):
-    """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, s]."""
+def combine(sums: Array, coefficients: Array, out: Array) -> None:
+    """Write sum_jf sums[3 i + j, f] coefficients[f, j, s] to out[i, s].
+
+    sums (9, features), coefficients (features, 3, m), out (3, m).
+    """
     out[:] = 0.0
     for f in range(coefficients.shape[0]):
         a, b, c = sums[0, f], sums[1, f], sums[2, f]
@@ -283,8 +250,11 @@ def combine(sums, coefficients, out):
 
 
 @kernel
-def contract(rows, difference, out):
-    """Add sum_fr rows[9 f + 3 i + r] difference[f, r, s] to out[i, s]."""
+def contract(rows: Array, difference: Array, out: Array) -> None:
+    """Add sum_fr rows[9 f + 3 i + r] difference[f, r, s] to out[i, s].
+
+    rows (9 P,), difference (P, 3, m), out (3, m).
+    """
     for i in range(3):
         for f in range(difference.shape[0]):
             x, y, z = rows[9 * f + 3 * i], rows[9 * f + 3 * i + 1], rows[9 * f + 3 * i + 2]
@@ -293,7 +263,7 @@ def contract(rows, difference, out):
 
 
 @kernel
-def add_coning(before, theta, share, out):
+def add_coning(before: Array, theta: Array, share: float, out: Array) -> None:
     """Write theta plus share * before x theta, for columns (3, m)."""
     for s in range(theta.shape[1]):
         out[0, s] = theta[0, s] + share * (before[1, s] * theta[2, s] - before[2, s] * theta[1, s])
@@ -302,8 +272,8 @@ def add_coning(before, theta, share, out):
 
 
 @kernel
-def preintegrate(span, signal, coefficients, out):
-    """Write the increments over a span, (8); `signal` has the fields of `inertial.strapdown.Samples`."""
+def preintegrate(span: Span, signal: PreparedReadings, coefficients: Coefficients, out: Increments) -> None:
+    """Write the increments over a span, (8)."""
     force, shared = coefficients.force, coefficients.shared
     m, features, count = coefficients.rate.shape[2], force.shape[0], span.high - span.low + 1
     path = Path(np.empty((2, count)), np.empty((count, 9)), np.empty((count, features)))
@@ -324,7 +294,9 @@ def preintegrate(span, signal, coefficients, out):
 
 
 @part_of_kernel
-def relative_motion(span, signal, coefficients, path, relative, out):
+def relative_motion(
+    span: Span, signal: PreparedReadings, coefficients: Coefficients, path: Path, relative: Relative, out: Increments
+) -> None:
     """Write the increments of the sets with gyro parameters of their own, block by block; fill `relative`."""
     rate, force = coefficients.rate, coefficients.force
     weights, C, psi, u_path = path.weights, path.C, path.psi, out.u_path
@@ -383,8 +355,11 @@ def relative_motion(span, signal, coefficients, path, relative, out):
 
 
 @kernel
-def sum_products(start, stop, weights, C, psi, sums):
-    """Write the weighted sums of C_ij times every feature of the force over some samples, (2, 9, features)."""
+def sum_products(start: int, stop: int, weights: Array, C: Array, psi: Array, sums: Array) -> None:
+    """Write the weighted sums of C_ij times every feature of the force over some samples, (2, 9, features).
+
+    weights (2, c), C (c, 9), psi (c, features).
+    """
     sums[:] = 0.0
     features = psi.shape[1]
     for j in range(start, stop):
@@ -397,10 +372,10 @@ def sum_products(start, stop, weights, C, psi, sums):
 
 
 @part_of_kernel
-def unit_turns(low, signal, C, turns):
+def unit_turns(low: int, signal: PreparedReadings, C: Array, turns: Array) -> None:
     """Write how far a unit of difference in each rate coefficient turns a set over each interval, (c - 1, 9 P).
 
-    Entry 9 f + 3 i + r is the integral of C_ir times feature f, about axis i: the mean of C (of the cubic
+    C (c, 9). Entry 9 f + 3 i + r is the integral of C_ir times feature f, about axis i: the mean of C (of the cubic
     through four samples, of a line at either end) times the feature's integral, and what both change together.
     """
     stamps, slopes, integrals = signal.stamps, signal.slopes, signal.integrals
@@ -419,12 +394,12 @@ def unit_turns(low, signal, C, turns):
 
 
 @part_of_kernel
-def sum_turns(begin, centre, end, weights, units, u_path, turns):
-    """Write the sums of `unit_turns` I_k times R_k over a block, (6, 9 P).
+def sum_turns(begin: int, centre: int, end: int, weights: Array, units: Array, u_path: Array, turns: Array) -> None:
+    """Write the sums of `unit_turns` I_k, `units` (c - 1, 9 P), times R_k over a block, (6, 9 P).
 
-    R_k is the weighted force of the samples the turn I_k carries along: those behind k, or before it and with a
-    minus, as k lies behind the block's centre or before. The first three rows are for its components with the
-    weights of the velocity, the others with those of the position.
+    R_k is the sum of weights (2, c) times forces u_path (c, 3) of the samples that the turn I_k moves: those after k,
+    or those up to k and with a minus, as k lies after the block's centre or before it. The first three rows are its
+    components with the weights of the velocity, the others with those of the position.
     """
     carried = np.zeros((end - begin + 1, 6))
     for j in range(begin, centre):
@@ -448,10 +423,22 @@ def sum_turns(begin, centre, end, weights, units, u_path, turns):
 
 
 @kernel
-def advance(signal, low, begin, end, span_before, units, difference, before, theta, q):
+def advance(
+    signal: PreparedReadings,
+    low: int,
+    begin: int,
+    end: int,
+    span_before: float,
+    units: Array,
+    difference: Array,
+    before: Array,
+    theta: Array,
+    q: Array,
+) -> float:
     """Turn q (4, m) against the centre from one sample to another, and return the time between them.
 
-    theta (3, m): the turn of the step before, and on return of this one.
+    theta (3, m): the turn of the step before, and on return of this one; before (3, m): on return, that of the step
+    before. units (c - 1, 9 P): see `unit_turns`; difference (P, 3, m): see `relative_motion`.
     """
     span = signal.stamps[low + end] - signal.stamps[low + begin]
     turns = np.zeros(units.shape[1])
@@ -471,7 +458,9 @@ def advance(signal, low, begin, end, span_before, units, difference, before, the
 
 
 @part_of_kernel
-def finish(span, signal, coefficients, path, relative, out):
+def finish(
+    span: Span, signal: PreparedReadings, coefficients: Coefficients, path: Path, relative: Relative, out: Increments
+) -> None:
     """Write the attitude at the last sample, and what lets it be carried on by less than a sampling interval."""
     rate, q, u_end = coefficients.rate, relative.q, out.u_end
     P, m, M = rate.shape[0], rate.shape[2], out.dq.shape[1]
@@ -513,8 +502,11 @@ def finish(span, signal, coefficients, path, relative, out):
 
 
 @kernel
-def force_at(j, psi, C, coefficients, out):
-    """Write the specific force (3, m) of one sample, turned by its direction cosines."""
+def force_at(j: int, psi: Array, C: Array, coefficients: Array, out: Array) -> None:
+    """Write the specific force (3, m) of sample j, turned by its direction cosines.
+
+    psi (c, features), C (c, 9), coefficients (features, 3, m).
+    """
     force = np.zeros(out.shape)
     for f in range(psi.shape[1]):
         c = psi[j, f]

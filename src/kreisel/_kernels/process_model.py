@@ -7,23 +7,34 @@ import math
 import numpy as np
 
 from kreisel._kernels import coefficients, composition, preintegration, sensor_noise
+from kreisel._kernels.arrays import Array, Indices, PreparedReadings
 from kreisel._kernels.blocks import column_of, place, rows_from
-from kreisel._kernels.cell import ATTITUDE, PATH_ORIENTATION, PATH_POSITION, POSITION, VELOCITY, Motion
+from kreisel._kernels.cell import (
+    ATTITUDE,
+    PATH_ORIENTATION,
+    PATH_POSITION,
+    POSITION,
+    VELOCITY,
+    IntegratedMotion,
+    Model,
+    ParameterRows,
+)
 from kreisel._kernels.compilation import kernel, part_of_kernel
+from kreisel._kernels.increments import Coefficients, Increments, Span
 from kreisel._kernels.quadrature import POINTS
 
 
 @kernel
-def rows_of(rows, points, columns):
-    """Return some numbers of the model for some sigma points, (e, m)."""
+def rows_of(rows: ParameterRows, points: Array, columns: Indices) -> Array:
+    """Return some numbers of the model for `columns` (m,) of points (size, 2 n + 1), (e, m)."""
     out = np.empty((rows.source.size, columns.size))
     composition.gather(points, columns, rows.source, rows.known, out)
     return out
 
 
 @kernel
-def sensor_coefficients(model, points, rate, force, shared):
-    """Write the coefficients of `preintegration` for the sigma points."""
+def sensor_coefficients(model: Model, points: Array, rate: Array, force: Array, shared: Array) -> None:
+    """Write the arrays of `increments.Coefficients` for sigma points (size, 2 n + 1)."""
     order, turning, sharing = model.order, model.turning.size, model.sharing.size
     gyro = rows_of(model.gyro, points, model.turning)
     coefficients.rate_coefficients(gyro[:9].reshape(3, 3, turning), gyro[9:].reshape(order, 3, turning), rate)
@@ -44,8 +55,8 @@ def sensor_coefficients(model, points, rate, force, shared):
 
 
 @part_of_kernel
-def propagate(model, signal, first, last, points):
-    """Carry sigma points from sample `first` to `last`, in place, and return the `Motion`."""
+def propagate(model: Model, signal: PreparedReadings, first: int, last: int, points: Array) -> IntegratedMotion:
+    """Carry sigma points (size, 2 n + 1) from sample `first` to `last`, in place, and return the `IntegratedMotion`."""
     at = model.stored
     turning, sharing, sigma = model.turning.size, model.sharing.size, points.shape[1]
     P, M = 1 + 3 * model.order, turning + sharing
@@ -54,12 +65,12 @@ def propagate(model, signal, first, last, points):
     force, shared = np.empty((features, 3, turning)), np.empty((features, 3, sharing))
     sensor_coefficients(model, points, rate, force, shared)
     low, high = min(signal.base[first], last - 1), max(last, signal.base[last - 1] + POINTS - 1)
-    span = preintegration.Span(first, last, low, high)
-    increments = preintegration.Increments(
+    span = Span(first, last, low, high)
+    increments = Increments(
         np.empty((4, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, M)), np.empty((3, 3, M)),
         np.empty((high - low + 1, 3)), np.empty((high - low + 1, 4)),
     )  # fmt: skip
-    preintegration.preintegrate(span, signal, preintegration.Coefficients(rate, force, shared), increments)
+    preintegration.preintegrate(span, signal, Coefficients(rate, force, shared), increments)
     q, v, p = rows_from(points, at[ATTITUDE], 4), rows_from(points, at[VELOCITY], 3), rows_from(points, at[POSITION], 3)
     q_first = np.empty((4, sigma))
     place(q, 0, 0, q_first)
@@ -79,12 +90,15 @@ def propagate(model, signal, first, last, points):
     sensor_noise.noise_covariance(span, taken, signal, increments, K_omega, K_a, Q)
     sensor_noise.navigation_noise(Q, column_of(q_first, 0), column_of(increments.dq, 0), noise)
     end = increments.omega_end, increments.alpha_end, increments.u_end
-    return Motion(q_first, end[0], end[1], end[2], gravity, earth_rate, around, noise)
+    return IntegratedMotion(q_first, end[0], end[1], end[2], gravity, earth_rate, around, noise)
 
 
 @part_of_kernel
-def process_noise(model, navigation, duration, points):
-    """Return noise columns (c, k) of all that changes, and let coloured noise of the reference (points) decay."""
+def process_noise(model: Model, navigation: Array, duration: float, points: Array) -> Array:
+    """Return noise columns (c, k) of all that changes, and let coloured noise of the reference decay in the points.
+
+    navigation (9, 9): `IntegratedMotion.noise`; points (size, 2 n + 1), changed in place.
+    """
     at, rows = model.stored, 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         rows += 3 if at[name] >= 0 else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array, Indices
 from kreisel._kernels.compilation import kernel
 
 POINTS = 6
@@ -11,12 +12,12 @@ POINTS = 6
 
 
 @kernel
-def interval_weights(stamps, base, single, double):
+def interval_weights(stamps: Array, base: Indices, single: Array, double: Array) -> None:
     """Write for every sampling interval [t_k, t_k+1] the weights of its two integrals.
 
     ``sum_i single[k, i] * u[base[k] + i]`` is the integral of u over the interval and
     ``sum_i double[k, i] * u[base[k] + i]`` that of (t_k+1 - t) u, for u the quintic through the six
-    samples from ``base[k]`` on.
+    samples from ``base[k]`` on. stamps (n,), base (n - 1,), single and double (n - 1, 6).
     """
     x = np.empty(POINTS)
     c = np.empty(POINTS)
@@ -47,8 +48,11 @@ def interval_weights(stamps, base, single, double):
 
 
 @kernel
-def integrate_intervals(base, single, values, out):
-    """Write the integral of every row of values (c, n) over every sampling interval, (c, n - 1)."""
+def integrate_intervals(base: Indices, single: Array, values: Array, out: Array) -> None:
+    """Write the integral of every row of values (c, n) over every sampling interval, (c, n - 1).
+
+    base (n - 1,), single (n - 1, 6): see `interval_weights`.
+    """
     for row in range(values.shape[0]):
         for k in range(base.size):
             total = 0.0
@@ -58,10 +62,10 @@ def integrate_intervals(base, single, values, out):
 
 
 @kernel
-def differentiate(stamps, first, values, out):
-    """Write the derivative of every column of values (n, 3) at every sample.
+def differentiate(stamps: Array, first: Indices, values: Array, out: Array) -> None:
+    """Write the derivative, (n, 3), of every column of values (n, 3) at stamps (n,).
 
-    The derivative is that of the quartic through the five samples from ``first[k]`` on.
+    The derivative is that of the quartic through the five samples from ``first[k]`` on, first (n,).
     """
     weight = np.empty(5)
     for k in range(stamps.size):
@@ -87,8 +91,8 @@ def differentiate(stamps, first, values, out):
 
 
 @kernel
-def double_integral(stamps, values, before, share, out):
-    """Write the double integral (m, k) of sampled values (n, k) from the first stamp to chosen moments.
+def double_integral(stamps: Array, values: Array, before: Indices, share: Array, out: Array) -> None:
+    """Write the double integral (m, k) of values (n, k), sampled at stamps (n,), from the first to chosen moments.
 
     Moments lie a share (m,) of the interval behind the samples `before` (m,), in ascending order. Values
     are taken as linear between samples, and so is what is written.

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.compilation import kernel
 
 
 @kernel
-def turn(q, theta, sign):
+def turn(q: Array, theta: Array, sign: float) -> None:
     """Turn every quaternion on its right by the rotation vector sign * theta, |theta| below one radian.
 
     q: (4, m), changed in place; theta: (3, m). Cosine and sinc are their series to the 12th power of the
@@ -41,7 +42,7 @@ def turn(q, theta, sign):
 
 
 @kernel
-def rotate(q, vector):
+def rotate(q: Array, vector: Array) -> None:
     """Turn vectors (3, m), in place, by quaternions (4, m)."""
     for s in range(q.shape[1]):
         w = q[0, s]
@@ -61,7 +62,7 @@ def rotate(q, vector):
 
 
 @kernel
-def plus(q, theta, out):
+def plus(q: Array, theta: Array, out: Array) -> None:
     """Write q * exp(theta) for columns: q (4, m) or (4, 1), theta (3, m), angles of any size; out (4, m) may be q."""
     m = theta.shape[1]
     one = q.shape[1] == 1
@@ -93,7 +94,7 @@ def plus(q, theta, out):
 
 
 @kernel
-def minus(q, origin, out):
+def minus(q: Array, origin: Array, out: Array) -> None:
     """Write log(origin^-1 * q) for columns: q (4, m), origin (4, 1), out (3, m), at most pi long."""
     a = origin[0, 0]
     b = -origin[1, 0]
@@ -134,7 +135,7 @@ def minus(q, origin, out):
 
 
 @kernel
-def direction_cosines(q, C):
+def direction_cosines(q: Array, C: Array) -> None:
     """Write the matrices of unit quaternions (c, 4), row by row, (c, 9)."""
     for j in range(q.shape[0]):
         w, x, y, z = q[j, 0], q[j, 1], q[j, 2], q[j, 3]

@@ -6,12 +6,22 @@ import math
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array, PreparedReadings
 from kreisel._kernels.compilation import kernel
+from kreisel._kernels.increments import Increments, Span
 from kreisel._kernels.rotation import direction_cosines
 
 
 @kernel
-def noise_covariance(span, every, signal, motion, K_omega, K_a, Q):
+def noise_covariance(
+    span: Span,
+    every: int,
+    signal: PreparedReadings,
+    motion: Increments,
+    K_omega: Array,
+    K_a: Array,
+    Q: Array,
+) -> None:
     """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9), (10).
 
     Seen from the body's attitude at the first sample; attitude errors as left perturbations in that frame.
@@ -19,8 +29,8 @@ def noise_covariance(span, every, signal, motion, K_omega, K_a, Q):
 
     Parameters
     ----------
-    span, motion
-        `preintegration.Span` and the `Increments` over it.
+    motion
+        The increments over the span.
     K_omega, K_a : (3, 3)
 
     Notes
@@ -55,15 +65,15 @@ def noise_covariance(span, every, signal, motion, K_omega, K_a, Q):
 
 
 @kernel
-def product(A, B, out):
-    """Write the product of two matrices, the first row by row in (1, 9), the second (3, 3)."""
+def product(A: Array, B: Array, out: Array) -> None:
+    """Write the product (3, 3) of two matrices, A (1, 9) given row by row, and B (3, 3)."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[0, 3 * i] * B[0, j] + A[0, 3 * i + 1] * B[1, j] + A[0, 3 * i + 2] * B[2, j]
 
 
 @kernel
-def advance_covariance(u, dt, Q):
+def advance_covariance(u: Array, dt: float, Q: Array) -> None:
     """Replace Q (9, 9) by F Q F^T for errors that move as v += -u x theta dt, p += v dt - u x theta dt^2/2.
 
     theta, v and p are attitude error (left), velocity and position error; u (3,) the specific force.
@@ -93,8 +103,11 @@ def advance_covariance(u, dt, Q):
 
 
 @kernel
-def add_noise(G, variance, gain, gain_below, row, row_below, Q):
-    """Add G diag(variance) G^T to Q at `row`, and with its integral at `row_below` where gain_below > 0."""
+def add_noise(G: Array, variance: Array, gain: float, gain_below: float, row: int, row_below: int, Q: Array) -> None:
+    """Add G diag(variance) G^T to Q at `row`, and with its integral at `row_below` where gain_below > 0.
+
+    G (3, 3), variance (3,), Q (9, 9).
+    """
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -109,10 +122,11 @@ def add_noise(G, variance, gain, gain_below, row, row_below, Q):
 
 
 @kernel
-def navigation_noise(Q, q_first, dq, out):
+def navigation_noise(Q: Array, q_first: Array, dq: Array, out: Array) -> None:
     """Write the lower triangular factor (9, 9) of noise in velocity, position and attitude, in r, r and b.
 
-    Q (9, 9): covariance of attitude, velocity and position as `noise_covariance` writes it.
+    Q (9, 9): covariance of attitude, velocity and position as `noise_covariance` writes it. q_first (4,): attitude at
+    the first sample; dq (4,): the turn from there to the last.
     """
     C = np.empty((1, 9))
     D = np.empty((1, 9))

@@ -1,7 +1,7 @@
 """A step of the sigma-point Kalman filter: drawing points, putting them together again, using a measurement.
 
 Nothing here knows what is filtered: the models of the cell stand in `process_model` and `measurement_model`. Factors
-are kept transposed, for their rows are then the columns that are rotated.
+are kept transposed, because their rows are then the columns that are rotated.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel._kernels import manifold, triangular
+from kreisel._kernels.arrays import Array, Indices
 from kreisel._kernels.blocks import column_of, forward, place
 from kreisel._kernels.compilation import kernel, part_of_kernel
 
@@ -22,11 +23,11 @@ ROUNDING = 1e-9
 """Share of a deviation whose square is lost beside it in rounding."""
 
 
-class Belief(NamedTuple):
+class Gaussian(NamedTuple):
     """Mean (size,) as stored, and factor (n, n) of the covariance, transposed: upper triangular."""
 
-    mean: np.ndarray
-    upper: np.ndarray
+    mean: Array
+    upper: Array
 
 
 class Predicted(NamedTuple):
@@ -43,10 +44,10 @@ class Predicted(NamedTuple):
         put in, plus and minus.
     """
 
-    points: np.ndarray
-    noise: np.ndarray
-    measured: np.ndarray
-    measured_noise: np.ndarray
+    points: Array
+    noise: Array
+    measured: Array
+    measured_noise: Array
 
 
 class Updated(NamedTuple):
@@ -64,14 +65,17 @@ class Updated(NamedTuple):
 
     used: bool
     nis: float
-    factor: np.ndarray
-    whitened: np.ndarray
-    gain: np.ndarray
+    factor: Array
+    whitened: Array
+    gain: Array
 
 
 @kernel
-def draw(parts, mean, upper, spread, points):
-    """Write the sigma points (size, 2 n + 1), (17): centre, then all in plus, then all in minus direction."""
+def draw(parts: Indices, mean: Array, upper: Array, spread: float, points: Array) -> None:
+    """Write the sigma points (size, 2 n + 1), (17): centre, then all in plus, then all in minus direction.
+
+    parts (p, 4): see `manifold.DEGREE`; mean (size,) and upper (n, n): see `Gaussian`.
+    """
     n = upper.shape[0]
     change = np.zeros((n, 2 * n + 1))
     for i in range(n):
@@ -83,12 +87,14 @@ def draw(parts, mean, upper, spread, points):
 
 
 @part_of_kernel
-def unscented_moments(distance, w, first, further, shift):
+def unscented_moments(distance: Array, w: Array, first: Array, further: Array, shift: Array) -> int:
     """Put distances of sigma points from the centre together: see `estimation.sigma_points.SigmaWeights`.
 
     Parameters
     ----------
     distance : (r, 2 n + 1)
+    w : (5,)
+        See `SPREAD`.
     first : (r, n)
     further : (at least n + 2, r)
         Further columns, as rows.
@@ -129,8 +135,8 @@ def unscented_moments(distance, w, first, further, shift):
 
 
 @part_of_kernel
-def deviations(upper, i, out):
-    """Write the standard deviations of the first degrees of freedom into row i of out."""
+def deviations(upper: Array, i: int, out: Array) -> None:
+    """Write the standard deviations of the first k degrees of freedom into row i of out (u, k), from upper (n, n)."""
     for j in range(out.shape[1]):
         out[i, j] = 0.0
     for r in range(out.shape[1]):
@@ -141,8 +147,8 @@ def deviations(upper, i, out):
 
 
 @part_of_kernel
-def correct(parts, mean, gain, whitened):
-    """Move a mean (size,) in place by gain (n, m) times whitened (m,)."""
+def correct(parts: Indices, mean: Array, gain: Array, whitened: Array) -> None:
+    """Change a mean (size,) of parts (p, 4) in place by gain (n, m) times whitened (m,)."""
     n, m = gain.shape
     change = np.zeros((n, 1))
     for i in range(n):
@@ -155,18 +161,28 @@ def correct(parts, mean, gain, whitened):
 
 
 @kernel
-def update(parts, tail, w, belief, predicted, innovation, measurement_factor, gate):
+def update(
+    parts: Indices,
+    tail: Indices,
+    w: Array,
+    belief: Gaussian,
+    predicted: Predicted,
+    innovation: Array,
+    measurement_factor: Array,
+    gate: float,
+) -> Updated:
     """Predict and update: change the belief in place by a measurement that sigma points predict, (18) to (20).
 
     Parameters
     ----------
-    parts, tail, w
+    parts, tail, w : (p, 4), (t, 4), (5,)
         Tables of the state and of its last parts, which have moved; weights of the sigma points.
     belief, predicted
         The belief before the step, the one after it on return; what became of its sigma points.
     innovation : (m,)
         The measurement's distance from the centre's prediction; from the mean prediction on return.
     measurement_factor : (m, e)
+        Factor of the measurement's noise.
     gate
         Bound of the normalised innovation squared, beyond which only the prediction is taken over, (20).
     """

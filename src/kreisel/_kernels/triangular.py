@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array
 from kreisel._kernels.blocks import forward, place
 from kreisel._kernels.compilation import kernel, reassociating_kernel
 
 
 @kernel
-def triangularise(rows):
+def triangularise(rows: Array) -> None:
     """Replace rows (k, r), k >= r, by an upper triangular matrix above zeros, with the same rows^T rows.
 
     Householder's reflections; the diagonal comes out positive.
@@ -30,8 +31,8 @@ def triangularise(rows):
 
 
 @reassociating_kernel
-def reflect(columns):
-    """Make columns (r, k), k >= r, upper triangular where it counts: what stands below is left as it falls."""
+def reflect(columns: Array) -> None:
+    """Make a matrix upper triangular, given by its columns (r, k), k >= r; below the diagonal it is not made zero."""
     r, k = columns.shape
     for i in range(r):
         below = 0.0
@@ -56,7 +57,16 @@ def reflect(columns):
 
 
 @kernel
-def condition(first, upper, further, innovation, innovation_factor, whitened, gain, posterior):
+def condition(
+    first: Array,
+    upper: Array,
+    further: Array,
+    innovation: Array,
+    innovation_factor: Array,
+    whitened: Array,
+    gain: Array,
+    posterior: Array,
+) -> None:
     """Write what a measurement leaves of the covariance of a state whose last few degrees of freedom have moved.
 
     The array of columns
@@ -144,7 +154,7 @@ def condition(first, upper, further, innovation, innovation_factor, whitened, ga
 
 
 @kernel
-def inflate(upper, index, deviation):
+def inflate(upper: Array, index: int, deviation: float) -> None:
     """Add the square of a deviation to the variance of one degree of freedom, in place.
 
     upper (n, n): a lower triangular factor, transposed. A row with one entry is rotated into it from the left; only

@@ -1,9 +1,10 @@
-"""What accelerometers make felt, a unit of each of their parameters at a time, integrated twice along a motion."""
+"""Specific force predicted for a unit of each parameter of the accelerometers, integrated twice along a motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.arrays import Array, Indices
 from kreisel._kernels.compilation import kernel
 
 PARAMETERS = 15
@@ -11,8 +12,8 @@ PARAMETERS = 15
 
 
 @kernel
-def at_sample(q, reading, omega, alpha, out):
-    """Write the specific force in r that a unit of each parameter makes, (45,): x for all, then y, then z.
+def at_sample(q: Array, reading: Array, omega: Array, alpha: Array, out: Array) -> None:
+    """Write the specific force in r predicted for a unit of each parameter, (45,): x for all, then y, then z.
 
     Parameters
     ----------
@@ -44,10 +45,20 @@ def at_sample(q, reading, omega, alpha, out):
 
 
 @kernel
-def double_integrals(stamps, q, readings, omega, alpha, before, share, out):
+def double_integrals(
+    stamps: Array,
+    q: Array,
+    readings: Array,
+    omega: Array,
+    alpha: Array,
+    before: Indices,
+    share: Array,
+    out: Array,
+) -> None:
     """Write double integrals of what `at_sample` writes from the first stamp to chosen moments, (m, 45).
 
-    See `quadrature.double_integral` for the moments, and what is between samples.
+    stamps (n,), q (n, 4), readings, omega and alpha (n, 3). before and share (m,) give the moments: see
+    `quadrature.double_integral`, also for the values between samples.
     """
     columns = 3 * PARAMETERS
     once, twice, rise = np.zeros(columns), np.zeros(columns), np.empty(columns)

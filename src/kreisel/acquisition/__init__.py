@@ -1,1 +1,1 @@
-"""Recording live: the only place with tasks and queues."""
+"""Live recording and driving: the only package, with `devices` and `dashboard`, that has tasks and queues."""

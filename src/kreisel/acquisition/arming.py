@@ -1,4 +1,4 @@
-"""What is checked before an arm is moved: limits, the way to the start, and the model against the controller."""
+"""Checks before an arm is moved: limits, the path to the start, and the model against the controller's data."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Allowed:
-    """What the user allows.
+    """Limits set by the user.
 
     Attributes
     ----------
     approach
-        Largest way of a joint from where it stands to the program's start, rad.
+        Largest distance of a joint from the program's start, rad.
     tool
-        Length of the longest tool that may explain a reported pose, m; None where the base is not known either.
+        Length of the longest tool that may explain a reported pose, m; None if the base is unknown, too.
     """
 
     approach: float = math.radians(10.0)
@@ -48,17 +48,17 @@ def approach_share(program: Program, mover: Mover) -> float:
 
 
 def check_program(arm: Arm, program: Program, mover: Mover) -> str:
-    """Return what was checked of a program's moves against the model's limits.
+    """Return a summary of the check of a program's moves against the model's limits.
 
     Raises
     ------
     RobotError
-        If a move passes a limit; names the move, the joint, the limit and the speed that keeps it.
+        If a move exceeds a limit; names the move, the joint, the limit and an admissible speed.
     """
     for name, limit in zip(arm.joints, arm.velocity, strict=True):
         if not 0.0 < limit < math.inf:
             raise RobotError(
-                f"{name} has no limit of its velocity in the model '{arm.name}', expected <limit velocity=…> in rad/s"
+                f"{name} has no velocity limit in the model '{arm.name}', expected <limit velocity=…> in rad/s"
             )
     slow = approach_share(program, mover)
     speeds = [min(move.speed, slow) if k < CHECKED else move.speed for k, move in enumerate(program.moves)]
@@ -75,12 +75,12 @@ def check_program(arm: Arm, program: Program, mover: Mover) -> str:
 
 
 def check_move(arm: Arm, mover: Mover, way: Array, share: float, name: str) -> None:
-    """Check the largest velocities and accelerations of a move of the joints by `way`, rad.
+    """Check the peak velocities and accelerations of a move of the joints by `way`, rad.
 
     Raises
     ------
     RobotError
-        If a limit of the model is passed.
+        If a limit of the model is exceeded.
     """
     velocities, accelerations = mover.peaks(way, share, arm.velocity)
     pairs = [("moves at", "rad/s", velocities, arm.velocity)]
@@ -98,35 +98,34 @@ def check_move(arm: Arm, mover: Mover, way: Array, share: float, name: str) -> N
 
 
 def check_state(arm: Arm, program: Program, sample: RobotSample, mover: Mover, allowed: Allowed) -> list[str]:
-    """Return what was checked of what the controller reports, before the first move.
+    """Return a summary of the checks of the controller's report, before the first move.
 
     Raises
     ------
     RobotError
-        If the arm stands too far from the program's start, or the model is not that of this robot.
+        If the arm is too far from the program's start, or the model is not that of this robot.
     """
     if len(sample.joints) != len(arm.joints):
         raise RobotError(
             f"the robot reports {len(sample.joints)} joint angles, and the model '{arm.name}' has {len(arm.joints)} "
-            "joints: give the description of this robot with --model"
+            "joints; give the description of this robot with --model"
         )
     joints = np.array(sample.joints)
     _check_margin(arm, joints, "the arm now")
-    told = _check_pose(arm, sample, allowed)
+    pose_text = _check_pose(arm, sample, allowed)
     way = program.start - joints
     _check_way(arm, program, way, allowed)
-    check_move(arm, mover, way, approach_share(program, mover), "the way to the start")
-    return [told, f"the program's start is {_degrees(np.max(np.abs(way)))} deg away (joints: {_list(way)} deg)"]
+    check_move(arm, mover, way, approach_share(program, mover), "the path to the start")
+    return [pose_text, f"the program's start is {_degrees(np.max(np.abs(way)))} deg away (joints: {_list(way)} deg)"]
 
 
 def _check_way(arm: Arm, program: Program, way: Array, allowed: Allowed) -> None:
     k = int(np.argmax(np.abs(way)))
     if abs(way[k]) > allowed.approach:
         raise RobotError(
-            f"{arm.joints[k]} stands {_degrees(abs(way[k]))} deg from the program's start (the way of the joints: "
-            f"{_list(way)} deg), and at most {_degrees(allowed.approach)} deg are moved to reach it; move the arm to "
-            f"[{_list(program.start)}] deg by hand, or make sure that this way is clear and give --approach "
-            f"{math.ceil(math.degrees(abs(way[k])))}"
+            f"{arm.joints[k]} is {_degrees(abs(way[k]))} deg from the program's start (all joints: {_list(way)} deg), "
+            f"expected at most {_degrees(allowed.approach)} deg; move the arm to [{_list(program.start)}] deg by hand, "
+            f"or check that the path to the start is clear, and give --approach {math.ceil(math.degrees(abs(way[k])))}"
         )
 
 
@@ -134,7 +133,7 @@ def _check_pose(arm: Arm, sample: RobotSample, allowed: Allowed) -> str:
     """Return how the reported pose compares with the model's."""
     tool = tool_of(arm, sample)
     if tool is None:
-        return "the controller reports no pose: the model is not compared with it"
+        return "the controller reports no pose: it is not compared with the model"
     explained = (
         f"a tool of {1e3 * tool.length:.0f} mm, turned by {math.degrees(tool.angle):.1f} deg"
         f"{', with the base turned by 180 deg about z' if tool.turned else ''}"
@@ -160,19 +159,19 @@ def _check_margin(arm: Arm, angles: Array, name: str) -> None:
         if not low + MARGIN < angle < high - MARGIN:
             raise RobotError(
                 f"{name}: {joint} at {_degrees(angle)} deg is not within its limits in the model '{arm.name}', "
-                f"{_degrees(low)} to {_degrees(high)} deg, with a degree to spare: the arm is stopped there"
+                f"{_degrees(low)} to {_degrees(high)} deg, less one degree; at that margin the arm is stopped"
             )
 
 
 def _limits_known(arm: Arm) -> str:
     given = _given_accelerations(arm)
     if len(given) == len(arm.joints):
-        return "of accelerations too"
-    return "it gives none of acceleration: full speed within half a second is taken as usual"
+        return "with the acceleration limits of the model"
+    return "without acceleration limits in the model: reaching full speed in half a second is taken as the limit"
 
 
 def _acceleration_limits(arm: Arm) -> Array:
-    """Return limits of the joints' accelerations, rad/s^2: the model's, or full speed within half a second."""
+    """Return limits of the joints' accelerations, rad/s^2: the model's, or full speed in half a second."""
     given = _given_accelerations(arm)
     return np.array([given.get(name, usual) for name, usual in zip(arm.joints, arm.velocity / 0.5, strict=True)])
 

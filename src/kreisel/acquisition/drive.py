@@ -1,4 +1,4 @@
-"""Driving a program: one move at a time, each only once the arm rests, and a stop wherever something is wrong."""
+"""Driving a program: one move at a time, each after the arm has come to rest, and a stop if a fault is detected."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kreisel.robot.program import Program
 _TICK = 0.01
 
 STRAY = math.radians(2.0)
-"""rad; joints that are farther from their way, or from where they are to rest, are moved by somebody else."""
+"""rad; largest distance of a joint from its path, or from its rest position, that is not a fault."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Ending:
     Attributes
     ----------
     outcome
-        `done`, `enough` where what was wanted is known, or `stopped`.
+        `done`, `enough` if the wanted accuracy is reached, or `stopped`.
     reason
-        Why it was stopped.
+        Why the motion was stopped.
     stop
-        How that went.
+        The result of the stop.
     """
 
     outcome: Literal["done", "enough", "stopped"]
@@ -57,30 +57,30 @@ async def drive(
     say: Say,
     enough: Callable[[], bool] = lambda: False,
 ) -> Ending:
-    """Move through a program, and return how it ended.
+    """Drive the arm through a program, and return how it ended.
 
-    The motion is stopped when the watch or the mover reports a reason, when told to stop, and when this fails or is
-    cancelled.
+    The motion is stopped when the watch or the mover reports a reason, when `stop` is set, and when this function fails
+    or is cancelled.
 
     Parameters
     ----------
     enough
-        Whether what was wanted is known; asked between moves.
+        Returns whether the wanted accuracy is reached; called between moves.
     """
-    way = _Way(program, mover, watch, stop, say)
+    drive_run = _Drive(program, mover, watch, stop, say)
     try:
-        reason = await way.go(enough)
+        reason = await drive_run.go(enough)
     except BaseException:
-        await bring_to_rest(mover, watch, way.underway, lambda _: None)
+        await bring_to_rest(mover, watch, drive_run.underway, lambda _: None)
         raise
     if reason is None:
-        return Ending("enough" if way.enough else "done")
+        return Ending("enough" if drive_run.enough else "done")
     say(f"the arm is being stopped: {reason}")
-    return Ending("stopped", reason, await bring_to_rest(mover, watch, way.underway, say))
+    return Ending("stopped", reason, await bring_to_rest(mover, watch, drive_run.underway, say))
 
 
-class _Way:
-    """The way through a program: which move is under way."""
+class _Drive:
+    """The state of a drive through a program: the move under way."""
 
     def __init__(self, program: Program, mover: Mover, watch: Watch, stop: asyncio.Event, say: Say) -> None:
         self.underway: Underway | None = None
@@ -89,7 +89,7 @@ class _Way:
         self._program, self._mover, self._watch, self._stop, self._say = program, mover, watch, stop, say
 
     async def go(self, enough: Callable[[], bool]) -> str | None:
-        """Make all moves; return why to stop, or None."""
+        """Make all moves; return a reason to stop, or None."""
         slow = approach_share(self._program, self._mover)
         moves = [Move(self._program.start, 1.0, slow), *self._program.moves]
         for number, move in enumerate(moves):
@@ -103,8 +103,8 @@ class _Way:
         return None
 
     async def _one(self, number: int, move: Move) -> str | None:
-        """Make a move and rest; return why to stop, or None."""
-        await asyncio.sleep(_TICK)  # so that a connection that has ended by now is known to have
+        """Make a move and rest; return a reason to stop, or None."""
+        await asyncio.sleep(_TICK)  # so that the end of a connection is detected before the move
         if (why := self._why()) is not None:
             return why
         described = self._mover.describe(move.target, move.speed)
@@ -121,17 +121,17 @@ class _Way:
         return ended
 
     def _why(self) -> str | None:
-        """Return why to stop now, or None."""
+        """Return a reason to stop now, or None."""
         if self._watch.reason is not None:
             return self._watch.reason
         if self._mover.trouble is not None:
             return self._mover.trouble
         if self._strays():
-            return "the arm moves while it is to rest" if self._resting is not None else "the arm leaves its way"
-        return "told to" if self._stop.is_set() else None
+            return "the arm moves during a rest" if self._resting is not None else "the arm leaves its path"
+        return "stop requested" if self._stop.is_set() else None
 
     def _strays(self) -> bool:
-        """Return whether a joint is not between the ends of its move, or not where it is to rest."""
+        """Return whether a joint is outside the range of its move, or away from its rest position."""
         joints = self._watch.joints
         if joints is None:
             return False
@@ -144,7 +144,7 @@ class _Way:
         return bool(np.any((joints < low) | (joints > high)))
 
     async def _until(self, done: Callable[[], bool], seconds: float, *, late_is_well: bool = False) -> str | None:
-        """Wait; return why to stop the motion, or None where all is well."""
+        """Wait until `done` or a timeout; return a reason to stop the motion, or None."""
         ends = asyncio.get_running_loop().time() + seconds
         while True:
             if (why := self._why()) is not None:
@@ -159,7 +159,7 @@ class _Way:
 
 
 async def unless(action: Coroutine[Any, Any, None], why: Callable[[], str | None]) -> str | None:
-    """Do something unless there is a reason to stop meanwhile; return that reason, or what failed, or None."""
+    """Run an action until there is a reason to stop; return that reason, or the action's error, or None."""
     task = asyncio.ensure_future(action)
     try:
         while not task.done():
@@ -176,6 +176,6 @@ async def unless(action: Coroutine[Any, Any, None], why: Callable[[], str | None
 
 
 def _longest(move: Move, watch: Watch) -> float:
-    """Return the seconds after which a move that has not ended is given up."""
-    way = 0.0 if watch.joints is None else float(np.max(np.abs(move.target - watch.joints)))
-    return 10.0 + 20.0 * way / move.speed
+    """Return the seconds after which a move that has not ended is a fault."""
+    longest = 0.0 if watch.joints is None else float(np.max(np.abs(move.target - watch.joints)))
+    return 10.0 + 20.0 * longest / move.speed

@@ -1,4 +1,4 @@
-"""Bringing an arm to rest: every way in turn, until its joints are seen to stand."""
+"""Stopping an arm: each way to stop in turn, until the reported joints stand still."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
 
 STANDS = 0.5
-"""Seconds that joints stand still before a stop is confirmed."""
+"""Seconds that the joints must stand still before a stop is confirmed."""
 
 STANDS_LONG = 2.0
-"""The same where a move was sent and the arm has not been seen to begin it: it may still do so."""
+"""The same if a move was sent and the arm has not visibly begun it: it may still begin."""
 
 _WAY = 0.8
 _BLIND = 0.1
 _LAST = 0.5
 _ROUNDS = 2
 _TICK = 0.02
-_BEGUN = 1e-2  # rad; an arm that moved so far from where a move was sent has begun it
+_BEGUN = 1e-2  # rad; an arm that has moved farther since a move was sent has begun it
 
 Say = Callable[[str], None]
 Way = tuple[str, Callable[[], Awaitable[None]]]
-"""A way to stop in words, and what does it; it raises DeviceError where it fails."""
+"""A way to stop: its description and its action, which raises DeviceError if it fails."""
 
 
 class Stoppable(Protocol):
-    """What can be asked to stop."""
+    """An object with ways to stop an arm."""
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -39,7 +39,7 @@ class Stoppable(Protocol):
 
 @dataclass(frozen=True)
 class Underway:
-    """A move that was sent: where to, and where the joints were, rad."""
+    """A move that was sent: its target, and the joint angles when it was sent, rad."""
 
     target: Array
     start: Array | None
@@ -47,14 +47,14 @@ class Underway:
 
 @dataclass(frozen=True)
 class Stop:
-    """How a stop went.
+    """The result of a stop.
 
     Attributes
     ----------
     confirmed
-        Whether the joints were seen to stand.
+        Whether the joints are known to stand still.
     text
-        What was done and seen.
+        What was done and observed.
     """
 
     confirmed: bool
@@ -62,12 +62,12 @@ class Stop:
 
 
 async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | None, say: Say) -> Stop:
-    """Stop the arm by every way in turn until its joints stand, and return how that went.
+    """Stop the arm by each way in turn until its joints stand still, and return the result.
 
     Parameters
     ----------
     underway
-        The move the arm was sent on, None where there is none.
+        The move that was sent; None if there is none.
     """
     since = watch.now_ns
     seconds = STANDS_LONG if _may_begin(underway, watch) else STANDS
@@ -82,12 +82,12 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
                 continue
             taken = True
             done.append(f"{name}: sent")
-            if await _seen(watch, since, seconds, _WAY):
+            if await _standing(watch, since, seconds, _WAY):
                 return _confirmed(done, seconds)
-        if await _seen(watch, since, seconds, seconds + _LAST):
+        if await _standing(watch, since, seconds, seconds + _LAST):
             if taken or underway is None or watch.rests_at(underway.target):
                 return _confirmed(done, seconds)
-            return Stop(False, f"the joints stand now, but no stop could be sent ({'; '.join(done)})")
+            return Stop(False, f"the joints stand still now, but no stop could be sent ({'; '.join(done)})")
         if number == 0:
             say("THE STOP IS NOT CONFIRMED: press the emergency stop; trying again")
     return Stop(False, f"{_blind(watch)} ({'; '.join(done)})")
@@ -99,12 +99,12 @@ def _confirmed(done: list[str], seconds: float) -> Stop:
 
 def _blind(watch: Watch) -> str:
     if watch.holds and watch.stands(watch.now_ns - round(2e9 * STANDS), STANDS):
-        return "the joints stand now, but the controller still holds a program and may go on with it"
-    return "the joints still move" if watch.hears() else "no joint angles come in"
+        return "the joints stand still now, but the controller still holds a program and may continue it"
+    return "the joints still move" if watch.hears() else "no joint angles are received"
 
 
 def _may_begin(underway: Underway | None, watch: Watch) -> bool:
-    """Return whether the arm was sent somewhere and has not been seen to move yet."""
+    """Return whether a move was sent and the arm has not visibly begun it."""
     joints = watch.joints
     if underway is None:
         return False
@@ -113,10 +113,10 @@ def _may_begin(underway: Underway | None, watch: Watch) -> bool:
     return bool(abs(joints - underway.start).max() < _BEGUN) and not watch.rests_at(underway.target)
 
 
-async def _seen(watch: Watch, since_ns: int, seconds: float, patience: float) -> bool:
-    """Wait until the controller holds no program and the joints stand; return whether that was seen.
+async def _standing(watch: Watch, since_ns: int, seconds: float, patience: float) -> bool:
+    """Wait until the controller holds no program and the joints stand still; return whether that was observed.
 
-    Without joint angles the wait is short.
+    The wait is short if no joint angles are received.
     """
     loop = asyncio.get_running_loop()
     ends = loop.time() + patience

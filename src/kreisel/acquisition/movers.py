@@ -1,4 +1,4 @@
-"""What sends moves to a controller: lines of URScript, or telegrams to kreisel's program on a KUKA controller."""
+"""Movers: they send moves to a controller, as URScript or as telegrams to kreisel's program on a KUKA controller."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from kreisel.protocols import ekrl, secondary, urscript
 
 _PATIENCE = 3.0
 _QUICK = 1.0
-"""Seconds that one way to stop may take."""
+"""Longest time for one way to stop, s."""
 
 _DASHBOARD = 29999
 _CHUNK = 4096
 
 
 def mover_at(address: Address, speed: float, fastest: float) -> Mover:
-    """Return what moves the arm at an address of `devices.address.MOVERS`.
+    """Return the mover for an address with a scheme of `devices.address.MOVERS`.
 
     Parameters
     ----------
     speed
         The leading joint's speed at full share, rad/s.
     fastest
-        The fastest joint's largest speed, rad/s: telegrams name shares of it.
+        The fastest joint's maximum speed, rad/s; speeds in telegrams are shares of it.
     """
     if address.scheme == "urscript":
         return UrScriptMover(address, speed)
@@ -40,7 +40,7 @@ def mover_at(address: Address, speed: float, fastest: float) -> Mover:
 
 
 class Mover(Protocol):
-    """What sends moves to a controller.
+    """Sends moves to a controller.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Mover(Protocol):
 
     @property
     def trouble(self) -> str | None:
-        """Why no more moves can be sent, such as a connection that has ended; None where all is well."""
+        """The reason why no more moves can be sent, such as a lost connection; None if there is none."""
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -74,12 +74,12 @@ class Mover(Protocol):
         """Close the connection."""
 
     def describe(self, target: Array, speed: float) -> str:
-        """Return what would be sent."""
+        """Return the text of the command for a move."""
 
     def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:
-        """Return the joints' largest velocities (rad/s) and accelerations (rad/s^2) on a way of the joints, (n,) rad.
+        """Return the joints' largest velocities (rad/s) and accelerations (rad/s^2) in a move by `way`, (n,) rad.
 
-        Accelerations are None where the controller takes a share of its own limits. `limits` are the model's, rad/s.
+        Accelerations are None if the controller uses a share of its own limits. `limits` are the model's, rad/s.
         """
 
 
@@ -93,18 +93,18 @@ async def _reach(address: Address, advice: str) -> Streams:
             return await connect(address)
     except (OSError, TimeoutError) as error:
         why = getattr(error, "strerror", None) or "no answer"
-        raise DeviceError(f"{address}: the controller takes no commands ({why}); {advice}") from error
+        raise DeviceError(f"{address}: the controller does not accept commands ({why}); {advice}") from error
 
 
 class _Line:
-    """A connection to a script port: what the controller sends there is read all the time, so that its end is seen.
+    """A connection to a script port; the controller's data are read continuously, so that its end is detected.
 
     Attributes
     ----------
     ended
         How the connection ended, or None.
     blocked
-        The state in which the arm must not move that the controller reports here; empty where it reports none.
+        The state reported on this connection in which the arm must not move; empty if none is reported.
     """
 
     def __init__(self, streams: Streams) -> None:
@@ -114,7 +114,7 @@ class _Line:
         self._reading = asyncio.ensure_future(self._read())
 
     async def send(self, data: bytes) -> None:
-        """Send bytes; raise DeviceError where the connection has ended."""
+        """Send bytes; raise DeviceError if the connection has ended."""
         try:
             if self.ended is None:
                 self._writer.write(data)
@@ -140,7 +140,7 @@ class _Line:
 
 
 class UrScriptMover:
-    """Moves for a Universal Robots controller, line by line over its secondary interface.
+    """Sends moves to a Universal Robots controller as lines of URScript over its secondary interface.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class UrScriptMover:
 
     @property
     def trouble(self) -> str | None:
-        """Why no more moves can be sent."""
+        """The reason why no more moves can be sent, or None."""
         for line in self._lines[:1]:
             if line.blocked:
                 return f"the controller reports: {line.blocked}"
@@ -193,13 +193,13 @@ class UrScriptMover:
             raise DeviceError(f"{self._address}: {error}") from error
 
     async def stop(self) -> None:
-        """Bring the arm to rest where it is, over the connection that took the moves."""
+        """Stop the arm where it is, over the connection of the moves."""
         if not self._lines:
             raise DeviceError("not connected")
         await self._lines[0].send(urscript.encode(urscript.Stop()))
 
     async def _stop_anew(self) -> None:
-        """Send a new program, which takes the place of the one that runs."""
+        """Send a new program over a new connection; it replaces the running one."""
         try:
             async with asyncio.timeout(_QUICK):
                 line = _Line(await connect(self._address))
@@ -218,7 +218,7 @@ class UrScriptMover:
         try:
             writer.write(b"stop\n")
             await writer.drain()
-            with suppress(TimeoutError, ValueError):  # one that does not answer may have stopped all the same
+            with suppress(TimeoutError, ValueError):  # without an answer, the program may have stopped anyway
                 async with asyncio.timeout(_QUICK):
                     while (answer := await reader.readline()).startswith(b"Connected"):  # the greeting
                         pass
@@ -227,7 +227,7 @@ class UrScriptMover:
         finally:
             writer.close()
         if b"fail" in answer.lower() or b"could not" in answer.lower():
-            raise DeviceError(f"it answers '{answer[:60].decode('ascii', 'replace').strip()}'")
+            raise DeviceError(f"the answer is '{answer[:60].decode('ascii', 'replace').strip()}'")
 
     async def close(self) -> None:
         """Close the connections."""
@@ -235,11 +235,11 @@ class UrScriptMover:
             await line.close()
 
     def describe(self, target: Array, speed: float) -> str:
-        """Return what would be sent."""
+        """Return the text of the command for a move."""
         return urscript.encode(self._command(target, speed)).decode().strip()
 
-    def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:  # noqa: ARG002 - as all
-        """Return the joints' largest velocities and accelerations; those sent are of the joint with the longest way."""
+    def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:  # noqa: ARG002
+        """Return the joints' largest velocities and accelerations; the values sent are those of the leading joint."""
         share = np.abs(way) / max(float(np.max(np.abs(way))), 1e-9)
         command = self._command(way, speed)
         return share * command.speed, share * command.acceleration
@@ -250,12 +250,12 @@ class UrScriptMover:
 
 
 class EkrlMover:
-    """Moves for kreisel's program on a KUKA controller, over EthernetKRL or a serial line.
+    """Sends moves to kreisel's program on a KUKA controller, over EthernetKRL or a serial line.
 
     Parameters
     ----------
     share
-        Of the axes' full speed, at full share of the program's.
+        Share of the axes' full speed that corresponds to full share in the program.
     speed
         The leading joint's speed at full share, rad/s.
     """
@@ -266,7 +266,7 @@ class EkrlMover:
         self._address, self._share = address, share
         self._numbers = itertools.count(1)
         self._moving: int | None = None
-        self._heard: asyncio.Queue[ekrl.State | None] = asyncio.Queue()
+        self._states: asyncio.Queue[ekrl.State | None] = asyncio.Queue()
         self._streams: Streams | None = None
         self._listening: asyncio.Task[None] | None = None
 
@@ -282,12 +282,12 @@ class EkrlMover:
         self._listening = asyncio.ensure_future(self._listen(self._streams[0]))
 
     async def move(self, target: Array, speed: float) -> None:
-        """Send one move, and wait until it is taken up.
+        """Send one move, and wait until the controller accepts it.
 
         Raises
         ------
         DeviceError
-            If it is refused, or nothing is answered.
+            If the move is refused, or not answered.
         """
         number = self._moving = next(self._numbers)
         doing = await self._ask(self._move(target, speed, number), number, _PATIENCE)
@@ -298,14 +298,14 @@ class EkrlMover:
 
     @property
     def ways(self) -> tuple[Way, ...]:
-        """Ways to stop, the quickest first: kreisel's program brakes as well when nobody is connected any more."""
+        """Ways to stop, the quickest first; kreisel's program also brakes when the connection is closed."""
         first: Way = ("a Stop telegram", self.stop)
         if self._address.scheme == "serial":
             return (first, ("another Stop telegram", self.stop))
         return (first, ("the connection closed", self.close))
 
     async def stop(self) -> None:
-        """Bring the arm to rest where it is."""
+        """Stop the arm where it is."""
         number, self._moving = next(self._numbers), None
         await self._ask(ekrl.Stop(number), number, _QUICK)
 
@@ -319,11 +319,11 @@ class EkrlMover:
         self.trouble = self.trouble or "the connection is closed"
 
     def describe(self, target: Array, speed: float) -> str:
-        """Return what would be sent."""
+        """Return the text of the command for a move."""
         return ekrl.encode(self._move(target, speed, 0)).decode()
 
     def peaks(self, way: Array, speed: float, limits: Array) -> tuple[Array, Array | None]:
-        """Return the joints' largest velocities; the controller takes the same share of its own accelerations."""
+        """Return the joints' largest velocities; the controller uses the same share of its own accelerations."""
         seconds = float(np.max(np.abs(way) / (speed * self._share * limits)))
         return np.abs(way) / max(seconds, 1e-9), None
 
@@ -331,20 +331,22 @@ class EkrlMover:
         return ekrl.Move(number, tuple(target.tolist()), speed * self._share)
 
     async def _ask(self, command: ekrl.Command, number: int, patience: float) -> ekrl.Doing:
-        """Send a command, and return what is said of it first."""
+        """Send a command, and return the first state reported for it."""
         if self._streams is None or self._streams[1].is_closing():
             raise DeviceError(f"{self._address}: not connected")
         try:
             self._streams[1].write(ekrl.encode(command))
             await self._streams[1].drain()
             async with asyncio.timeout(patience):
-                while (state := await self._heard.get()) is not None:
+                while (state := await self._states.get()) is not None:
                     if state.number == number:
                         return state.doing
         except TimeoutError:
             raise DeviceError(f"{self._address}: the controller does not answer command {number}") from None
         except OSError as error:
-            raise DeviceError(f"{self._address}: the controller is gone ({error.strerror})") from error
+            raise DeviceError(
+                f"{self._address}: the connection to the controller is lost ({error.strerror})"
+            ) from error
         raise DeviceError(f"{self._address}: the controller has closed the connection")
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:
@@ -355,14 +357,14 @@ class EkrlMover:
                     try:
                         self._take(ekrl.decode_state(telegram))
                     except ProtocolError:
-                        continue  # a later state tells the same
+                        continue  # a later state has the same information
             self.trouble = f"{self._address}: the controller has closed the connection"
         except OSError as error:
             self.trouble = f"{self._address}: the connection has ended ({error.strerror or error})"
         finally:
-            self._heard.put_nowait(None)
+            self._states.put_nowait(None)
 
     def _take(self, state: ekrl.State) -> None:
-        self._heard.put_nowait(state)
+        self._states.put_nowait(state)
         if state.number == self._moving and state.doing is ekrl.Doing.STOPPED:
             self.trouble = f"{self._address}: the controller reports that move {state.number} was stopped"

@@ -1,4 +1,4 @@
-"""Recording: what devices send into one file that stays readable whatever happens."""
+"""Recording the data of devices into one file that stays readable after a kill, a full disk or a lost device."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.settings import RecordingSettings
 
 FLUSH = 0.1
-"""Seconds after which what has come in is written out: with what waits in queues, what a kill may cost."""
+"""Seconds between two flushes to the file: these and the data in queues are lost if the process is killed."""
 
 SHOW = 0.5
-"""Seconds between two calls of what shows the status."""
+"""Seconds between two calls of `show`."""
 
 _QUEUE = 50_000
 
 
 @dataclass
 class Excitation:
-    """How the IMU has been moved so far: what calibration needs is turns about all axes, and rests.
+    """The motion of the IMU so far: calibration needs rotations about all axes, and standstills.
 
     Attributes
     ----------
     turned : (3,)
-        Angle each axis has turned through, to and fro, rad.
-    tilted : (3,)
+        Integral of the absolute angular rate of each axis, rad.
+    lowest, highest : (3,)
         Lowest and highest acceleration of each axis, m/s^2.
     """
 
@@ -48,14 +48,14 @@ class Excitation:
     highest: list[float] = field(default_factory=lambda: [-math.inf] * 3)
 
     def take(self, sample: ImuSample, seconds: float) -> None:
-        """Take a reading, so many seconds after the one before."""
+        """Take a reading, `seconds` after the one before."""
         for i in range(3):
             self.turned[i] += abs(sample.rate[i]) * seconds
             self.lowest[i] = min(self.lowest[i], sample.acceleration[i])
             self.highest[i] = max(self.highest[i], sample.acceleration[i])
 
     def missing(self) -> list[str]:
-        """Return what is still to be done, in words."""
+        """Return the motions that are still missing, in words."""
         out = [f"turn about {axis}" for axis, angle in zip("xyz", self.turned, strict=True) if angle < 2.0 * math.pi]
         for axis, low, high in zip("xyz", self.lowest, self.highest, strict=True):
             if not high - low > 9.0:
@@ -65,7 +65,7 @@ class Excitation:
 
 @dataclass
 class Status:
-    """What a recorder shows while it runs."""
+    """The status of a recorder while it runs."""
 
     began_ns: int
     imu: Stream = field(default_factory=Stream)
@@ -77,11 +77,11 @@ class Status:
 
     @property
     def empty(self) -> bool:
-        """Whether no reading has come in of any device."""
+        """Whether no reading of any device has been received."""
         return not self.imu.count and not self.robot.count
 
     def complete(self, *, with_robot: bool) -> bool:
-        """Return whether readings have come in of every device that is recorded."""
+        """Return whether readings of every recorded device have been received."""
         return self.imu.count > 0 and (self.robot.count > 0 or not with_robot)
 
 
@@ -89,7 +89,7 @@ Show = Callable[[Status], None]
 
 
 class Recorder:
-    """Readings and notes into an MCAP stream.
+    """Writes readings and notes to an MCAP stream.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Recorder:
     settings, urdf
         Written first.
     unix_ns, host_ns
-        One moment on the host's two clocks: log times are the monotonic one, brought once onto the other.
+        The same moment on the host's two clocks: log times are monotonic times plus their difference.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Recorder:
         self._imu_ns: int | None = None
 
     def take(self, source: str, event: Event) -> list[Event]:
-        """Write an event of a device, by its name; return what was kept of it, and of readings held before."""
+        """Write an event of a device, by its name; return the events kept, among them readings held before."""
         if not isinstance(event, Arrival):
             self.note(event.text, event.host_ns, WARN if event.level is not Level.INFO else INFO)
             return [event]
@@ -143,12 +143,12 @@ class Recorder:
             self._writer.add_joints(sample.stamp_ns, sample.joints, log_ns, epoch)
 
     def note(self, text: str, host_ns: int, level: int = INFO) -> None:
-        """Write what happened."""
+        """Write a note."""
         self.status.notes.append(text)
         self._writer.add_note(host_ns + self._shift, level, "kreisel", text)
 
     def flush(self) -> None:
-        """Write out what has come in."""
+        """Write buffered data to the file."""
         self._writer.flush()
         self._stream.flush()
         self.status.written = self._stream.tell()
@@ -171,26 +171,26 @@ async def record(
     show: Show | None = None,
     observe: Callable[[Event], None] | None = None,
 ) -> Status:
-    """Record until so many seconds have passed since readings of all devices come in, or until told to stop.
+    """Record for `seconds` from the moment readings of all devices are received, or until `stop` is set.
 
-    Where recordings are played in the place of devices, it also ends with them. A file without any reading is removed,
-    so that it can be tried again.
+    If recordings are played in the place of devices, it also ends when they end. A file without any reading is removed,
+    so that the command can be repeated.
 
     Parameters
     ----------
     output
-        An .mcap file, or a folder in which one is made.
+        An .mcap file, or a folder in which one is created.
     show
         Called twice a second, and at the end.
     observe
-        Called with every event that is kept, once it is on its way to the file.
+        Called with every event that is kept, after it is passed to the file.
 
     Raises
     ------
     RecordingError
-        If the file exists or cannot be written, what was recorded before is kept; or if one to be played cannot be.
+        If the file exists or cannot be written (earlier data are kept), or if a recording cannot be played.
     SettingsError, DeviceError
-        If an address makes no sense, or is not free to listen on; what came of another device before is kept.
+        If an address is invalid, or not free to listen on; data already received from another device are kept.
     """
     place = Place.of(output)
     if place.file.exists():
@@ -212,7 +212,7 @@ async def record(
             try:
                 await _write(recorder, queue, feeding, ending, stop, seconds, robot is not None, show, observe)
             except KreiselError:
-                recorder.finish()  # what came before is whole
+                recorder.finish()  # the data received before are complete
                 raise
             finally:
                 for task in feeding:
@@ -226,13 +226,13 @@ async def record(
             raise RecordingError(f"cannot be written: {error.strerror or error}", file=place.file) from error
         raise RecordingError(
             f"cannot be written any more ({error.strerror or error}); what was recorded before is kept: "
-            f"`kreisel recover {place.file}` makes it whole",
+            f"run `kreisel recover {place.file}` to get a readable copy",
             file=place.file,
         ) from error
     except KreiselError as error:
         if recorder is None or recorder.status.empty or recorder.status.complete(with_robot=robot is not None):
             raise
-        raise DeviceError(f"{error}; {place.kept_aside()}") from error
+        raise DeviceError(f"{error}; {place.kept_elsewhere()}") from error
     finally:
         if recorder is not None and recorder.status.empty:
             place.clear()
@@ -241,7 +241,7 @@ async def record(
 
 @dataclass(frozen=True)
 class Place:
-    """Where a recording is made: the path the user gave, the file, and the folders that are made for it."""
+    """Where a recording is made: the user's path, the file, and the folders created for it."""
 
     output: Path
     file: Path
@@ -249,19 +249,19 @@ class Place:
 
     @classmethod
     def of(cls, output: Path) -> Place:
-        """Return the place of a recording before it is begun: an .mcap file, or a folder in which one is made."""
+        """Return the place of a recording before it begins: an .mcap file, or a folder in which one is created."""
         file = output if output.suffix == ".mcap" else output / RECORDED
         return cls(output, file, tuple(folder for folder in file.parents if not folder.exists()))
 
     def clear(self) -> None:
-        """Remove a file without readings and the folders made for it, so that they do not stand in the way."""
+        """Remove a file without readings and the folders created for it, so that the command can be repeated."""
         with suppress(OSError):
             self.file.unlink()
             for folder in self.made:
                 folder.rmdir()
 
-    def kept_aside(self) -> str:
-        """Move a file of only one device beside the place, so that it does not stand in the way; say where it is."""
+    def kept_elsewhere(self) -> str:
+        """Move a file with only one device's data next to the place, and return a text that says where it is."""
         whole = self.output.absolute()
         name = whole.stem if whole.suffix == ".mcap" else whole.name
         number = itertools.count(2)
@@ -271,11 +271,11 @@ class Place:
         try:
             self.file.rename(aside)
         except OSError:
-            return f"what came is kept in {self.file}"
+            return f"the data received are kept in {self.file}"
         with suppress(OSError):
             for folder in self.made:
                 folder.rmdir()
-        return f"what came is kept in {aside}"
+        return f"the data received are kept in {aside}"
 
 
 async def _feed(name: str, source: object, queue: asyncio.Queue[tuple[str, Event]]) -> None:
@@ -294,7 +294,7 @@ async def _write(
     show: Show | None,
     observe: Callable[[Event], None] | None,
 ) -> None:
-    """Write what comes until it is time to stop, or all is written of the sources that end."""
+    """Write events until it is time to stop, or until all events of sources that end are written."""
     status, began = recorder.status, None
 
     def take(name: str, event: Event) -> None:

@@ -1,4 +1,4 @@
-"""Recording and driving side by side."""
+"""Recording and driving at the same time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PATIENCE = 10.0
 
 @dataclass(frozen=True)
 class Devices:
-    """Where IMU and robot are, and what moves the arm."""
+    """Addresses of IMU and robot, and the mover."""
 
     imu: Address
     robot: Address
@@ -35,12 +35,12 @@ class Devices:
 
 @dataclass(frozen=True)
 class Orders:
-    """What is to be done: the program, on an arm, and what the user allows.
+    """The task: the program, the arm, and the limits set by the user.
 
     Attributes
     ----------
     enough
-        Whether what was wanted is known; asked between moves.
+        Returns whether the wanted accuracy is reached; called between moves.
     """
 
     program: Program
@@ -59,14 +59,14 @@ async def run(
 ) -> tuple[Ending, Status]:
     """Drive a program while the cell is recorded; return how the motion ended, and what was recorded.
 
-    See `drive` and `record`. Nothing is moved before the arm's pose is known and was checked: see `check_state`.
+    See `drive` and `record`. Nothing is moved before the arm's pose is known and checked; see `check_state`.
 
     Raises
     ------
     DeviceError, RobotError
-        If a device cannot be reached, or the arm must not be moved as it stands.
+        If a device cannot be reached, or a check before the first move fails.
     RecordingError
-        If the file cannot be written; the motion is stopped then.
+        If the file cannot be written; the motion is then stopped.
     """
     over, watch, mover = asyncio.Event(), Watch(orders.arm), devices.mover
     recording = asyncio.ensure_future(
@@ -92,7 +92,7 @@ async def run(
 
 
 def _how(ending: Ending) -> str:
-    """Return how the motion ended, for an error of the recorder."""
+    """Return a text on how the motion ended, for an error of the recorder."""
     if ending.stop is None:
         return f"; the motion ended: {ending}"
     if ending.stop.confirmed:
@@ -101,19 +101,19 @@ def _how(ending: Ending) -> str:
 
 
 async def _watch_on(recording: asyncio.Future[Status], robot: Address, watch: Watch) -> None:
-    """Stop the motion if the recorder fails, and go on watching the arm: its rest is to be seen."""
+    """Stop the motion if the recorder fails, and continue to read the arm's joints, to confirm the stop."""
     await asyncio.wait([recording])
-    watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'nothing more comes'}"
+    watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'no more data'}"
     with suppress(DeviceError):
         async for event in events(robot):
             watch.take(event)
 
 
 async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> None:
-    """Wait for the devices, check what they report, and connect to what moves the arm."""
+    """Wait for the devices, check their reports, and connect the mover."""
 
     def why() -> str | None:
-        return watch.reason or ("told to" if halt.is_set() else None)
+        return watch.reason or ("stop requested" if halt.is_set() else None)
 
     await _until_seen(watch, halt)
     if watch.sample is not None:
@@ -128,7 +128,5 @@ async def _until_seen(watch: Watch, halt: asyncio.Event) -> None:
     ends = asyncio.get_running_loop().time() + _PATIENCE
     while not watch.ready or watch.reason is not None:
         if halt.is_set() or watch.reason is not None or asyncio.get_running_loop().time() > ends:
-            raise DeviceError(
-                f"nothing was moved: {watch.reason or 'robot and IMU do not both tell what they measure'}"
-            )
+            raise DeviceError(f"nothing was moved: {watch.reason or 'robot and IMU do not both send data'}")
         await asyncio.sleep(0.01)

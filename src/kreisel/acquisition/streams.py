@@ -1,4 +1,4 @@
-"""What a recorder knows of one stream: its clock, what was lost of it, how fast it comes."""
+"""The recorder's state of one stream: its clock, lost readings, and rate."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from itertools import pairwise
 from kreisel.devices.events import Arrival
 
 LEAP_NS = 1_000_000_000
-"""A device's clock that moves by so much more or less than the host's has leapt."""
+"""ns; a device's clock has leapt if it advances by this much more or less than the host's clock."""
 
 AGREEING = 4
-"""Readings in a row that agree on another clock before what follows is a new part; fewer are dropped."""
+"""Number of consecutive readings that must agree on another clock to begin a new part; fewer are dropped."""
 
 _RECENT = 512
 
@@ -24,10 +24,10 @@ class Stream:
     Attributes
     ----------
     epoch
-        Which of the device's clocks readings are on: one more for every leap.
+        Number of the device's clock that readings are on; increases by one with every leap.
     count, late, missing, odd
-        Readings taken; those that came after newer ones, or twice; those the stamps show to be missing; those dropped
-        because their stamps are on another clock, and the next ones were not.
+        Number of readings taken; of those that came after newer ones, or twice; of those missing according to the
+        stamps; of those dropped because their stamps were on another clock and those of the next readings were not.
     """
 
     epoch: int = 1
@@ -43,7 +43,7 @@ class Stream:
     _held: list[Arrival] = field(default_factory=list)
 
     def take(self, reading: Arrival) -> tuple[list[Arrival], list[str]]:
-        """Take a reading; return the readings to be kept now, and what is to be noted.
+        """Take a reading; return the readings to keep now, and notes.
 
         A reading that is late or came twice is counted and not kept. One on another clock is held until `AGREEING` of
         them in a row agree: they begin a new part.
@@ -66,7 +66,7 @@ class Stream:
         return [reading], notes
 
     def _hold(self, reading: Arrival, leap_ns: int) -> tuple[list[Arrival], list[str]]:
-        """Hold a reading on another clock; return those held once enough of them agree."""
+        """Hold a reading on another clock; return the held readings when enough of them agree."""
         notes: list[str] = []
         if self._held:
             last = self._held[-1]
@@ -87,13 +87,13 @@ class Stream:
         self._stamp_ns, self._host_ns = reading.sample.stamp_ns, reading.host_ns
         self.count += len(held) - 1
         notes.append(
-            f"the device's clock leapt by {leap_ns * 1e-9:+.3f} s, as where it was started anew: what "
-            f"follows is on a clock of its own, and on a topic of its own ending in _{self.epoch}"
+            f"the device's clock leapt by {leap_ns * 1e-9:+.3f} s, for example after a restart: "
+            f"the readings that follow are on a new clock, and on a new topic that ends in _{self.epoch}"
         )
         return held, notes
 
     def _drop_held(self) -> list[str]:
-        """Drop what is held; return a note, for the first, the tenth, the hundredth, … of them."""
+        """Drop the held readings; return a note for the first, the tenth, the hundredth, … of them."""
         if not self._held:
             return []
         before = self.odd
@@ -101,7 +101,7 @@ class Stream:
         self._held = []
         if len(str(self.odd)) == len(str(before)) and before:
             return []
-        return [f"readings dropped whose stamps are on another clock than those before and after: {self.odd} so far"]
+        return [f"readings dropped: stamps on another clock than those before and after; {self.odd} so far"]
 
     @property
     def rate(self) -> float:
@@ -110,7 +110,7 @@ class Stream:
 
     @property
     def drift_ppm(self) -> float | None:
-        """How much faster the device's clock runs than the host's, after ten seconds."""
+        """How much faster the device's clock runs than the host's, ppm; None in the first ten seconds."""
         if self._first is None or self._stamp_ns is None or self._host_ns - self._first[1] < 10 * 10**9:
             return None
         return 1e6 * ((self._stamp_ns - self._first[0]) / (self._host_ns - self._first[1]) - 1.0)
@@ -123,7 +123,7 @@ class Stream:
         self.count += 1
 
     def _gap(self, step: int) -> list[str]:
-        """Count what is missing before a reading; return a note where it is more than a quarter of a second."""
+        """Count the readings missing before a reading; return a note if the gap is longer than 0.25 s."""
         if len(self._steps) >= 16 and (not self._interval_ns or len(self._steps) % 64 == 0):
             self._interval_ns = sorted(self._steps)[len(self._steps) // 2]
         if not self._interval_ns or step < 1.6 * self._interval_ns:

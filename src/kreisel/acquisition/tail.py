@@ -1,4 +1,4 @@
-"""A recording that is still being made, read as it grows; the file is all that ties reader and recorder together."""
+"""Reading a recording while it is being made; reader and recorder share the file only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAGIC = 8
 
 @dataclass
 class Rows:
-    """The messages of one topic: stamps, what tells bodies apart, and rows of numbers as in `recording.bag`."""
+    """The messages of one topic: stamps, keys that distinguish bodies, and rows of numbers as in `formats.bag`."""
 
     topic: Topic
     width: int
@@ -34,7 +34,7 @@ class Rows:
         Raises
         ------
         RecordingError
-            If their rows are of another width.
+            If their rows have another width.
         """
         if other.width != self.width:
             raise RecordingError(
@@ -52,21 +52,21 @@ class Rows:
 
 
 class Tail:
-    """What there is of a recording by now.
+    """The part of a recording that has been written so far.
 
     Parameters
     ----------
     path
-        The .mcap file, or the folder it is made in.
+        The .mcap file, or its folder.
     keep
-        Whether `recording` will be wanted; otherwise only what is new is held, for the caller of `read`.
+        Whether `recording` will be called; otherwise only new messages are held, for the caller of `read`.
 
     Attributes
     ----------
     ended
-        Whether its recorder has finished it.
+        Whether the recorder has finished the file.
     notes
-        Level and text of what the recorder noted.
+        Level and text of the recorder's notes.
     """
 
     def __init__(self, path: Path, *, keep: bool = True) -> None:
@@ -80,7 +80,7 @@ class Tail:
 
     @property
     def begun(self) -> bool:
-        """Whether there is anything yet."""
+        """Whether anything has been read."""
         return self._offset > _MAGIC
 
     @property
@@ -89,12 +89,12 @@ class Tail:
         return self._scan.urdf
 
     def read(self) -> Mapping[str, Rows]:
-        """Take what has been written since, and return it by topic.
+        """Read what has been written since the last call, and return it by topic.
 
         Raises
         ------
         RecordingError
-            If there is no such file, it is not an MCAP file, or a message in it is damaged.
+            If the file does not exist, is not an MCAP file, or contains a damaged message.
         """
         try:
             size = self.file.stat().st_size
@@ -120,12 +120,12 @@ class Tail:
         return new
 
     def recording(self) -> Recording:
-        """Return the recording as far as it goes, checked like a whole one.
+        """Return the recording written so far, with the checks of a complete one.
 
         Raises
         ------
         RecordingError
-            If it is too short yet, or of no use.
+            If it is still too short, or not usable.
         """
         topics = tuple(rows.topic for rows in self._kept.values())
         contents = Contents(self.file, topics, self._scan.settings, urdf=self._scan.urdf)
@@ -141,7 +141,7 @@ class Tail:
             raise RecordingError(f"messages on {topic.name} differ in length; record one robot alone", file=self.file)
         return Rows(topic, width, array("q", stamps.tolist()), keys, numbers)
 
-    def _decoded(self, topic: Topic, path: Path) -> Decoded:  # noqa: ARG002 - all is decoded as it comes
+    def _decoded(self, topic: Topic, path: Path) -> Decoded:  # noqa: ARG002 - messages are decoded as they are read
         kept = self._kept[topic.name]
         numbers = np.array(kept.numbers).reshape(-1, kept.width)
         return np.array(kept.stamps_ns), kept.keys, numbers

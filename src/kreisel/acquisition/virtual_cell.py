@@ -1,4 +1,4 @@
-"""A virtual cell in real time: the simulated controller and IMU as processes of their own, on the loopback."""
+"""A virtual cell in real time: simulated controller and IMU in separate processes, on the loopback interface."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from kreisel.protocols import secondary, urscript
 from kreisel.recording.recording import Recording
 
 INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004}
-"""Usual seconds between two poses of each kind of controller."""
+"""Default time between two poses of each kind of controller, s."""
 
 _HOST = "127.0.0.1"
 _TICK = 0.004
 _STATE = 0.1
-_HEAD_START = 0.2  # for the controller to hear of the beginning
+_HEAD_START = 0.2  # so that the controller reads the start time before the motion begins
 
 
 @dataclass(frozen=True)
 class Urls:
-    """Where the devices are, as `kreisel record` takes them; and where moves are sent, if the arm obeys."""
+    """Addresses of the devices, as `kreisel record` takes them; and of the mover, if the arm takes moves."""
 
     robot: str
     imu: str
@@ -49,7 +49,7 @@ class Urls:
 def running(
     recording: Recording, robot: str, imu: str, *, speed: float = 1.0, robot_port: int = 0, imu_port: int = 0
 ) -> Iterator[tuple[Urls, list[BaseProcess]]]:
-    """Yield the addresses of the two devices, and their processes; both are ended on leaving.
+    """Yield the addresses of the two devices, and their processes; both are terminated on exit.
 
     The motion begins when a client asks the IMU for its readings, and ends with the recording.
 
@@ -58,9 +58,9 @@ def running(
     robot, imu
         `rsi`, `rtde` or `egm`; `ixcom` or `csv`.
     speed
-        How many seconds pass in the cell in one of ours.
+        How many seconds pass in the cell in one second of real time.
     robot_port, imu_port
-        Any free one by default.
+        0 for any free port.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def running(
             )
             process.start()
             processes.append(process)
-            pipes.append(ours)  # a device ends where its end of the pipe breaks
+            pipes.append(ours)  # a device ends when its end of the pipe breaks
             theirs.close()
             ports.append(_answer(ours, f"{scheme}://{_HOST}:{port}"))
         yield Urls(f"{robot}://{_HOST}:{ports[0]}", f"{imu}://{_HOST}:{ports[1]}"), processes
@@ -95,26 +95,26 @@ def running(
 
 
 OBEDIENT = {"rtde": "urscript", "rsi": "ekrl", "ekrl": "ekrl"}
-"""How arms that obey are told to move, by how they tell where they are."""
+"""Protocol for sending moves to an arm, by the protocol with which it sends its pose."""
 
 _MOVES_AT = {"rtde": "?script=", "ekrl": "?moves="}
 
 
 @contextmanager
 def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
-    """Yield the addresses of a cell whose arm moves when it is told to.
+    """Yield the addresses of a cell whose arm takes moves.
 
     Parameters
     ----------
     robot
-        One of `OBEDIENT`: a Universal Robots arm, or a KUKA one with RSI or with kreisel's program alone.
+        One of `OBEDIENT`: a Universal Robots arm, or a KUKA arm with RSI or with kreisel's program only.
 
     Raises
     ------
     SettingsError
-        If the recording has no joint angles or no rests.
+        If the recording has no joint angles or no standstills.
     """
-    ObedientCell(recording)  # so that what is wrong is told here
+    ObedientCell(recording)  # so that errors are raised here
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process: BaseProcess = context.Process(target=_obey, args=(recording, robot, imu, theirs), daemon=True)
@@ -123,8 +123,8 @@ def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, 
     try:
         of_robot, of_mover, of_imu = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
         mover = f"{OBEDIENT[robot]}://{_HOST}:{of_mover}"
-        also = f"{_MOVES_AT[robot]}{of_mover}" if robot in _MOVES_AT else ""
-        yield Urls(f"{robot}://{_HOST}:{of_robot}{also}", f"{imu}://{_HOST}:{of_imu}", mover), [process]
+        option = f"{_MOVES_AT[robot]}{of_mover}" if robot in _MOVES_AT else ""
+        yield Urls(f"{robot}://{_HOST}:{of_robot}{option}", f"{imu}://{_HOST}:{of_imu}", mover), [process]
     finally:
         process.terminate()
         process.join()
@@ -132,8 +132,8 @@ def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, 
 
 
 def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
-    """Be both devices of an obedient cell, until the parent is gone."""
-    _be(_obedient(recording, robot, imu, ready), ready)
+    """Run both devices of a cell whose arm takes moves, until the parent ends."""
+    _run(_obedient(recording, robot, imu, ready), ready)
 
 
 async def _obedient(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
@@ -157,15 +157,15 @@ Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any,
 
 
 def _take_lines(cell: ObedientCell) -> Listener:
-    """Return what takes URScript, as a controller of Universal Robots does: it sends its state meanwhile."""
+    """Return a handler of URScript connections; like a Universal Robots controller, it also sends its state."""
 
-    async def tell(writer: asyncio.StreamWriter) -> None:
+    async def send_states(writer: asyncio.StreamWriter) -> None:
         while not writer.is_closing():
             writer.write(secondary.encode_state(round(time.monotonic() * 1e6)))
             await asyncio.sleep(_STATE)
 
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        telling = asyncio.ensure_future(tell(writer))
+        sending = asyncio.ensure_future(send_states(writer))
         with suppress(OSError, asyncio.CancelledError):
             while line := await reader.readline():
                 with suppress(ProtocolError):
@@ -174,19 +174,19 @@ def _take_lines(cell: ObedientCell) -> Listener:
                         cell.stop()
                     else:
                         cell.move(command.target)
-        telling.cancel()
+        sending.cancel()
         writer.close()
 
     return listen
 
 
 def _take_telegrams(cell: ObedientCell) -> Listener:
-    """Return what takes telegrams, as kreisel's program on a KUKA controller does."""
+    """Return a handler of telegram connections, like kreisel's program on a KUKA controller."""
 
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(OSError, asyncio.CancelledError):
             await ekrl_simulator(cell, reader, writer)
-        cell.stop()  # as the program does once nobody is connected
+        cell.stop()  # as the program does when no client is connected
         writer.close()
 
     return listen
@@ -203,27 +203,27 @@ def _answer(connection: Connection, address: str) -> int:
 
 
 def _free_port() -> int:
-    """Return a UDP port nobody listens on."""
+    """Return a free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((_HOST, 0))
         return int(probe.getsockname()[1])
 
 
 def _play(what: str, scheme: str, port: int, recording: Recording, speed: float, began: Any, ready: Connection) -> None:
-    """Be one device, in a process of its own, until the recording ends or the parent is gone."""
-    _be(_device(what, scheme, port, recording, speed, began, ready), ready)
+    """Run one device, in a separate process, until the recording or the parent ends."""
+    _run(_device(what, scheme, port, recording, speed, began, ready), ready)
 
 
-def _be(device: Coroutine[Any, Any, None], ready: Connection) -> None:
+def _run(device: Coroutine[Any, Any, None], ready: Connection) -> None:
     """Run a device until it ends, or the parent's end of the pipe breaks."""
 
-    async def be() -> None:
+    async def until_end() -> None:
         task = asyncio.ensure_future(device)
         asyncio.get_running_loop().add_reader(ready.fileno(), task.cancel)
         await task
 
     with suppress(KeyboardInterrupt, asyncio.CancelledError):
-        asyncio.run(be())
+        asyncio.run(until_end())
 
 
 async def _device(

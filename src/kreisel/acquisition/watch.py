@@ -1,4 +1,4 @@
-"""What is seen of arm and IMU while they move: reasons to stop, and whether the arm stands."""
+"""Monitoring of arm and IMU during the motion: reasons to stop, and whether the arm stands still."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from kreisel.robot.agreement import Agreement
 from kreisel.robot.kinematics import Arm
 
 NEAR = 3e-3
-"""rad; an arm that stands so near its target has arrived."""
+"""rad; an arm that rests within this distance of its target has arrived."""
 
 STILL = 2e-4
-"""rad; an arm whose joints stay within this for `SETTLED` s rests."""
+"""rad; an arm whose joints stay within this range for `SETTLED` s rests."""
 
 DRIFT = 5e-5
-"""rad; joints that stand do not differ by more between the two halves of the time looked at: that finds slow motion."""
+"""rad; largest difference between the mean angles of both halves of a standstill; detects slow motion."""
 
 SETTLED = 0.3
 MARGIN = math.radians(1.0)
-"""rad; an arm that comes so near a limit of its joints is stopped."""
+"""rad; an arm is stopped when a joint is within this distance of its limit."""
 
 OVERDUE = 1.5
 """Seconds without joint angles, or without readings of the IMU, after which the arm is stopped."""
 
 ENDED = 1.0
-"""Seconds at rest, without a program running on the controller, after which a move has ended away from its target."""
+"""Seconds at rest, without a running program on the controller, after which a move counts as ended off its target."""
 
 _KEPT_NS = 4_000_000_000
 _FRESH_NS = 300_000_000
@@ -42,27 +42,27 @@ _FEWEST = 5
 _SATURATED = 20
 
 Row = tuple[int, int, tuple[float, ...]]
-"""Host's time and stamp in ns, and joint angles in rad."""
+"""Host's time and stamp in ns, joint angles in rad."""
 
 
 class Watch:
-    """What is seen of arm and IMU while they move; a reason to stop, once there is one.
+    """The latest data of arm and IMU during the motion, and a reason to stop, if there is one.
 
     Parameters
     ----------
     clock
-        The host's monotonic clock, ns, by which readings are stamped as they come in.
+        The host's monotonic clock, ns, of the readings' times of arrival.
 
     Attributes
     ----------
     alarm
-        Why to stop, or None.
+        A reason to stop, or None.
     sample
-        What the robot reported last, with joint angles.
+        The robot's last sample with joint angles.
     holds
-        Whether the controller reported last that it runs a program or has paused one.
+        Whether the controller's last report says that it runs a program or has paused one.
     agreement
-        What is known of the model against the reported poses.
+        The comparison of the model with the reported poses.
     """
 
     def __init__(self, arm: Arm, clock: Callable[[], int] = time.monotonic_ns) -> None:
@@ -79,7 +79,7 @@ class Watch:
         self._idle_ns: int | None = None
 
     def take(self, event: Event) -> None:
-        """Take what a device brings."""
+        """Take an event of a device."""
         if not isinstance(event, Arrival):
             if event.level is Level.LOST:
                 self.alarm = self.alarm or event.text
@@ -91,7 +91,7 @@ class Watch:
 
     @property
     def reason(self) -> str | None:
-        """Why to stop now: the alarm, or a device that brings nothing; None where all is well."""
+        """The reason to stop now: the alarm, or a device that sends nothing; None if there is no reason."""
         if self.alarm is None and self.ready:
             now = self._clock()
             for what, last_ns in (("joint angles", self._recent[-1][0]), ("readings of the IMU", self._imu_ns)):
@@ -101,7 +101,7 @@ class Watch:
 
     @property
     def ready(self) -> bool:
-        """Whether both devices have been heard."""
+        """Whether data of both devices have been received."""
         return self._last is not None and bool(self._recent)
 
     @property
@@ -115,7 +115,7 @@ class Watch:
         return self._clock()
 
     def hears(self) -> bool:
-        """Return whether joint angles come in at present."""
+        """Return whether joint angles are being received."""
         return bool(self._recent) and self._clock() - self._recent[-1][0] < _FRESH_NS
 
     def rests_at(self, target: Array) -> bool:
@@ -130,9 +130,9 @@ class Watch:
         return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(np.abs(angles[0] - target) < NEAR))
 
     def stands(self, since_ns: int, seconds: float) -> bool:
-        """Return whether the joints have stood still for so long until now, seen after a time of the host's.
+        """Return whether the joints have stood still for the last `seconds` seconds, by samples after `since_ns`.
 
-        The time is counted on both clocks: readings that were held up on the way, and come in together, are not enough.
+        The duration must be reached on both clocks: delayed readings that arrive together are not sufficient.
         """
         if not self.hears():
             return False
@@ -145,11 +145,11 @@ class Watch:
         return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT))
 
     def begin_move(self) -> None:
-        """Take note that a move is sent: see `ended`."""
+        """Note that a move is sent; see `ended`."""
         self._played, self._idle_ns = False, None
 
     def ended(self) -> bool:
-        """Return whether the controller began the move, runs no program any more, and the arm stands."""
+        """Return whether the controller began the move, no longer runs a program, and the arm stands still."""
         if self._idle_ns is None or self._clock() - self._idle_ns < ENDED * 1e9:
             return False
         return self.stands(self._idle_ns, ENDED)
@@ -165,7 +165,7 @@ class Watch:
         if not sample.joints:
             return
         if self._recent and sample.stamp_ns <= self._recent[-1][1]:
-            self.alarm = self.alarm or "the robot's clock leapt: was its controller started anew?"
+            self.alarm = self.alarm or "the robot's clock leapt: was its controller restarted?"
             self._recent.clear()
         self.sample = sample
         self._recent.append((host_ns, sample.stamp_ns, sample.joints))
@@ -174,7 +174,7 @@ class Watch:
         self.alarm = self.alarm or next(self._complaints(sample), None)
 
     def _complaints(self, sample: RobotSample) -> Iterator[str]:
-        """Yield what is wrong with a pose."""
+        """Yield the faults of a pose."""
         arm = self._arm
         if len(sample.joints) != len(arm.joints):
             yield f"the robot reports {len(sample.joints)} joint angles, and the model has {len(arm.joints)} joints"
@@ -182,7 +182,7 @@ class Watch:
         for name, angle, low, high in zip(arm.joints, sample.joints, arm.lower, arm.upper, strict=True):
             if not low + MARGIN < angle < high - MARGIN:
                 yield (
-                    f"{name} stands at {math.degrees(angle):.1f} deg, within a degree of its limits "
+                    f"{name} is at {math.degrees(angle):.1f} deg, within a degree of its limits "
                     f"{math.degrees(low):.0f} to {math.degrees(high):.0f} deg"
                 )
         self.agreement.take(sample)
@@ -190,7 +190,7 @@ class Watch:
             yield self.agreement.complaint
 
     def _imu(self, sample: ImuSample) -> None:
-        """Look for a channel at its limit: it stays the same while others go on."""
+        """Detect a saturated channel: it stays constant while others change."""
         values = (*sample.rate, *sample.acceleration)
         if self._last is not None:
             moving = sum(a != b for a, b in zip(values, self._last, strict=True)) >= 3
@@ -198,7 +198,7 @@ class Watch:
                 self._same[k] = self._same[k] + 1 if moving and a == b and a != 0.0 else 0
                 if self._same[k] >= _SATURATED:
                     name = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")[k]
-                    self.alarm = self.alarm or f"the IMU is saturated: {name} stays at {a:.6g} while the others go on"
+                    self.alarm = self.alarm or f"the IMU is saturated: {name} stays at {a:.6g} while the others change"
         self._last = values
 
 

@@ -1,1 +1,1 @@
-"""From a recording to a calibration: what is judged once the filter has run, and the result."""
+"""From a recording to a calibration: the checks after the filter has run, and the result."""

@@ -1,4 +1,4 @@
-"""Arrays a user gives: checked, with the argument's name in every message."""
+"""Checks of arrays that a user passes; every message names the argument."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 
 _MIN_SAMPLES = 6
-"""Samples that rates are differentiated and integrated over."""
+"""Least number of samples; rates are differentiated and integrated over them."""
 
 _MAX_STEP = 1.0
-"""Seconds between samples from which floats are no seconds of an IMU."""
+"""Seconds between samples; above it, floats cannot be stamps of an IMU in seconds."""
 
 _MIN_STEP = 1e-6
-"""Seconds between samples below which integers are no nanoseconds of an IMU."""
+"""Seconds between samples; below it, integers cannot be stamps of an IMU in nanoseconds."""
 
 
 def triads(values: ArrayLike, name: str) -> Array:
@@ -24,12 +24,12 @@ def triads(values: ArrayLike, name: str) -> Array:
     Parameters
     ----------
     name
-        Of the argument, for messages.
+        Name of the argument, for messages.
 
     Raises
     ------
     RecordingError
-        If they are of another shape, no numbers, or not finite.
+        If they have another shape, are not numbers, or are not finite.
     """
     try:
         out = np.asarray(values, dtype=float)
@@ -45,7 +45,7 @@ def _check_finite(values: Array, name: str) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         place = ", ".join(map(str, bad[0]))
-        raise RecordingError(f"{name}[{place}] is {values[tuple(bad[0])]}; expected finite numbers: leave it out")
+        raise RecordingError(f"{name}[{place}] is {values[tuple(bad[0])]}; expected finite numbers; remove this sample")
 
 
 def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
@@ -54,16 +54,16 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
     Parameters
     ----------
     timestamps : (n,)
-        Integers are nanoseconds and lose no digit; floats are seconds.
+        Integers are nanoseconds and are used exactly; floats are seconds.
     size
-        How many there must be.
+        Expected number of timestamps.
     name
-        Of the argument, for messages.
+        Name of the argument, for messages.
 
     Raises
     ------
     RecordingError
-        If they are of another shape, no numbers, do not ascend, or are plainly in another unit.
+        If they have another shape, are not numbers, do not ascend, or are clearly in another unit.
     """
     stamps = np.asarray(timestamps)
     if stamps.shape != (size,):
@@ -76,7 +76,7 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
     if not whole:
         stamps = stamps.astype(float)
         _check_finite(stamps, name)
-    back = np.flatnonzero(stamps[1:] <= stamps[:-1])  # a difference of unsigned integers would run over
+    back = np.flatnonzero(stamps[1:] <= stamps[:-1])  # a difference of unsigned integers would overflow
     if back.size:
         k = int(back[0])
         raise RecordingError(

@@ -1,4 +1,4 @@
-"""The calibration put together from the estimate and what was judged of it."""
+"""Assembly of the calibration from the estimate and the checks of it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class Judged:
-    """What was judged of an estimate, and how many seconds the estimation took."""
+    """Results of the checks of an estimate, and the seconds the estimation took."""
 
     observability: Observability
     consistency: Consistency
@@ -123,7 +123,7 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
 
 
 def _deviation_of(found: Estimate, group: str) -> Array:
-    """Return the standard deviations of a group: of a held one, what was assumed of it; of a fixed one, zero."""
+    """Return the standard deviations of a group: those of the prior for a held group, zero for a fixed one."""
     problem = found.problem
     if group in problem.layout:
         return found.run.belief.standard_deviation[problem.layout[group]]
@@ -158,9 +158,9 @@ def _alignment(found: Estimate) -> Alignment:
     if "earth_down" in problem.layout:
         J = C * problem.site.earth_rate_units[0]
         return Alignment(
-            gravity, earth_rate=Measured(earth_rate_r(problem, p), _carried(found, J, "north", "earth_down"))
+            gravity, earth_rate=Measured(earth_rate_r(problem, p), _propagated(found, J, "north", "earth_down"))
         )
-    return Alignment(gravity, north=Measured(north_r(p), _carried(found, C[:, :2], "north")))
+    return Alignment(gravity, north=Measured(north_r(p), _propagated(found, C[:, :2], "north")))
 
 
 def gravity_r(parameters: CellParameters) -> Array:
@@ -169,7 +169,7 @@ def gravity_r(parameters: CellParameters) -> Array:
 
 
 def north_r(parameters: CellParameters) -> Array:
-    """Return north in r, (3,), a level vector of about unit length (exactly so only as far as it is seen)."""
+    """Return north in r, (3,), a level vector; its estimated length is one within its uncertainty."""
     return matrix(parameters.q_rn)[:, :2] @ parameters.north
 
 
@@ -179,7 +179,7 @@ def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
     return matrix(parameters.q_rn) @ np.array([*(level * parameters.north), down * parameters.earth_down])
 
 
-def _carried(found: Estimate, J: Array, *groups: str) -> Array:
+def _propagated(found: Estimate, J: Array, *groups: str) -> Array:
     """Return the standard deviations of J (k, n) times the groups' parameters (n,)."""
     index = np.concatenate([np.r_[found.problem.layout[group]] for group in groups])
     P = found.run.belief.covariance[np.ix_(index, index)]
@@ -199,7 +199,7 @@ def _gravity_deviation(found: Estimate) -> Array:
             columns.append((gravity_r(replace(p, q_rn=turned)) - gravity_r(p)) / _STEP)
     if "gravity" in layout:
         columns.append(matrix(p.q_rn)[:, 2])
-    return _carried(found, np.column_stack(columns), *present)
+    return _propagated(found, np.column_stack(columns), *present)
 
 
 def _derived(found: Estimate) -> Mapping[str, Measured]:
@@ -219,7 +219,7 @@ def _derived(found: Estimate) -> Mapping[str, Measured]:
 
 
 def _others(found: Estimate) -> dict[str, Measured]:
-    """Return the estimated groups that have no part of their own, by their place in the result file."""
+    """Return the estimated groups that have no field of their own, by their path in the result file."""
     p = found.run.parameters
     present = [group for group in other_groups() if group in found.problem.layout]
     return {group_named(g).path: Measured(p.stored(g), _deviation_of(found, g)) for g in present}

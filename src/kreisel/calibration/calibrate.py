@@ -1,4 +1,4 @@
-"""From a recording to a calibration: the main job, in its order."""
+"""From a recording to a calibration: all steps in their order."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def calibrate(recording: Recording, settings: CalibrationSettings | None = None)
 
 
 def run_calibration(recording: Recording, settings: CalibrationSettings, progress: Progress | None = None) -> Outcome:
-    """Return the calibration of a recording with everything that led to it.
+    """Return the calibration of a recording with all intermediate results.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How estimates come in over time, from nothing but the grade of the device."""
+"""Convergence of estimates over time, when the filter starts with the grade of the device only."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import CellParameters
 
 _UNKNOWN_OFFSET = 0.3
-"""m/s^2; what an accelerometer's offset may be where no grade tells."""
+"""m/s^2; standard deviation of an accelerometer's offset where no grade is stated."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Convergence:
 
 
 def offset_convergence(outcome: Outcome) -> Convergence:
-    """Return how the accelerometers' offsets come in when the filter begins knowing nothing of them.
+    """Return the convergence of the accelerometers' offsets when the filter starts without estimates of them.
 
-    The calibration itself begins from least squares over the whole recording; this run, made for the
-    picture, begins from zero offsets and the device's grade, as a filter does that runs with the motion.
+    The calibration itself starts from least squares over the whole recording. This run is made for the figure only:
+    it starts from zero offsets and the device's grade, as a filter does that runs during the motion.
     """
     problem = outcome.problem
     layout, group = problem.layout, "accel_offset"

@@ -1,6 +1,6 @@
-"""The sensors' errors in the words and units of data sheets, with uncertainties carried over from the parameters.
+"""The sensors' errors in the terms and units of data sheets, with uncertainties propagated from the parameters.
 
-Parameters are corrections: they turn readings into true values. What stands here are the errors of the readings: a bias
+Parameters are corrections: they turn readings into true values. The quantities here are errors of the readings: a bias
 is what a sensor reads too much at standstill, -k_0; a scale-factor error is positive for a sensor that reads too much.
 """
 
@@ -58,13 +58,13 @@ class Quantity:
     name
         In the result file; it ends with the unit.
     title, unit
-        As terminal and report call it.
+        As in terminal and report.
     of
         What the three numbers belong to: axes x, y, z, or pairs of axes xy, xz, yz.
     groups
         Groups of parameters it depends on.
     value
-        From the sensor parameters, in its unit.
+        Function of the sensor parameters, in its unit.
     """
 
     name: str
@@ -118,7 +118,7 @@ OF_SCHEMA_1: dict[str, tuple[str, float]] = {
     "offset_deg_h": ("gyro_bias_deg_h", -1.0),
     "offset_mg": ("accel_bias_mg", -1.0),
 }
-"""Names in schema 1, those of today, and the sign between the two."""
+"""Names in schema 1, with the names in schema 2 and the sign between the two."""
 
 
 def derive(

@@ -25,7 +25,7 @@ class SplitHalves:
         return np.asarray(self.difference / np.maximum(self.deviation, 1e-300))
 
     def worst(self, sensor: tuple[str, ...] = ("gyroscope.", "accelerometer.")) -> tuple[str, float]:
-        """Return the sensor parameter whose estimates differ most, and its score; nothing and 0 without any."""
+        """Return the sensor parameter whose estimates differ most, and its score; an empty name and 0 without any."""
         own = [i for i, name in enumerate(self.names) if name.startswith(sensor)]
         if not own:
             return "", 0.0
@@ -35,9 +35,9 @@ class SplitHalves:
 
 @dataclass(frozen=True)
 class LatitudeCheck:
-    """Latitude as stated, as the Earth's rotation in the readings shows it, and the standard deviation of that (deg).
+    """Stated latitude, latitude by the Earth's rotation in the readings, and the latter's standard deviation (deg).
 
-    `score` is the distance of the two in deviations.
+    `score` is the difference of the two in standard deviations.
     """
 
     stated_deg: float
@@ -48,7 +48,7 @@ class LatitudeCheck:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict is judged by, besides the estimate itself: see the modules that find each of them."""
+    """What a verdict depends on besides the estimate itself; each part is computed by a module of its own."""
 
     observability: Observability
     consistency: Consistency
@@ -60,7 +60,7 @@ class Evidence:
 class Drift:
     """Errors of free navigation from one update to the next, (u,) each.
 
-    seconds are the IMU's; position in m and attitude in rad, length of the innovation.
+    `seconds` are the IMU's; `position` (m) and `attitude` (rad) are lengths of the innovation.
     """
 
     seconds: Array

@@ -1,4 +1,4 @@
-"""What errors of the base's and the tool's frame do to the parameters."""
+"""Effect of errors of the base and tool frames on the parameters."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from kreisel.model.problem import Problem
 
 
 def frame_columns(problem: Problem, parameters: CellParameters) -> Array:
-    """Return what errors of the base's and the tool's frame do to the state, one deviation each, (degrees, 8).
+    """Return the effect of errors of the base and tool frames on the state, one deviation each, (degrees, 8).
 
-    A tool turned by a small angle turns both cross-coupling matrices and the lever arms with it, one that
-    is shifted shifts the lever arms; a base turned turns gravity.
+    A small rotation of the tool frame rotates both cross-coupling matrices and the lever arms; a shift of it shifts
+    the lever arms. A rotation of the base frame rotates gravity.
     """
     layout, sensors = problem.layout, parameters.sensors
     length, angle = problem.noise.frame_sd

@@ -1,4 +1,4 @@
-"""Errors that are not estimated: what they add to the standard deviations once the filter has run."""
+"""Inflation of the standard deviations for errors that are not estimated, after the filter has run."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from kreisel.preparation.build_problem import REACH
 from kreisel.recording.recording import DataWarning
 
 _GRAVITY_SHARE = 0.25
-"""Share of a variance that is left once gravity is known, below which gravity limits the result."""
+"""Share of a variance that would remain with gravity known; below it, gravity limits the result."""
 
 
 def with_unestimated_errors(found: Estimate) -> Estimate:
-    """Return the estimate with what errors of frames, positions and stamps add, and with what to say of it."""
+    """Return the estimate inflated for errors of frames, positions and stamps, with the warnings about them."""
     problem, run, filtered = found.problem, found.run, _as_filtered(found)
     belief, warnings = run.belief, list(found.warnings)
     if max(problem.noise.frame_sd) > 0.0:
@@ -35,34 +35,34 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
 
 
 def _as_filtered(found: Estimate) -> FilterRun:
-    """Return the run with the filter's own deviations, before their multiplication for correlated innovations."""
+    """Return the run with the filter's own deviations, before they were multiplied for correlated innovations."""
     belief = found.run.belief
     return replace(found.run, belief=replace(belief, factor=belief.factor / found.correlation_factor))
 
 
 def _frame_warning(problem: Problem) -> DataWarning:
     length, angle = (1e3 * sd for sd in problem.noise.frame_sd)
-    said = (
+    message = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
         f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
         'recording.toml state them; for motion capture, write reference.kind = "mocap")'
     )
-    return DataWarning("robot", said)
+    return DataWarning("robot", message)
 
 
 def position_scale_column(problem: Problem, run: FilterRun) -> Array:
-    """Return what an error of the positions' scale does to the state, one deviation of it, (degrees, 1).
+    """Return the effect of an error of the positions' scale on the state, one deviation of it, (degrees, 1).
 
-    A chain of links that are all a little too long moves the tool too far throughout. That is no error that averages
-    out; it enters the accelerometers' scale factors, as far as these come from motion and not from gravity.
+    If all links of the arm are slightly too long, the tool moves too far everywhere. This error does not average out.
+    It enters the accelerometers' scale factors to the extent that motion, and not gravity, determines them.
     """
     columns = np.zeros((problem.layout.degrees, 1))
     reference, scale = problem.reference, problem.noise.frame_sd[0] / REACH
     if scale == 0.0 or reference.positions is None:
         return columns
     middle = reference.positions.mean(axis=0)
-    stretched = middle + (1.0 + scale) * (reference.positions - middle)
-    moved = further_pass(replace(problem, reference=replace(reference, positions=stretched)), run, gate=np.inf)
+    scaled = middle + (1.0 + scale) * (reference.positions - middle)
+    moved = further_pass(replace(problem, reference=replace(reference, positions=scaled)), run, gate=np.inf)
     base = further_pass(problem, run, gate=np.inf)
     n = len(problem.parameter_names)
     columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
@@ -70,7 +70,7 @@ def position_scale_column(problem: Problem, run: FilterRun) -> Array:
 
 
 def _gravity_warning(problem: Problem, run: FilterRun) -> list[DataWarning]:
-    """Return what gravity's uncertainty costs the accelerometers' scale factors, where it costs much."""
+    """Return the warning that gravity's uncertainty limits the accelerometers' scale factors, if it does."""
     layout = problem.layout
     if "gravity" not in layout or "accel_cross_coupling" not in layout:
         return []
@@ -82,9 +82,9 @@ def _gravity_warning(problem: Problem, run: FilterRun) -> list[DataWarning]:
     known = with_gravity - float(mean_scale @ P[K, g]) ** 2 / float(P[g, g])
     if known > _GRAVITY_SHARE * with_gravity:
         return []
-    said = (
+    message = (
         f"gravity is known to {problem.site.gravity_sd:.2g} m/s^2 only and limits the accelerometers' scale factors: "
         f"{1e6 * with_gravity**0.5:.0f} ppm instead of {1e6 * max(known, 0.0) ** 0.5:.0f} ppm "
         "(state site.latitude_deg and site.height_m, or site.gravity with site.gravity_sd, in recording.toml)"
     )
-    return [DataWarning("site", said)]
+    return [DataWarning("site", message)]

@@ -1,4 +1,4 @@
-"""The stated latitude, compared with the Earth's rotation as good gyros show it."""
+"""Comparison of the stated latitude with the Earth's rotation that good gyros measure."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from kreisel.model.problem import Problem
 from kreisel.preparation.start_values import EARTH_SD
 
 SEEN = 0.2
-"""Standard deviation of north, in units of the Earth's rate, above which the gyros cannot tell the latitude."""
+"""Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
 
 
 def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
-    """Return the stated latitude's distance from the data; None where there is none, or the gyros do not show it."""
+    """Return the stated latitude compared with the data; None without a latitude, or if it is not observable."""
     layout, site = problem.layout, problem.site
     if site.earth_rate_n is None or "north" not in layout:
         return None
@@ -41,7 +41,7 @@ def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
 
 
 def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
-    """Return the problem with the Earth's rotation as three unknowns, begun at a run's result."""
+    """Return the problem with the Earth's rotation as three unknowns that start at a run's result."""
     prior = problem.prior
     level, down = (rate / EARTH_RATE for rate in problem.site.earth_rate_units)
     parts = {part.name: part for part in problem.layout} | {"earth_down": group_part("earth_down", 1)}
@@ -62,14 +62,14 @@ def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
 
 
 def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck:
-    """Return the check for the Earth's rotation found, in units of its rate.
+    """Return the check of an estimated Earth's rotation, in units of its rate.
 
     Parameters
     ----------
     P : (3, 3)
-        Covariance of its two level parts and the one downward.
+        Covariance of its two level components and the downward one.
     stated
-        The part downward that the stated latitude gives.
+        Downward component at the stated latitude.
     """
     horizontal = max(float(np.linalg.norm(north)), 1e-6)
     J = np.zeros((2, 3))

@@ -1,4 +1,4 @@
-"""A calibration with all that led to it, for reports and further study."""
+"""A calibration with all intermediate results, for reports and further study."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kreisel.recording.recording import DataWarning, Recording
 
 @dataclass(frozen=True)
 class Outcome:
-    """A calibration with all that led to it, for reports and further study."""
+    """A calibration with all intermediate results, for reports and further study."""
 
     recording: Recording
     preparation: Preparation

@@ -12,7 +12,7 @@ from kreisel.robot.pose_accuracy import PoseAccuracy
 
 @dataclass(frozen=True)
 class Measured:
-    """A value and its standard deviation, arrays of one shape, SI or the unit a name states; 0 for what was held."""
+    """A value and its standard deviation, arrays of one shape, SI or the unit a name states; 0 for what was fixed."""
 
     value: Array
     deviation: Array
@@ -45,7 +45,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RecordingFacts:
-    """What was calibrated from."""
+    """The recording that was used."""
 
     name: str
     reference: str
@@ -70,9 +70,9 @@ class FinalNoise:
 
 @dataclass(frozen=True)
 class EstimatorFacts:
-    """How it was estimated.
+    """How the parameters were estimated.
 
-    `filter_seconds` is what the estimation took; `fixed` are groups the user held, `held` those not observable.
+    `filter_seconds` is the duration of the estimation; `fixed` are groups the user fixed, `held` those not observable.
     """
 
     name: str
@@ -90,18 +90,18 @@ class EstimatorFacts:
 
 @dataclass(frozen=True)
 class RobotErrors:
-    """The robot's own errors, joint by joint, and what they do to its poses.
+    """The robot's own errors, joint by joint, and their effect on its poses.
 
     Attributes
     ----------
     placement : (n + 1, 6)
         Of joints and tool; see `model.parameters.RobotParameters`.
     gears, compliance : (n, 2), (n,)
-        Where they were estimated.
+        None where they were not estimated.
     before, found, after
-        Pose error expected before, taken away by the errors found, and expected to be left.
+        Pose error expected before the estimation, removed by the estimated errors, and expected to remain.
     not_separable
-        Names of errors this motion does not tell from others.
+        Names of errors that cannot be distinguished from others with this motion.
     """
 
     name: str
@@ -118,7 +118,7 @@ class RobotErrors:
 
 @dataclass(frozen=True)
 class Consistency:
-    """What the innovations say.
+    """Statistics of the innovations.
 
     Attributes
     ----------
@@ -145,14 +145,14 @@ class Consistency:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a result may be used: the same words on the terminal, in the report and in the result file.
+    """Whether a result may be used: the same text on the terminal, in the report and in the result file.
 
     Attributes
     ----------
     accepted, reasons
-        Whether it may be used, and why not.
+        Whether it may be used, and the reasons if not.
     unobservable
-        Names of parameters the motion does not show, or too weakly.
+        Names of parameters that are not observable, or too weakly to be of use.
     """
 
     accepted: bool
@@ -161,7 +161,7 @@ class Verdict:
 
     @property
     def headline(self) -> str:
-        """The verdict in a word or three."""
+        """The verdict in three words at most."""
         if not self.accepted:
             return "Rejected"
         return "Accepted, with gaps" if self.unobservable else "Accepted"
@@ -173,11 +173,11 @@ class Verdict:
             return "Do not use this calibration."
         lost = len(self.unobservable)
         if lost == 0:
-            return "The result fits the data, and the motion shows every parameter that was estimated. It may be used."
-        which, those = ("one parameter", "it") if lost == 1 else (f"{lost} parameters", "those")
+            return "The result fits the data, and every estimated parameter is observable. It may be used."
+        which, those = ("one parameter is", "it") if lost == 1 else (f"{lost} parameters are", "them")
         return (
-            f"The result fits the data and may be used, but the motion does not show {which}, or too weakly to be of "
-            f"use. Do not rely on {those}."
+            f"The result fits the data and may be used, but {which} not observable, or too weakly to be of use. "
+            f"Do not rely on {those}."
         )
 
     @property
@@ -188,7 +188,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class CalibrationParts:
-    """All that stands in `calibration.yaml`.
+    """The content of `calibration.yaml`.
 
     Attributes
     ----------
@@ -199,15 +199,15 @@ class CalibrationParts:
     timing, alignment
         Clocks and directions.
     derived
-        The sensors' errors in data-sheet words, by name; see `calibration.data_sheet`.
+        The sensors' errors in the terms of data sheets, by name; see `calibration.data_sheet`.
     consistency, verdict
         What supports the result, and whether it may be used.
     recording, estimator
-        What was calibrated from, and how; None in a file that does not say.
+        The recording, and how the parameters were estimated; None if the file does not contain it.
     robot
         The robot's own errors, where they were estimated.
     others
-        Groups of parameters without a field of their own, by their place in the result file.
+        Groups of parameters without a field of their own, by their path in the result file.
     """
 
     sensors: SensorParameters

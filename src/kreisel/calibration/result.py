@@ -1,4 +1,4 @@
-"""The answer: parameters, their uncertainty, what supports them, and how to apply them."""
+"""The result: parameters, their uncertainty, the evidence for them, and how to apply them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.inertial.strapdown import SensorColumns, prepare
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
-"""Files of a result, which are of one recording."""
+"""Files of a result; all of them belong to one recording."""
 
 _MAX_ENTRIES = 100_000
 _MAX_ARRAYS = 1 << 26
@@ -30,7 +30,7 @@ _MAX_ARRAYS = 1 << 26
 
 @dataclass(frozen=True)
 class Calibration(CalibrationParts):
-    """A calibration: what stands in `calibration.yaml`, and what is too large for it.
+    """A calibration: the content of `calibration.yaml`, and the arrays that are too large for it.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Calibration(CalibrationParts):
     estimates : (updates, 1 + 2 n)
         IMU seconds, estimates, standard deviations.
     robot_urdf
-        The robot's description with the errors found, where they were estimated.
+        The robot's description with the estimated errors; None where they were not estimated.
     """
 
     names: tuple[str, ...] = ()
@@ -68,14 +68,14 @@ class Calibration(CalibrationParts):
         rates, accelerations : (n, 3)
             Raw readings, rad/s and m/s^2.
         timestamps : (n,)
-            Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, taken exactly; floats are
+            Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, used exactly; floats are
             seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
 
         Raises
         ------
         RecordingError
-            If an argument is of another shape, not finite, or timestamps do not ascend or are in another unit; the
-            message begins with its name.
+            If an argument has another shape or is not finite, or if timestamps do not ascend or are in another unit;
+            the message begins with the argument's name.
         """
         raw, a = triads(rates, "rates"), triads(accelerations, "accelerations")
         if len(a) != len(raw):
@@ -89,7 +89,7 @@ class Calibration(CalibrationParts):
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.
 
-        They take the place of an earlier result with its report, all together; other files there are kept.
+        They replace an earlier result and its report, all at once; other files in the folder are kept.
         """
         with replaced_together(Path(folder), RESULT_FILES) as writing:
             self.write(writing)
@@ -126,7 +126,7 @@ class Calibration(CalibrationParts):
         Raises
         ------
         RecordingError
-            If the file is missing, no calibration, or of another schema.
+            If the file is missing, is not a calibration, or has another schema.
         """
         path = Path(path)
         file = path / "calibration.yaml" if path.is_dir() else path
@@ -162,11 +162,11 @@ def _read_parts(file: Path) -> CalibrationParts:
         _check_entries(document)
         return from_document(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RecordingError(f"incomplete: {error}; write it anew with `kreisel calibrate`", file=file) from error
+        raise RecordingError(f"incomplete: {error}; write it again with `kreisel calibrate`", file=file) from error
 
 
 def _check_size(archive: Path) -> None:
-    """Raise an error for arrays that are far larger than those of a result, before they are read."""
+    """Raise an error for arrays that are much larger than those of a result, before they are read."""
     try:
         with zipfile.ZipFile(archive) as parts:
             size = sum(part.file_size for part in parts.infolist())
@@ -179,7 +179,7 @@ def _check_size(archive: Path) -> None:
 
 
 def _check_entries(document: object) -> None:
-    """Raise an error for more entries than a result can have: references to others may stand for any number."""
+    """Raise an error for more entries than a result can have; a YAML alias can stand for any number of them."""
     waiting, count = [document], 0
     while waiting:
         entry = waiting.pop()

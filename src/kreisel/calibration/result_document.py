@@ -1,6 +1,6 @@
 """The content of `calibration.yaml`, schema kreisel/calibration/2, to and from the parts of a calibration.
 
-Schema 1 is read too: it names some derived quantities otherwise. `result-schema.json` describes schema 2.
+Schema 1 is read too: it has other names for some derived quantities. `result-schema.json` describes schema 2.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ READ = ("kreisel/calibration/1", SCHEMA)
 FRAMES = (
     "b: body whose pose the reference gives (robot tool centre point, marker body). r: reference frame. "
     "i: inertial. Raw readings (primed) are corrected to true values: omega_ib_b, angular rate of b against i, "
-    "and f_b, specific force at the origin of b (at rest +g, upward), both along the axes of b. Row j of "
+    "and f_b, specific force at the origin of b (at standstill +g, upward), both along the axes of b. Row j of "
     "lever_arms is the position of accelerometer j in b; rows of the inverse of cross_coupling are the "
     "sensitive axes in b. gyroscope and accelerometer hold corrections (offset is added to a reading); derived holds "
-    "the sensors' errors (a bias is what a sensor reads too much). SI and radians throughout, but where a name in "
+    "the sensors' errors (a bias is what a sensor reads too much). SI and radians throughout, except where a name in "
     "derived ends with another unit."
 )
 
@@ -75,7 +75,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If something is missing or of another kind; the message says which.
+        If an entry is missing or has another type; the message names it.
     """
     sd = _table(document, "standard_deviation")
     values, deviations = _sensors(document), _sensors(sd) if sd else None
@@ -169,7 +169,7 @@ def _derived(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> dict[s
 
 
 def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Measured]:
-    """Return the groups of parameters without a part of their own."""
+    """Return the groups of parameters without a field of their own."""
     out = {}
     for path in (group_named(group).path for group in other_groups()):
         value, deviation = _get(document, path), _get(sd, path)
@@ -179,7 +179,7 @@ def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Mea
     return out
 
 
-# What it was found from, and how
+# Recording and estimator
 
 
 def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
@@ -280,7 +280,7 @@ def _robot(table: Mapping[str, Any]) -> RobotErrors:
     )  # fmt: skip
 
 
-# What supports it
+# Consistency and verdict
 
 
 def _consistency_table(facts: Consistency) -> dict[str, Any]:
@@ -351,7 +351,7 @@ def _names(values: Sequence[Any]) -> tuple[str, ...]:
 
 
 def _get(tree: Mapping[str, Any], path: str) -> Any:
-    """Return what stands at a path of names with points between; None where nothing does."""
+    """Return the entry at a path of names separated by dots; None where there is none."""
     here: Any = tree
     for name in path.split("."):
         here = here.get(name) if isinstance(here, Mapping) else None
@@ -359,7 +359,7 @@ def _get(tree: Mapping[str, Any], path: str) -> Any:
 
 
 def _put(tree: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value into a tree at a path of names with points between."""
+    """Put a value into a tree at a path of names separated by dots."""
     *above, last = path.split(".")
     for name in above:
         tree = tree.setdefault(name, {})

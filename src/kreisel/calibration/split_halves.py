@@ -1,4 +1,4 @@
-"""The two halves of a recording, calibrated each by itself and compared."""
+"""Comparison of the two halves of a recording, each calibrated by itself."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning
 
 MAX_RMS = 2.0
-"""Root mean square of a group's scores from which the halves count as different; chance makes it so in one of 200."""
+"""Root mean square of a group's scores above which the halves count as different; by chance, in one case of 200."""
 
 
 def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves | None:
-    """Return how far the estimates of the two halves of a recording differ; None where these are too short.
+    """Return the difference between the estimates of the two halves of a recording; None if these are too short.
 
     Notes
     -----
-    Both halves share the prior, and with it its error: with covariances A and B of the halves, P of the prior and
-    that of its error, the difference has the covariance A + B - A P^-1 B - B P^-1 A. What the prior holds fast, such
-    as a robot's errors this motion does not show, then makes no difference seem likely. What is added to the result
-    for errors that are not estimated is added here too.
+    Both halves share the prior, and therefore its error. With covariances A and B of the halves and P of the prior
+    and of its error, the difference has the covariance A + B - A P^-1 B - B P^-1 A. Parameters that the prior
+    determines, such as errors of a robot that are not observable, are then expected to differ little. The inflation
+    of the result for errors that are not estimated is applied here too.
     """
     problem = found.problem
     middle = len(problem.schedule.updates) // 2
@@ -53,28 +53,28 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
 
 
 def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
-    """Return the estimate with the deviations of groups multiplied by which the halves disagree.
+    """Return the estimate with inflated deviations of those groups in which the halves disagree.
 
-    Where the scores of a group are larger than chance makes them, something changed or erred that is not modelled,
-    and the result is as uncertain as its halves show.
+    Scores of a group that are larger than by chance are the effect of a change or an error that is not modelled. The
+    result is then as uncertain as the difference of its halves.
     """
     if halves is None:
         return found
     layout, belief = found.problem.layout, found.run.belief
-    scale, said = np.ones(layout.degrees), []
+    scale, inflated = np.ones(layout.degrees), []
     for group in SENSOR_GROUPS:
         if group not in layout:
             continue
         size = float(np.sqrt(np.mean(halves.score[layout[group]] ** 2)))
         if size > MAX_RMS:
             scale[layout[group]] = size
-            said.append(f"{group} {size:.1f}")
-    if not said:
+            inflated.append(f"{group} {size:.1f}")
+    if not inflated:
         return found
     warning = DataWarning(
         "halves",
         "the two halves of the recording differ by more than their standard deviations; these were multiplied: "
-        f"{', '.join(said)}",
+        f"{', '.join(inflated)}",
     )
     belief = Belief(belief.mean, scale[:, None] * belief.factor)
     return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))
@@ -92,6 +92,6 @@ def part_of(problem: Problem, part: slice) -> Problem:
 def run_part(problem: Problem, part: slice, whole: FilterRun, progress: Progress | None, name: str) -> FilterRun:
     """Run one pass over a part of the updates.
 
-    It starts near estimates that have seen the whole recording, which enter only as the point of linearisation.
+    It starts near the estimates from the whole recording; these enter only as the point of linearisation.
     """
     return further_pass(part_of(problem, part), whole, progress=of_step(progress, name))

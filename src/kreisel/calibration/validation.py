@@ -1,7 +1,7 @@
-"""Does the result hold on data it has not seen? Answers that need no truth, besides that of `calibration.halves`.
+"""Validation of a result without a known truth; see also `calibration.split_halves`.
 
-Cross-validation navigates through the part of the recording the calibration has not seen, once with
-nominal and once with calibrated parameters. Injection adds known errors to the raw readings and looks
+Cross-validation navigates through the part of the recording that the calibration did not use, once with
+nominal and once with calibrated parameters. Injection adds known errors to the raw readings and checks
 whether they are found.
 """
 
@@ -28,11 +28,11 @@ from kreisel.progress import Progress, of_step
 from kreisel.units import DEG_PER_HOUR, MG
 
 TRAINING = 0.6
-"""Share of the updates the calibration for the cross-validation is made from."""
+"""Share of the updates that the calibration for the cross-validation uses."""
 
 
 def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
-    """Return the drift on the part of the recording that a calibration of its first part has not seen."""
+    """Return the drift on the last part of the recording, with a calibration of its first part only."""
     problem = found.problem
     count = len(problem.schedule.updates)
     cut = int(TRAINING * count)
@@ -52,10 +52,10 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
 
 
 def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
-    """Return whether known errors added to the raw readings are found by a calibration from the beginning.
+    """Return whether a new calibration finds known errors that are added to the raw readings.
 
     The errors are 5 mg and -3 mg and 4 mg of accelerometer offset, 20, -30 and 10 deg/h of gyro offset,
-    and 2000 ppm of scale on the first axis of either. What the paper did with its accelerometer offsets.
+    and 2000 ppm of scale on the first axis of either. The paper did the same with its accelerometer offsets.
     """
     errors = _errors()
     imu = outcome.recording.imu
@@ -67,7 +67,7 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
     problem, base = outcome.estimate.problem, outcome.estimate.run.parameters
     injected = replace(base, sensors=errors.apply(base.sensors))
     known = {g: tuple(injected.stored(g).tolist()) if g in SENSOR_GROUPS else v for g, v in problem.settings.held_at}
-    settings = replace(problem.settings, held_at=tuple(known.items()))  # what is known changes with the readings
+    settings = replace(problem.settings, held_at=tuple(known.items()))  # known values change with the readings
     again = run_calibration(replace(outcome.recording, imu=changed), settings, progress)
     n = len(problem.parameter_names)
     zero = stored_state(problem, base)
@@ -111,7 +111,7 @@ def _errors() -> _Errors:
 
 
 def _navigation_only(problem: Problem) -> Problem:
-    """Return the problem with every parameter taken as known."""
+    """Return the problem with every parameter assumed known."""
     prior = replace(problem.prior, start_covariance={}, covariance={})
     return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)
 
@@ -119,7 +119,7 @@ def _navigation_only(problem: Problem) -> Problem:
 def _drift(run: FilterRun) -> Drift:
     h = run.history
     path = ~h.at_standstill
-    path[:2] = False  # navigation has just begun
+    path[:2] = False  # navigation has just started
     return Drift(
         h.seconds[path],
         np.linalg.norm(h.innovation[path, 0:3], axis=1),

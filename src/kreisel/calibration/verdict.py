@@ -1,4 +1,4 @@
-"""Whether a result may be used, with the reasons why not."""
+"""Whether a result may be used, with the reasons if not."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ MAX_REJECTED = 0.05
 MAX_CONTRADICTION = 3.0
 
 MAX_SCORE = 4.5
-"""Standard deviations by which estimates may differ between halves of a recording, or from what is stated."""
+"""Standard deviations by which estimates may differ between halves of a recording, or from stated values."""
 
 MAX_MOVED = 1.0
-"""Standard deviations the last pass may have moved the estimates by."""
+"""Standard deviations by which the last pass may have moved the estimates."""
 
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
@@ -27,8 +27,8 @@ _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset
 def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     """Return the consistency of an estimate's last pass.
 
-    Rejected updates count with the bound they were rejected at: what the gate keeps from the estimate is evidence
-    against the model all the same, while one gross outlier says no more than that it is one.
+    A rejected update counts with the bound of the gate: it is evidence against the model although the estimate does
+    not use it, but the size of a single gross outlier must not dominate the mean.
     """
     h = estimate.run.history
     bound = np.array([gate_bound(GATE, int(m)) for m in h.degrees])
@@ -85,7 +85,7 @@ def _halves(halves: SplitHalves | None) -> list[str]:
     return [
         f"the two halves of the recording give values of {name} that differ by {score:.1f} standard deviations: "
         "something changed during the recording (an offset that drifts or steps, a mount that slips), or the reference "
-        "errs in a way that is not modelled"
+        "has errors that are not modelled"
     ]
 
 
@@ -105,11 +105,11 @@ _STATED = {
     "gravity": ("gravity", "site.gravity, site.gravity_sd, site.latitude_deg or site.height_m"),
     "robot_placement": ("the robot's placement errors", "robot.length_sd and robot.angle_sd"),
 }
-"""Groups with a prior the user states or accepts: what they are called, and the keys of recording.toml."""
+"""Groups with a prior the user states or accepts: their titles, and the keys of recording.toml."""
 
 
 def _priors(estimate: Estimate) -> list[str]:
-    """Return estimates that lie far from the prior stated for them."""
+    """Return the reasons about estimates that lie far from their stated prior."""
     problem, reasons = estimate.problem, []
     for group, (title, keys) in _STATED.items():
         if group not in problem.layout or (group.endswith("_offset") and group not in problem.prior.stated):
@@ -119,7 +119,7 @@ def _priors(estimate: Estimate) -> list[str]:
         if float(far.max()) > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(
-                f"{title} found {verb} up to {far.max():.1f} stated standard deviations from the prior: correct {keys} "
+                f"{title} {verb} up to {far.max():.1f} stated standard deviations from the prior: correct {keys} "
                 "in recording.toml, or look for an effect that is not modelled"
             )
     return reasons
@@ -129,8 +129,8 @@ def _passes(estimate: Estimate) -> list[str]:
     if estimate.problem.settings.passes is not None or estimate.moved <= MAX_MOVED:
         return []
     return [
-        f"after {estimate.passes} passes the estimates still move by {estimate.moved:.1f} standard deviations a pass: "
-        "the motion is too weak for this model; move faster and farther, or fix groups (--fix)"
+        f"after {estimate.passes} passes the estimates still move by {estimate.moved:.1f} standard deviations per "
+        "pass: the motion is too weak for this model; move faster and farther, or fix groups (--fix)"
     ]
 
 
@@ -149,7 +149,7 @@ def _motion(seen: Observability) -> list[str]:
     lost = [name for name in seen.not_narrowed if name.startswith(_NEEDED)]
     if lost:
         reasons.append(
-            f"the motion does not show {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}: "
+            f"not observable with this motion: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
             "turn about all three axes, with standstills in different attitudes"
         )
     return reasons

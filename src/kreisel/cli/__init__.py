@@ -1,1 +1,1 @@
-"""The command line. Each command lives in a file of its own and imports what it needs when it runs."""
+"""The command line. Each command has its own module and imports what it needs when it runs."""

@@ -1,4 +1,4 @@
-"""`kreisel calibrate`: the main job."""
+"""`kreisel calibrate`: calibrate an IMU from a recording."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ def calibrate(
     estimate: list[str] = typer.Option(
         [], help="Group to estimate too: robot_gears or robot_compliance; may be repeated."
     ),
-    skew: bool | None = typer.Option(None, help="Estimate the clocks' ratio; by itself where it shows."),
+    skew: bool | None = typer.Option(
+        None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."
+    ),
     size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
-    passes: int | None = typer.Option(None, help="Passes over the data; as many as pay by default."),
+    passes: int | None = typer.Option(None, help="Passes over the data; by default until another pass changes little."),
     inject: bool = typer.Option(
-        False, "--inject", help="Add known errors to the data and look whether they are found."
+        False, "--inject", help="Add known errors to the data and check whether they are found."
     ),
     validate: bool = typer.Option(True, help="Cross-validation for the report."),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
@@ -51,7 +53,7 @@ def calibrate(
         fixed=tuple(fix),
         estimated=tuple(estimate),
         skew=skew,
-        size_effect=size_effect,  # type: ignore[arg-type]  # settings know the names
+        size_effect=size_effect,  # type: ignore[arg-type]  # the settings check the names
         passes=passes,
     )
     if output is not None:
@@ -111,4 +113,4 @@ def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, 
         robot = "" if outcome.calibration.robot_urdf is None else ", robot_calibrated.urdf"
         typer.echo(f"written: {output}/calibration.yaml, report.html, estimates.csv, covariance.npz{robot}")
     else:
-        typer.echo("nothing written; -o OUT keeps the result and a report")
+        typer.echo("nothing written; -o OUT writes the result and a report")

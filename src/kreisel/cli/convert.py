@@ -8,10 +8,10 @@ import typer
 
 
 def convert(
-    source: Path = typer.Argument(..., help="Recording to read, or a KUKA trace (.dat beside its .r64, or text)."),
+    source: Path = typer.Argument(..., help="Recording to read, or a KUKA trace (.dat with its .r64, or text)."),
     target: Path = typer.Argument(
         ...,
-        help="What to write: a new folder, an .mcap file, or a .tum file of the poses alone. "
+        help="What to write: a new folder, an .mcap file, or a .tum file of only the poses. "
         "For a trace, a recording folder.",
     ),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
@@ -19,8 +19,8 @@ def convert(
 ) -> None:
     """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.
 
-    A trace of a KUKA controller ($TRACE) is the robot's half of a recording: its poses and joint angles are added to a
-    folder that holds the IMU's half already, or is to hold it.
+    A trace of a KUKA controller ($TRACE) has only the robot's part of a recording: its poses and joint angles are added
+    to a folder with the readings of the IMU, or to a new folder to which these are added later.
     """
     from kreisel.formats.kuka_trace import is_trace
 

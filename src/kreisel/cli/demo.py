@@ -1,4 +1,4 @@
-"""`kreisel demo`: the paper's three devices in the virtual cell, calibrated and held against the truth."""
+"""`kreisel demo`: the paper's three devices in the virtual cell, calibrated and compared with the truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def demo(
     seconds: float = typer.Option(600.0, help="Length of each simulated recording.", min=30.0, max=36000.0),
     seed: int = typer.Option(1, help="Seed of the simulation.", min=0),
 ) -> None:
-    """Simulate the paper's three devices on a KR 125, calibrate them, and show the results against the truth."""
+    """Simulate the paper's three devices on a KR 125, calibrate them, and compare the results with the truth."""
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.cli.tables import print_devices
@@ -33,7 +33,7 @@ def demo(
             named = _named(show, f"{name}: ")
             devices.append(_device(name, grade, seconds, seed + number, output / name, named))
         report = output / "report.html"
-        lead = f"KUKA KR 125, {seconds / 60:.3g} minutes each, an arm with errors of its own; all simulated"
+        lead = f"KUKA KR 125, {seconds / 60:.3g} minutes each, an arm with its own errors; all simulated"
         write_devices(devices, report, lead)
     print_devices(devices)
     typer.echo(f"open {report}; then your own: kreisel calibrate YOUR_RECORDING -o OUT")

@@ -1,4 +1,4 @@
-"""`kreisel info`: what is in a recording, and what looks wrong."""
+"""`kreisel info`: contents of a recording, and warnings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def info(
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Say what is in a recording: rates, jitter, gaps, excitation, standstills, suspicions."""
+    """Print the contents of a recording: rates, jitter, gaps, excitation, standstills, warnings."""
     import json as json_module
 
     from kreisel.formats.loading import load

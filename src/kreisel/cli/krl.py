@@ -12,7 +12,7 @@ def krl(
     ip: str = typer.Option("0.0.0.0", help="The controller's own address, on which it listens."),
     port: int = typer.Option(54600, min=54600, max=54614, help="Port for moves; the next one is for poses."),
 ) -> None:
-    """Write the KRL program that takes moves from `kreisel run` and tells poses to `kreisel record`.
+    """Write the KRL program that receives moves from `kreisel run` and sends poses to `kreisel record`.
 
     Over EthernetKRL (kreisel.src, .dat and two .xml), or over a serial line (kreisel_serial.src, .dat).
     """
@@ -24,7 +24,7 @@ def krl(
     try:
         ipaddress.ip_address(ip)
     except ValueError as error:
-        raise SettingsError(f"--ip '{ip}' is no address ({error}); write it as 172.31.1.147") from error
+        raise SettingsError(f"--ip '{ip}' is not an address ({error}); write it as 172.31.1.147") from error
     for file in write_krl(output, ip, port):
         typer.echo(f"written: {file}")
     typer.echo(

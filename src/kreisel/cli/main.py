@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import typer
 
-# The filter's matrices are small: threads inside BLAS cost more than they bring.
+# The filter's matrices are small: threads inside BLAS cost more time than they save.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
@@ -32,11 +32,12 @@ from kreisel.errors import KreiselError  # noqa: E402
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # as in malloc.h
 
 _ALLOCATIONS = 100_000
-"""Objects made between two looks for cycles: importing makes many that last, and looking takes a fifth of its time."""
+"""Objects created between two garbage collections: imports create many permanent objects, and collecting would take a
+fifth of their time."""
 
 app = typer.Typer(
     name="kreisel",
-    help="Calibrate inertial measurement units while a robot, or motion capture, watches them move.",
+    help="Calibrate inertial measurement units while a robot or motion capture measures their motion.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -58,9 +59,9 @@ app.command("demo")(demo.demo)
 
 @app.callback(invoke_without_command=True)
 def version(
-    show: bool = typer.Option(False, "--version", help="Print the version and end."),
+    show: bool = typer.Option(False, "--version", help="Print the version and exit."),
 ) -> None:
-    """Calibrate inertial measurement units while a robot, or motion capture, watches them move."""
+    """Calibrate inertial measurement units while a robot or motion capture measures their motion."""
     if show:
         from kreisel import __version__
 
@@ -69,7 +70,7 @@ def version(
 
 
 def run() -> None:
-    """Run the command line; turn our errors into one line on standard error and exit status 1."""
+    """Run the command line; print our errors as one line on standard error and exit with status 1."""
     gc.set_threshold(_ALLOCATIONS, 20, 50)
     _keep_freed_memory()
     try:
@@ -87,12 +88,12 @@ def run() -> None:
             raise
         fail(f"unexpected {type(error).__name__}: {error}; set KREISEL_DEBUG=1 to see where, and please report it")
     finally:
-        gc.freeze()  # nobody needs what is left to be looked through: the process ends
+        gc.freeze()  # no garbage collection is needed any more: the process ends
 
 
 def _keep_freed_memory() -> None:
-    """Have the C library keep what is freed: arrays come and go, and every new page is zeroed by the system."""
-    with suppress(OSError, AttributeError):  # of other systems' libraries
+    """Let the C library keep freed memory: arrays are often freed and allocated, and the system zeroes new pages."""
+    with suppress(OSError, AttributeError):  # C libraries of other systems do not have it
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_TRIM_THRESHOLD, 1 << 30)
         libc.mallopt(_M_MMAP_THRESHOLD, 1 << 25)

@@ -1,4 +1,4 @@
-"""Where results go: checked before work begins, so that none is lost after it."""
+"""Check of the output folder before the work begins, so that no result is lost at its end."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from kreisel.errors import RecordingError
 
 
 def check_output(folder: Path) -> None:
-    """Look whether the output folder is there or can be made, or say why not.
+    """Check that the output folder exists or can be made.
 
     Raises
     ------
     RecordingError
-        If the path is a file, or may not be written.
+        If the path is a file, or cannot be written; the message says why.
     """
     if folder.exists() and not folder.is_dir():
         raise RecordingError("is a file; give a folder for the result", file=folder)
@@ -24,6 +24,6 @@ def check_output(folder: Path) -> None:
         probe.write_bytes(b"")
         probe.unlink()
         if new:
-            folder.rmdir()  # what fails leaves nothing behind
+            folder.rmdir()  # a command that fails leaves nothing behind
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}; choose another -o", file=folder) from error

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
-    """Yield a function that shows (step, share done), or None where nobody watches."""
+    """Yield a function that shows (step, share done), or None where standard error is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""`kreisel record`: readings of an IMU and poses of a robot into one file."""
+"""`kreisel record`: record readings of an IMU and poses of a robot in one file."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def record(
     ),
     output: Path = typer.Option(..., "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     seconds: float | None = typer.Option(
-        None, "--seconds", min=0.1, help="End by itself, so long after readings of both come in."
+        None, "--seconds", min=0.1, help="End this many seconds after readings of both have begun."
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
-    urdf: Path | None = typer.Option(None, help="The robot's description, for joint angles to be of use."),
+    urdf: Path | None = typer.Option(None, help="The robot's description; needed to use joint angles."),
     dashboard: bool = DASHBOARD,
     port: int = PORT,
 ) -> None:
-    """Record until interrupted; nothing is ever sent that moves the robot."""
+    """Record until interrupted; nothing that moves the robot is ever sent."""
     import asyncio
     import signal
     import sys
@@ -50,7 +50,7 @@ def record(
     known = RecordingSettings() if settings is None else read_settings(settings)
     description = None if urdf is None else _description(urdf)
 
-    async def until_told() -> Status:
+    async def until_stopped() -> Status:
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
@@ -61,26 +61,26 @@ def record(
 
     place = Place.of(output)
     with page_of(output, port, wanted=dashboard):
-        status = asyncio.run(until_told())
+        status = asyncio.run(until_stopped())
     if sys.stderr.isatty():
         typer.echo(err=True)
     _check_complete(status, of_imu, of_robot, place)
     poses = f", {status.robot.count} poses at {status.robot.rate:.1f} Hz" if robot is not None else ""
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples at {status.imu.rate:.1f} Hz{poses}; missing "
-        f"{status.imu.missing} and {status.robot.missing}, twice or late {status.imu.late} and {status.robot.late}; "
+        f"{status.imu.missing} and {status.robot.missing}, repeated or late {status.imu.late} and {status.robot.late}; "
         f"next: kreisel calibrate {output} -o OUT"
     )
     _check_settings(known, status)
 
 
 def _check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:
-    """Raise an error if no reading came of a device; what came of the other one is kept aside.
+    """Raise an error if a device sent no readings; those of the other device are kept in a separate file.
 
     Raises
     ------
     DeviceError
-        With what was last said of the device.
+        With the last message about the device.
     """
     from kreisel.errors import DeviceError
 
@@ -88,18 +88,20 @@ def _check_complete(status: Status, imu: Address, robot: Address | None, place: 
         return
     counts = ((imu, "readings", status.imu.count), (robot, "poses", status.robot.count))
     missing = [(address, what) for address, what, count in counts if address is not None and not count]
-    said = []
+    messages = []
     for address, what in missing:
         notes = [note.removeprefix(f"{address}: ") for note in status.notes if note.startswith(f"{address}: ")]
-        said.append(f"no {what} came from {address}{f': {notes[-1]}' if notes else ''}".removesuffix("; trying again"))
-    kept = "nothing was recorded" if status.empty else place.kept_aside()
-    raise DeviceError(f"{'; '.join(said)}; {kept}")
+        messages.append(
+            f"no {what} came from {address}{f': {notes[-1]}' if notes else ''}".removesuffix("; trying again")
+        )
+    kept = "nothing was recorded" if status.empty else place.kept_elsewhere()
+    raise DeviceError(f"{'; '.join(messages)}; {kept}")
 
 
 def _check_settings(known: RecordingSettings, status: Status) -> None:
-    """Say what is still missing for a calibration."""
+    """Print what is still missing for a calibration."""
     if known.site.latitude_deg is None and known.site.gravity is None:
-        typer.echo("without a latitude gravity is known to 0.3 % only: say it in recording.toml (--settings)", err=True)
+        typer.echo("without a latitude gravity is known only to 0.3 %: set it in recording.toml (--settings)", err=True)
     missing = status.excitation.missing()
     if missing:
         typer.echo(f"for a calibration the motion lacks: {', '.join(missing)}", err=True)
@@ -116,16 +118,16 @@ def _description(path: Path) -> str:
 
 
 def _show() -> Callable[[Status], None]:
-    """Return what shows notes as they come, and a line that is written over on a terminal."""
+    """Return a function that prints new notes and, on a terminal, a status line that it overwrites."""
     import sys
 
-    told = 0
+    printed = 0
 
     def show(status: Status) -> None:
-        nonlocal told
-        for note in status.notes[told:]:
+        nonlocal printed
+        for note in status.notes[printed:]:
             typer.echo(f"\r{note}" + " " * 20, err=True)
-        told = len(status.notes)
+        printed = len(status.notes)
         if not sys.stderr.isatty():
             return
         parts = [f"{status.seconds:6.1f} s", f"{status.written / 1e6:.1f} MB"]
@@ -133,7 +135,9 @@ def _show() -> Callable[[Status], None]:
             drift = "" if stream.drift_ppm is None else f" {stream.drift_ppm:+.0f} ppm"
             parts.append(f"{name} {stream.rate:.1f} Hz{drift}, {stream.missing} missing")
         parts.append(
-            "lacks: " + ", ".join(status.excitation.missing()) if status.excitation.missing() else "well moved"
+            "lacks: " + ", ".join(status.excitation.missing())
+            if status.excitation.missing()
+            else "motion is sufficient"
         )
         typer.echo("\r" + " | ".join(parts)[:140].ljust(100), nl=False, err=True)
 
@@ -144,7 +148,7 @@ def recover(
     file: Path = typer.Argument(..., help="An .mcap file that was cut or damaged."),
     output: Path | None = typer.Option(None, "-o", "--output", help="The copy; FILE_recovered.mcap by default."),
 ) -> None:
-    """Write a readable copy of a damaged recording beside it, and say what was lost."""
+    """Write a readable copy of a damaged recording next to it, and print what was lost."""
     from kreisel.formats.recover import recover as recover_file
 
     found = recover_file(file, output)

@@ -1,4 +1,4 @@
-"""`kreisel run`: drive a program, record, and stop when enough is known."""
+"""`kreisel run`: run a program, record, and stop when the calibration is accurate enough."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def run_program(
     program: Path = typer.Argument(..., help="A program of moves (`kreisel simulate --example-program` prints one)."),
     robot: str = typer.Option(
-        ..., "--robot", help="Where the arm tells its pose and joint angles, as for `kreisel record`."
+        ..., "--robot", help="Where the arm reports its pose and joint angles, as for `kreisel record`."
     ),
     imu: str = typer.Option(..., "--imu", help="Address of the IMU, as for `kreisel record`."),
     mover: str | None = typer.Option(
@@ -32,10 +32,10 @@ def run_program(
     ),
     model: str = typer.Option(..., "--model", help="The robot: kr125, ur10e, or a .urdf file."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
-    arm: bool = typer.Option(False, "--arm", help="Really move the robot. Without, what would be sent is printed."),
+    arm: bool = typer.Option(False, "--arm", help="Move the robot. Without it, only print what would be sent."),
     speed: float = typer.Option(1.0, min=0.05, max=3.2, help="Speed of the leading joint at full share, rad/s."),
     approach: float = typer.Option(
-        10.0, min=0.0, max=720.0, help="Farthest a joint may stand from the program's start to be moved there, deg."
+        10.0, min=0.0, max=720.0, help="Largest distance of a joint from the program's start for the move to it, deg."
     ),
     longest_tool: float = typer.Option(
         0.3, min=0.0, help="Longest tool that may explain the difference of the reported pose to the model's, m (rtde)."
@@ -43,17 +43,17 @@ def run_program(
     until: list[str] = typer.Option(
         [],
         "--until",
-        help="End once a standard deviation is small enough: accelerometer.offset=0.02mg; may be repeated.",
+        help="End when a standard deviation is small enough: accelerometer.offset=0.02mg; may be repeated.",
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
-    seconds: float = typer.Option(3600.0, min=1.0, help="Give up after so long."),
+    seconds: float = typer.Option(3600.0, min=1.0, help="End after this many seconds."),
     dashboard: bool = DASHBOARD,
     port: int = PORT,
 ) -> None:
     """Move a robot through a program, one move at a time, while the IMU is recorded and calibrated.
 
     The motion is stopped when a device is lost, the IMU is saturated, a joint comes near its limit, the controller
-    reports a stop or ends the connection, or you interrupt. A stop is confirmed by joints that stand still, or not.
+    reports a stop or ends the connection, or you interrupt. A stop is confirmed if the joints stand still.
     """
     import math
 
@@ -70,10 +70,10 @@ def run_program(
     mover = mover or default_mover(of_robot)
     if mover is None:
         known = "; ".join(scheme.example for scheme in MOVERS.values())
-        raise SettingsError(f"{robot} only tells where the arm is; say with --mover where moves are sent: {known}")
+        raise SettingsError(f"{robot} only reports where the arm is; give with --mover where moves are sent: {known}")
     of_mover = parse_address(mover, MOVERS)
     if of_imu.scheme == "mcap":
-        raise SettingsError(f"{imu}: a recording feels nothing of this motion; give the address of the IMU itself")
+        raise SettingsError(f"{imu}: a recording does not measure this motion; give the address of the IMU itself")
     targets = dict(_target(text) for text in until)
     described = load_arm(model)
     moves = read_program(program, described)
@@ -83,7 +83,7 @@ def run_program(
         _show_dry(moves, sender, checked)
         return
     if output is None:
-        raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
+        raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
     allowed = Allowed(math.radians(approach), longest_tool if of_robot.scheme == "rtde" else None)
     reached = _targets(output, targets)
@@ -110,7 +110,7 @@ def run_program(
 
 
 _JOIN = 60.0
-"""Seconds the search for the targets has to end."""
+"""Seconds to wait for the end of the check of the targets."""
 
 _UNITS = {"mg": 9.80665e-3, "deg/h": 4.84814e-6, "ppm": 1e-6, "mm": 1e-3, "ms": 1e-3, "": 1.0}
 
@@ -128,7 +128,7 @@ def _target(text: str) -> tuple[str, float]:
     try:
         return match.group(1), float(match.group(2)) * _UNITS[match.group(3)]
     except ValueError as error:
-        raise SettingsError(f"--until '{text}': '{match.group(2)}' is no number") from error
+        raise SettingsError(f"--until '{text}': '{match.group(2)}' is not a number") from error
 
 
 def _show_dry(moves: Program, mover: Mover, checked: str) -> None:
@@ -148,7 +148,7 @@ def _show_dry(moves: Program, mover: Mover, checked: str) -> None:
 
 
 def _say(text: str) -> None:
-    """Report progress; a terminal that was closed must not end the run before the arm stands."""
+    """Report progress; a closed terminal must not end the run before the arm has stopped."""
     from contextlib import suppress
 
     with suppress(OSError):
@@ -156,7 +156,7 @@ def _say(text: str) -> None:
 
 
 def _targets(output: Path, targets: dict[str, float]) -> Targets:
-    """Return what looks for the targets of `--until` in a thread of its own."""
+    """Return the check of the `--until` targets, which runs in its own thread."""
     import atexit
     import threading
 
@@ -173,7 +173,7 @@ def _targets(output: Path, targets: dict[str, float]) -> Targets:
 def _drive(
     orders: Orders, devices: Devices, output: Path, recorded: RecordingSettings, seconds: float
 ) -> tuple[Ending, Status]:
-    """Record and drive until the program ends, enough is known, or it is time to stop."""
+    """Record and move until the program ends, the targets are reached, or a stop is requested."""
     import asyncio
     import signal
 
@@ -197,5 +197,5 @@ def _drive(
     try:
         return asyncio.run(both())
     finally:
-        for number in stops:  # the arm stands; a second signal must not change how this ends
+        for number in stops:  # the arm has stopped; a second signal must not change the outcome
             signal.signal(number, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""`kreisel simulate`: the virtual cell."""
+"""`kreisel simulate`: write a simulated recording."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import typer
 
 
 def simulate(
-    cell: Path | None = typer.Argument(None, help="CELL.toml; the default cell without."),
+    cell: Path | None = typer.Argument(None, help="CELL.toml; the default cell if not given."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: a folder, or an .mcap file."),
-    seed: int | None = typer.Option(None, help="Another seed than the cell's."),
-    seconds: float | None = typer.Option(None, help="Another length than the cell's."),
-    example: bool = typer.Option(False, "--example", help="Print a CELL.toml with every key, and end."),
-    example_program: bool = typer.Option(False, "--example-program", help="Print a program of moves, and end."),
+    seed: int | None = typer.Option(None, help="Seed to use instead of the cell's."),
+    seconds: float | None = typer.Option(None, help="Length to use instead of the cell's, s."),
+    example: bool = typer.Option(False, "--example", help="Print a CELL.toml with every key, and exit."),
+    example_program: bool = typer.Option(False, "--example-program", help="Print a program of moves, and exit."),
 ) -> None:
     """Simulate a robot that moves an IMU, and write the recording with its truth."""
     from kreisel.cli.output import check_output
@@ -28,7 +28,7 @@ def simulate(
         typer.echo(EXAMPLE if example_program else example_cell(), nl=False)
         return
     if output is None:
-        raise SettingsError("where to? `-o RECORDING` names a folder or an .mcap file")
+        raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
     check_output(output.parent if output.suffix else output)
     described = Cell() if cell is None else read_cell(cell)
     changes = {name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None}

@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Monte-Carlo studies in the virtual cell.", rich_markup_mode=None)
 
-_CELL = typer.Argument(None, help="CELL.toml; the default cell without.")
-_TRIALS = typer.Option(100, "--trials", help="Trials, those already there included.", min=1)
-_OUTPUT = typer.Option(Path("study"), "-o", "--output", help="Folder for the trials; one with trials goes on.")
+_CELL = typer.Argument(None, help="CELL.toml; the default cell if not given.")
+_TRIALS = typer.Option(100, "--trials", help="Number of trials, including those already done.", min=1)
+_OUTPUT = typer.Option(
+    Path("study"), "-o", "--output", help="Folder for the trials; a folder with trials is continued."
+)
 _SCHEDULER = typer.Option(None, help="A running dask scheduler, tcp://host:port.")
-_WORKERS = typer.Option(2, help="Local processes, where no scheduler is given.", min=1)
+_WORKERS = typer.Option(2, help="Local processes, if no scheduler is given.", min=1)
 _JSON = typer.Option(False, "--json", help="Print the summary as one JSON object.")
 
 
@@ -34,7 +36,7 @@ def consistency(
     workers: int = _WORKERS,
     json: bool = _JSON,
 ) -> None:
-    """Are standard deviations honest? Error over standard deviation, NEES and coverage over many trials."""
+    """Check the standard deviations: error over standard deviation, NEES and coverage over many trials."""
     summary = _study(cell, trials, output, scheduler, workers, "Consistency")
     columns, rows = _ratios(summary)
     _say(summary, rows, columns, output, as_json=json)
@@ -50,7 +52,7 @@ def accuracy(
     bounds: int = typer.Option(3, help="Trials whose Cramer-Rao bound is computed too.", min=0),
     json: bool = _JSON,
 ) -> None:
-    """How good are calibrations? Rms errors over many trials, against the best possible."""
+    """Print the accuracy of calibrations: rms errors over many trials, compared with the smallest possible ones."""
     summary = _study(cell, trials, output, scheduler, workers, "Accuracy")
     best = _bounds(_described(cell), bounds)
     rows = []
@@ -70,10 +72,12 @@ def accuracy(
 @app.command()
 def bound(
     cell: Path | None = _CELL,
-    trials: int = typer.Option(3, "--trials", help="Motions the bound is computed for, and averaged over.", min=1),
+    trials: int = typer.Option(
+        3, "--trials", help="Number of motions for which the bound is computed and averaged.", min=1
+    ),
     json: bool = _JSON,
 ) -> None:
-    """Print the best that is possible: the posterior Cramer-Rao bound along the true motion."""
+    """Print the smallest possible errors: the posterior Cramer-Rao bound along the true motion."""
     import json as json_module
 
     from kreisel.cli.tables import print_rows
@@ -94,7 +98,7 @@ def _described(cell: Path | None) -> Cell:
 
 
 def _study(cell: Path | None, trials: int, output: Path, scheduler: str | None, workers: int, title: str) -> Summary:
-    """Run what is missing, write the report, and return the summary."""
+    """Run the missing trials, write the report, and return the summary."""
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.errors import EstimationError
@@ -183,7 +187,7 @@ def _say(summary: Summary, rows: list[list[str]], columns: list[str], output: Pa
         return
     from kreisel.cli.tables import print_rows
 
-    print_rows("error against what the calibration says of it", columns, rows)
+    print_rows("error compared with the standard deviation of the calibration", columns, rows)
     for fact in _facts(summary):
         typer.echo(fact)
     typer.echo(f"written: {output}/trials.csv, parameters.csv, report.html")

@@ -23,7 +23,7 @@ def _console() -> Console:
 
 
 def _pair(value: float, deviation: float) -> str:
-    """Return a value with its standard deviation, rounded to two digits of the latter; without one it was held."""
+    """Return value ± standard deviation, rounded to two digits of the latter; a value without deviation was held."""
     from math import floor, log10
 
     if not deviation > 0.0:
@@ -33,7 +33,7 @@ def _pair(value: float, deviation: float) -> str:
 
 
 def print_result(outcome: Outcome) -> None:
-    """Print what was found, with uncertainties, and the verdict."""
+    """Print the results with standard deviations, and the verdict."""
     from kreisel.calibration.data_sheet import QUANTITIES
 
     calibration = outcome.calibration
@@ -75,8 +75,8 @@ def _print_robot(console: Console, robot: RobotErrors | None) -> None:
     before, after = robot.before, robot.after
     console.print(
         f"robot {robot.name}: pose error {1e3 * before.position:.2g} mm, {1e3 * before.orientation:.2g} mrad before, "
-        f"{1e3 * after.position:.2g} mm, {1e3 * after.orientation:.2g} mrad once its errors are known (base and tool "
-        "frames apart)",
+        f"{1e3 * after.position:.2g} mm, {1e3 * after.orientation:.2g} mrad after correction of its errors (without "
+        "those of base and tool frames)",
         markup=False,
     )
 
@@ -106,9 +106,9 @@ def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 def print_devices(devices: Sequence[Device]) -> None:
-    """Print error, standard deviation and their ratio, rms over each group, for every device."""
+    """Print error, standard deviation and their ratio, rms over each group, of every device."""
     table = Table(
-        title="rms error against the truth (rms standard deviation; rms of error over it)", title_justify="left"
+        title="rms error compared with the truth (rms standard deviation; rms of error over it)", title_justify="left"
     )
     table.add_column("group")
     table.add_column("unit")
@@ -123,7 +123,7 @@ def print_devices(devices: Sequence[Device]) -> None:
 
 
 def print_injection(injection: Injection) -> None:
-    """Print injected errors against what was found."""
+    """Print injected errors and what was found."""
     table = Table(title="injected errors", title_justify="left")
     for name in ("parameter", "injected", "found", "difference / sd"):
         table.add_column(name, justify="left" if name == "parameter" else "right")

@@ -30,31 +30,35 @@ class ImuKind(StrEnum):
 
 
 def virtual_cell(
-    cell: Path | None = typer.Argument(None, help="CELL.toml as for `kreisel simulate`; the default cell without."),
-    robot: RobotKind = typer.Option(RobotKind.rsi, help="How the controller speaks."),
-    imu: ImuKind = typer.Option(ImuKind.ixcom, help="How the IMU speaks."),
+    cell: Path | None = typer.Argument(
+        None, help="CELL.toml as for `kreisel simulate`; the default cell if not given."
+    ),
+    robot: RobotKind = typer.Option(RobotKind.rsi, help="Protocol of the controller."),
+    imu: ImuKind = typer.Option(ImuKind.ixcom, help="Protocol of the IMU."),
     interval: float | None = typer.Option(
         None,
         min=0.001,
         max=1.0,
         help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm, varproxy), 0.024 (ekrl).",
     ),
-    seconds: float | None = typer.Option(None, help="Another length than the cell's."),
-    seed: int | None = typer.Option(None, help="Another seed than the cell's."),
-    speed: float = typer.Option(1.0, min=0.1, max=100.0, help="How much faster than real time."),
-    robot_port: int = typer.Option(0, min=0, max=65535, help="Where the controller sends or listens; any by default."),
-    imu_port: int = typer.Option(0, min=0, max=65535, help="Where the IMU listens; any by default."),
+    seconds: float | None = typer.Option(None, help="Length to use instead of the cell's, s."),
+    seed: int | None = typer.Option(None, help="Seed to use instead of the cell's."),
+    speed: float = typer.Option(1.0, min=0.1, max=100.0, help="Factor of speed against real time."),
+    robot_port: int = typer.Option(
+        0, min=0, max=65535, help="Port where the controller sends or listens; any by default."
+    ),
+    imu_port: int = typer.Option(0, min=0, max=65535, help="Port where the IMU listens; any by default."),
     obey: bool = typer.Option(
         False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with rtde, rsi or ekrl."
     ),
     output: Path | None = typer.Option(
-        None, "-o", "--output", help="Folder for what is known of the cell: truth.json, recording.toml, robot.urdf."
+        None, "-o", "--output", help="Folder for truth.json, recording.toml and robot.urdf of the cell."
     ),
 ) -> None:
-    """Play a virtual cell over the wire, once: the motion begins when a recorder asks the IMU for readings.
+    """Play a virtual cell over the network, once: the motion begins when a recorder asks the IMU for readings.
 
-    When both devices are ready one line of JSON says where they are: {"robot": URL, "imu": URL}; with --obey also
-    where moves are sent: "mover".
+    When both devices are ready, one line of JSON gives their addresses: {"robot": URL, "imu": URL}; with --obey also
+    the address for moves: "mover".
     """
     import json
     import signal
@@ -68,7 +72,9 @@ def virtual_cell(
     from kreisel.simulation.cell import simulate, write_truth
 
     if obey and robot.value not in OBEDIENT:
-        raise SettingsError(f"--obey: no simulated {robot.value} arm can be told to move; choose {', '.join(OBEDIENT)}")
+        raise SettingsError(
+            f"--obey: a simulated {robot.value} arm does not accept moves; choose {', '.join(OBEDIENT)}"
+        )
     described = _described(cell, robot, interval, {"seed": seed, "seconds": seconds})
     if output is not None:
         check_output(output)
@@ -96,7 +102,7 @@ def virtual_cell(
 
 
 def _described(cell: Path | None, robot: RobotKind, interval: float | None, changes: dict[str, float | None]) -> Cell:
-    """Return the cell, its poses as often as said here, in its file, or as such controllers tell them."""
+    """Return the cell, with the interval of poses given here, in its file, or usual for such controllers."""
     from kreisel.acquisition.virtual_cell import INTERVALS
     from kreisel.errors import SettingsError
     from kreisel.simulation.settings import Cell, parse_cell, read_cell

@@ -1,4 +1,4 @@
-"""`kreisel watch`: estimates of a recording while it is made, on the terminal or as a page."""
+"""`kreisel watch`: estimates of a recording while it is made, in the terminal or on a page."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-DASHBOARD: Any = typer.Option(False, "--dashboard", help="Serve a page that shows it.")
+DASHBOARD: Any = typer.Option(False, "--dashboard", help="Serve a page that shows the recording.")
 PORT: Any = typer.Option(8321, "--port", min=0, max=65535, help="The page's port; 0 for any.")
 
 
 def watch(
     recording: Path = typer.Argument(..., help="A recording that is being made: an .mcap file, or its folder."),
     dashboard: bool = DASHBOARD,
-    host: str = typer.Option("127.0.0.1", help="Where to serve the page; anywhere but on this machine with a token."),
+    host: str = typer.Option(
+        "127.0.0.1", help="Address to serve the page on; any other than this machine's own needs a token."
+    ),
     port: int = PORT,
     as_json: bool = typer.Option(False, "--json", help="Print every estimate as one line of JSON."),
 ) -> None:
@@ -31,7 +33,7 @@ def watch(
 
 @contextmanager
 def page_of(output: Path, port: int, *, wanted: bool) -> Iterator[None]:
-    """Serve the page of a recording that is being made, from a process of its own, which cannot hold up the recorder.
+    """Serve the page of a recording that is being made, from a separate process, which cannot delay the recorder.
 
     Parameters
     ----------
@@ -66,21 +68,20 @@ def _print(recording: Path, *, as_json: bool) -> None:
         found = online.look()
         if found is not None and as_json:
             typer.echo(json.dumps({
-                "seconds": found.seconds, "accepted": found.accepted, "said": found.said,
+                "seconds": found.seconds, "accepted": found.accepted, "summary": found.summary,
                 "estimates": dict(zip(found.names, found.values.tolist(), strict=True)),
                 "standard_deviations": dict(zip(found.names, found.deviations.tolist(), strict=True)),
             }))  # fmt: skip
         elif found is not None:
-            typer.echo(
-                f"{found.seconds:7.1f} s  {_summary(dict(zip(found.names, found.deviations, strict=True)))}{found.said}"
-            )
+            deviations = dict(zip(found.names, found.deviations, strict=True))
+            typer.echo(f"{found.seconds:7.1f} s  {_summary(deviations)}{found.summary}")
         if tail.ended and found is not None:
             return
         time.sleep(0.2)
 
 
 def _summary(deviations: dict[str, float]) -> str:
-    """Return the standard deviations that matter most, where there are any."""
+    """Return the text of the most important standard deviations; empty where there are none."""
     parts = []
     for group, unit, factor in (
         ("accelerometer.offset", "mg", 1.0 / 9.80665e-3), ("gyroscope.offset", "deg/h", 206264.806),
@@ -113,7 +114,9 @@ def _serve(recording: Path, host: str, port: int) -> None:
         listener.listen()
     except OSError as error:
         listener.close()
-        raise DeviceError(f"http://{host}:{port}: cannot be served ({error.strerror}); another --port?") from error
+        raise DeviceError(
+            f"http://{host}:{port}: cannot be served ({error.strerror}); choose another --port"
+        ) from error
     secret = "" if token is None else f"/?token={token}"
     typer.echo(f"http://{host}:{listener.getsockname()[1]}{secret}")
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio"))

@@ -1,1 +1,1 @@
-"""What a recording shows while it is made: estimates, signals, the arm. It reads the file and owns nothing."""
+"""Live page of a recording: estimates, signals, the arm. It only reads the recording's file."""

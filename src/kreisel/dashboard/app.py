@@ -1,4 +1,4 @@
-"""The server of the page: one reader of the recording, any number of browsers, none of which it waits for."""
+"""The server of the page: one reader of the recording, any number of browsers; it waits for none of them."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import KreiselError
 
 PERIOD = 0.05
-"""Seconds between two looks at the recording."""
+"""Seconds between two reads of the recording."""
 
-_WAITING = 400  # messages that may wait for a browser before it is let go
-_TRY_AGAIN = 1013  # the close code that says so
+_WAITING = 400  # messages that may wait for a browser before it is disconnected
+_TRY_AGAIN = 1013  # close code of WebSockets: try again later
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 Look = Callable[[], LiveEstimate | None]
-"""Return a new estimate of the recording if it is time for one; see `dashboard.online`."""
+"""Returns a new estimate of the recording if one is due; see `dashboard.online`."""
 
 
 class Browser:
-    """What is still to be sent to one browser.
+    """The messages that are still to be sent to one browser.
 
     Parameters
     ----------
     backlog
-        What it is sent first, however much that is.
+        Messages that are sent first; any number.
 
     Attributes
     ----------
     behind
-        Set once more waits than may: it is to be let go, and to come again.
+        Set when too many messages wait: the browser is disconnected, and has to connect again.
     """
 
     def __init__(self, backlog: Iterable[str]) -> None:
@@ -54,14 +54,14 @@ class Browser:
         self._queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
 
     def tell(self, text: str) -> None:
-        """Have a message wait; never wait for the browser."""
+        """Queue a message, without waiting for the browser."""
         try:
             self._queue.put_nowait(text)
         except asyncio.QueueFull:
             self.behind.set()
 
     async def messages(self) -> AsyncIterator[str]:
-        """Yield what is to be sent, for ever."""
+        """Yield the messages to be sent, without end."""
         while self._backlog:
             yield self._backlog.pop(0)
         while True:
@@ -69,21 +69,21 @@ class Browser:
 
 
 class Hub:
-    """Browsers, and what is sent to them."""
+    """The connected browsers, and the messages that are sent to them."""
 
     def __init__(self, path: Path, look: Look) -> None:
         self.feed = Feed(path)
         self._look = look
         self._browsers: set[Browser] = set()
-        self._telling = asyncio.Lock()  # a newcomer comes before or after news, so it has none twice
+        self._sending = asyncio.Lock()  # a browser is added between two messages: none is sent to it twice
 
     async def follow(self) -> None:
-        """Tell all browsers what is new, for ever."""
+        """Send new messages to all browsers, without end."""
         estimating = asyncio.ensure_future(self._estimate())
         try:
             while True:
                 with suppress(KreiselError):
-                    async with self._telling:
+                    async with self._sending:
                         for message in await asyncio.to_thread(self.feed.news):
                             self.tell(message)
                 await asyncio.sleep(PERIOD)
@@ -91,7 +91,7 @@ class Hub:
             estimating.cancel()
 
     async def _estimate(self) -> None:
-        """Calibrate what there is by now, beside all else."""
+        """Calibrate the data recorded so far, in parallel to all other tasks."""
 
         def look() -> LiveEstimate | None:
             with suppress(KreiselError):
@@ -106,8 +106,8 @@ class Hub:
 
     @asynccontextmanager
     async def listening(self) -> AsyncIterator[Browser]:
-        """Yield a new browser, to be sent all so far and then what is new."""
-        async with self._telling:
+        """Yield a new browser, which is sent the messages so far and then the new ones."""
+        async with self._sending:
             browser = Browser(map(json.dumps, self.feed.so_far()))
             self._browsers.add(browser)
         try:
@@ -123,14 +123,14 @@ class Hub:
 
 
 def make_app(path: Path, look: Look, host: str = "127.0.0.1") -> tuple[Starlette, str | None]:
-    """Return the page's server for a recording, and the token browsers need if it is not for this machine alone.
+    """Return the page's server for a recording, and the token that browsers need if it serves other machines, too.
 
     Parameters
     ----------
     look
-        Returns a new estimate of the recording if it is time for one.
+        Returns a new estimate of the recording if one is due.
     host
-        The address it will be served on.
+        The address that the page is served on.
     """
     hub = Hub(path, look)
     token = None if host in _LOOPBACK else secrets.token_urlsafe(16)
@@ -180,9 +180,9 @@ def make_app(path: Path, look: Look, host: str = "127.0.0.1") -> tuple[Starlette
 
 
 def _is_own(connection: HTTPConnection) -> bool:
-    """Return whether a request has no `Origin`, or exactly that of the address it is sent to: scheme, host, port.
+    """Return whether a request has no `Origin`, or exactly the scheme, host and port of the address it is sent to.
 
-    Sandboxed pages and files send `Origin: null`, which is nobody's own.
+    Sandboxed pages and files send `Origin: null`, which is refused.
     """
     scheme = {"ws": "http", "wss": "https"}.get(connection.url.scheme, connection.url.scheme)
     own = f"{scheme}://{connection.headers.get('host', '')}"

@@ -1,4 +1,4 @@
-"""What the page is told: messages made of what a recording has by now. No network here."""
+"""Messages to the page about the data recorded so far. No network here."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from kreisel.protocols.samples import ImuSample
 from kreisel.robot.kinematics import Arm, parse_arm, skeleton
 
 WINDOW = 10.0
-"""Seconds of readings a browser that comes late is shown."""
+"""Seconds of readings sent to a newly connected browser."""
 
 MAX_ESTIMATES = 2000
-"""Estimates a browser that comes late is shown: of more, the last and evenly chosen ones before it."""
+"""Estimates sent to a newly connected browser; of more, the last and evenly spaced earlier ones are sent."""
 
 Message = dict[str, Any]
 
 
 class Feed:
-    """Messages about a recording, new ones and those that bring a newcomer up to date."""
+    """Messages about a recording: new ones, and those for a newly connected browser."""
 
     def __init__(self, path: Path) -> None:
         self._tail = Tail(path, keep=False)
         self._excitation = Excitation()
-        self._facts = {name: _Facts() for name in ("imu", "robot")}
+        self._streams = {name: _StreamState() for name in ("imu", "robot")}
         self._recent: deque[list[float]] = deque()
         self._estimates: list[Message] = []
         self._status: Message = {"kind": "status"}
@@ -41,14 +41,14 @@ class Feed:
         self._no_arm = False
 
     def news(self) -> list[Message]:
-        """Return what has come since the last call."""
+        """Return the messages about data written since the last call."""
         new = self._tail.read()
         messages: list[Message] = []
         if IMU_TOPIC in new:
             messages.append(self._readings(new[IMU_TOPIC]))
         robot, joints = new.get(POSE_TOPIC) or new.get(POSITION_TOPIC), new.get(JOINT_TOPIC)
         if robot is not None:
-            self._facts["robot"].take(robot.stamps_ns)
+            self._streams["robot"].take(robot.stamps_ns)
             self._pose = {
                 "kind": "pose",
                 "t": robot.stamps_ns[-1] * 1e-9,
@@ -60,7 +60,7 @@ class Feed:
             "kind": "status",
             "file": str(self._tail.file),
             "ended": self._tail.ended,
-            **{name: facts.message() for name, facts in self._facts.items()},
+            **{name: stream.message() for name, stream in self._streams.items()},
             "lacks": self._excitation.missing(),
             "turned_deg": [round(float(np.degrees(angle)), 1) for angle in self._excitation.turned],
             "notes": [{"warning": level >= WARN, "text": text} for level, text in self._tail.notes[-50:]],
@@ -68,7 +68,7 @@ class Feed:
         return [*messages, self._status]
 
     def estimate(self, found: LiveEstimate) -> Message:
-        """Return the message of an estimate, and keep it."""
+        """Return the message about an estimate, and keep it."""
         message = {
             "kind": "estimate",
             "seconds": found.seconds,
@@ -76,39 +76,39 @@ class Feed:
             "values": found.values.tolist(),
             "deviations": found.deviations.tolist(),
             "accepted": found.accepted,
-            "said": found.said,
+            "summary": found.summary,
         }
         self._estimates.append(message)
         return message
 
     def so_far(self) -> list[Message]:
-        """Return what a browser needs that has just come."""
+        """Return the messages for a newly connected browser."""
         readings: list[Message] = [{"kind": "imu", "rows": list(self._recent)}] if self._recent else []
         pose = [] if self._pose is None else [self._pose]
         return [*readings, *pose, *self._history(), self._status]
 
     def _history(self) -> list[Message]:
-        """Return all estimates as one message; after hours there are more than should wait one by one."""
+        """Return all estimates as one message; after hours there are too many for single messages."""
         every = -(-len(self._estimates) // MAX_ESTIMATES)
         return [{"kind": "estimates", "every": every, "estimates": self._estimates[::-every][::-1]}] if every else []
 
     def _readings(self, imu: Rows) -> Message:
-        new, facts = [], self._facts["imu"]
-        before = facts.last_ns
+        new, stream = [], self._streams["imu"]
+        before = stream.last_ns
         for k, t in enumerate(imu.stamps_ns):
             row = imu.row(k)
             step = 0.0 if before is None else min(0.1, (t - before) * 1e-9)
             self._excitation.take(ImuSample(t, (row[0], row[1], row[2]), (row[3], row[4], row[5])), step)
             new.append([t * 1e-9, *row[:6]])
             before = t
-        facts.take(imu.stamps_ns)
+        stream.take(imu.stamps_ns)
         self._recent.extend(new)
         while self._recent[0][0] < new[-1][0] - WINDOW:
             self._recent.popleft()
         return {"kind": "imu", "rows": [row for row in new if row[0] >= self._recent[0][0]]}
 
     def _skeleton(self, angles: Sequence[float]) -> list[list[float]] | None:
-        """Return where the arm's joints are, if its description is known and fits."""
+        """Return the positions of the arm's joints, if its description is known and fits."""
         if self._arm is None and self._tail.urdf is not None and not self._no_arm:
             try:
                 self._arm = parse_arm(self._tail.urdf)
@@ -119,8 +119,8 @@ class Feed:
         return [[float(x) for x in point] for point in skeleton(self._arm, np.array(angles))]
 
 
-class _Facts:
-    """How many messages of a stream there are, and how fast they come."""
+class _StreamState:
+    """Number and rate of a stream's messages."""
 
     def __init__(self) -> None:
         self._count = 0

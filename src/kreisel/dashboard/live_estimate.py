@@ -1,4 +1,4 @@
-"""What is known of a recording while it is made."""
+"""An estimate from a recording while it is being made."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from kreisel.geometry.rotation import Array
 
 @dataclass(frozen=True)
 class LiveEstimate:
-    """What is known after so many seconds of recording.
+    """The estimate after `seconds` seconds of recording.
 
     Attributes
     ----------
     seconds
-        Of IMU readings.
+        Duration of the IMU readings.
     names, values, deviations : (n,)
-        Parameters by the paths they have in the result; empty where nothing could be estimated.
-    said
-        Why there is no estimate, what is wrong with it, or that it is accepted.
+        Parameters, named by their paths in the result; empty if nothing could be estimated.
+    summary
+        The verdict as text: why there is no estimate, why it is rejected, or that it is accepted.
     """
 
     seconds: float
@@ -27,5 +27,5 @@ class LiveEstimate:
     values: Array
     deviations: Array
     accepted: bool
-    said: str
+    summary: str
     calibration: Calibration | None = None

@@ -1,7 +1,7 @@
-"""Calibration while recording: the same calibration, of what there is by now, again and again.
+"""Calibration while recording: the ordinary calibration, repeated with the data recorded so far.
 
-At the end it is that of the whole recording, to the last digit. It takes a set share of one processor: the longer
-one takes, the longer the pause to the next.
+The last one equals the calibration of the complete recording, to the last digit. Calibrations take a fixed share of
+one processor: the longer one takes, the longer the pause before the next.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from kreisel.errors import KreiselError
 from kreisel.model.settings import CalibrationSettings
 
 SHARE = 0.2
-"""Share of one processor's time that calibrating may take."""
+"""Share of one processor's time for calibrations."""
 
 PAUSE = 2.0
-"""Seconds at least between two calibrations."""
+"""Shortest pause between two calibrations, s."""
 
 
 class Online:
@@ -37,7 +37,7 @@ class Online:
         self._done = False
 
     def step(self) -> LiveEstimate | None:
-        """Return a new estimate if it is time for one; always a last one once the recording has ended."""
+        """Return a new estimate if one is due; always a last one when the recording has ended."""
         now = self._clock()
         if self._done or (now < self._next and not self.tail.ended):
             return None
@@ -47,7 +47,7 @@ class Online:
         return estimate
 
     def look(self) -> LiveEstimate | None:
-        """Read what has been written since, and return a new estimate if it is time for one; see `step`.
+        """Read newly written data, and return a new estimate if one is due; see `step`.
 
         Raises
         ------
@@ -70,20 +70,20 @@ class Online:
         found = outcome.calibration
         n = len(found.names)
         accepted = outcome.verdict.accepted
-        said = "accepted" if accepted else "; ".join(outcome.verdict.reasons)
+        text = "accepted" if accepted else "; ".join(outcome.verdict.reasons)
         row = found.estimates[-1]
-        return LiveEstimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, said, found)
+        return LiveEstimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, text, found)
 
 
 class Targets:
-    """Whether a recording that is being made tells enough: standard deviations, by group of parameters.
+    """Check whether the accuracy of a live calibration is sufficient: standard deviations, by parameter group.
 
     Attributes
     ----------
     reached
-        Whether an accepted calibration had them all below their targets; never without targets.
+        Whether an accepted calibration had all deviations below their targets; False without targets.
     over
-        Set it to end `look`.
+        Set to True to end `look`.
     """
 
     def __init__(self, path: Path, targets: dict[str, float], say: Callable[[str], None]) -> None:
@@ -92,23 +92,23 @@ class Targets:
         self._targets, self._say = targets, say
 
     def look(self) -> None:
-        """Look again and again; for a thread of its own."""
+        """Calibrate repeatedly until `over` is set; to be run in a separate thread."""
         online = Online(Tail(self._path))
         while not self.over:
             with suppress(KreiselError):
                 found = online.look()
                 if found is not None and found.names:
-                    self._weigh(found)
+                    self._compare(found)
             time.sleep(0.3)
 
-    def _weigh(self, found: LiveEstimate) -> None:
+    def _compare(self, found: LiveEstimate) -> None:
         worst = {
             group: max(d for n, d in zip(found.names, found.deviations, strict=True) if n.startswith(group))
             for group in self._targets
             if any(name.startswith(group) for name in found.names)
         }
         known = "".join(f"; {group} ±{deviation:.3g}" for group, deviation in worst.items())
-        self._say(f"after {found.seconds:.0f} s: {found.said}{known}")
+        self._say(f"after {found.seconds:.0f} s: {found.summary}{known}")
         below = [worst.get(group, np.inf) <= target for group, target in self._targets.items()]
         self.reached = self.reached or (found.accepted and bool(below) and all(below))
 

@@ -1,6 +1,6 @@
-"""Where a device is and how it speaks: ``rsi://0.0.0.0:49152``, ``ixcom://192.168.1.30:3000?divider=2``.
+"""Addresses of devices: ``rsi://0.0.0.0:49152``, ``ixcom://192.168.1.30:3000?divider=2``.
 
-A recording stands in for a device: ``mcap:///data/run/recording.mcap?speed=10``.
+A recording can replace a device: ``mcap:///data/run/recording.mcap?speed=10``.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from kreisel.errors import SettingsError, unknown_name
 
 @dataclass(frozen=True)
 class Scheme:
-    """A way of speaking: its usual port, the options it knows, and an example.
+    """A protocol: its usual port, its options, and an example.
 
     Attributes
     ----------
     port
-        0 where a path of this machine takes the place of host and port.
+        0 if a path on this machine replaces host and port.
     device
-        `imu` or `robot`, where the way of speaking does not say which.
+        `imu` or `robot`, if the protocol serves both.
     """
 
     port: int
@@ -32,11 +32,11 @@ class Scheme:
 
 ROBOTS = {
     "rsi": Scheme(
-        49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes where the controller wants answers)", ("answer",), True
+        49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes if the controller needs answers)", ("answer",), True
     ),
     "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script", "dashboard")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
-    "ekrl": Scheme(54601, "ekrl://192.168.1.10 (what kreisel's KRL program tells, see `kreisel krl`)", ("moves",)),
+    "ekrl": Scheme(54601, "ekrl://192.168.1.10 (poses of kreisel's KRL program, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
 }
@@ -52,12 +52,12 @@ MOVERS = {
     "ekrl": Scheme(54600, "ekrl://192.168.1.10 (kreisel's KRL program, see `kreisel krl`)"),
     "serial": Scheme(0, "serial:///dev/ttyS0?baud=115200 (the same program's telegrams)", ("baud",), device="robot"),
 }
-"""Where moves are sent."""
+"""Protocols for sending moves."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """A device's address, taken apart."""
+    """A device's address in its parts."""
 
     scheme: str
     host: str
@@ -76,7 +76,7 @@ class Address:
         Raises
         ------
         SettingsError
-            If it is none, or out of bounds.
+            If it is not a number, or out of bounds.
         """
         text = self.options.get(name, str(default))
         try:
@@ -89,30 +89,30 @@ class Address:
 
 
 def default_mover(robot: Address) -> str | None:
-    """Return where an arm that tells its pose there takes moves, if that is known: see `MOVERS`."""
+    """Return the mover's address that belongs to a robot's address, None if there is none; see `MOVERS`."""
     for scheme, option, mover in (("rtde", "script", "urscript"), ("ekrl", "moves", "ekrl")):
         if robot.scheme == scheme:
-            also = f"?dashboard={robot.options['dashboard']}" if "dashboard" in robot.options else ""
-            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}{also}"
+            options = f"?dashboard={robot.options['dashboard']}" if "dashboard" in robot.options else ""
+            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}{options}"
     return None
 
 
 def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:
-    """Return the address a text describes.
+    """Return the address that a text describes.
 
     Raises
     ------
     SettingsError
-        If scheme, host, port or an option makes no sense; the known ones are listed.
+        If scheme, host, port or an option is invalid; the message lists the known ones.
     """
     examples = "; ".join(scheme.example for scheme in schemes.values())
     try:
         parts = urlsplit(text, allow_fragments=False)
         port = parts.port
     except ValueError as error:
-        raise SettingsError(f"'{text}' is no address ({error}); known are: {examples}") from error
+        raise SettingsError(f"'{text}' is not an address ({error}); expected one of: {examples}") from error
     if parts.scheme not in schemes:
-        raise SettingsError(f"'{text}': {unknown_name('scheme', parts.scheme, schemes)}; such as {examples}")
+        raise SettingsError(f"'{text}': {unknown_name('scheme', parts.scheme, schemes)}; examples: {examples}")
     scheme = schemes[parts.scheme]
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     for name in options:
@@ -126,12 +126,12 @@ def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:
 
 
 def _path(text: str, parts: SplitResult) -> str:
-    """Return the path an address names."""
+    """Return the path in an address."""
     if parts.netloc:
         raise SettingsError(
             f"'{text}' names a host, '{parts.netloc}', expected a path from the root, with three slashes: "
             f"{parts.scheme}:///{parts.netloc}{parts.path}"
         )
     if not parts.path.strip("/"):
-        raise SettingsError(f"'{text}' names no path, expected such as {parts.scheme}:///PATH")
+        raise SettingsError(f"'{text}' names no path, expected for example {parts.scheme}:///PATH")
     return unquote(parts.path)

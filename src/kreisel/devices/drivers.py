@@ -1,7 +1,7 @@
-"""Drivers: an endless stream of events from the device at an address, through every loss of it.
+"""Drivers: each yields the events of the device at an address, without end, and connects again after every loss.
 
-A driver never ends by itself, unless it plays a recording, and never raises for what a device does. It reads; what it
-sends is what makes a device stream, and nothing that moves a robot.
+A driver does not end by itself, unless it plays a recording, and it does not raise because of what a device does. It
+reads; it sends only what makes a device stream, and nothing that moves a robot.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ def device_events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIt
     Raises
     ------
     SettingsError, ProtocolError
-        If an option of the address makes no sense.
+        If an option of the address is invalid.
     """
     if address.scheme in ("rsi", "egm"):
         return _datagrams(address, clock)
     make: Any = SESSIONS[address.scheme]
-    make(address)  # so that a wrong option is told at once
+    make(address)  # so that a wrong option raises at once
     return _stream(address, clock, lambda: make(address))
 
 
 class _Faults:
-    """Faults of one device; each kind is told once a second at most, with how many there were."""
+    """Faults of one device; each kind is reported at most once a second, with the number so far."""
 
     def __init__(self) -> None:
         self._seen: dict[str, tuple[int, int]] = {}
 
-    def tell(self, error: KreiselError, now_ns: int) -> list[Notice]:
+    def report(self, error: KreiselError, now_ns: int) -> list[Notice]:
         kind = re.sub(r"\d+|'.*", "", str(error))[:40]
         if kind not in self._seen and len(self._seen) >= _KINDS:
             kind = "other"
@@ -76,7 +76,7 @@ Decode = Callable[[bytes], RobotSample]
 
 
 class _Receiver(asyncio.DatagramProtocol):
-    """Datagrams of one sender into a queue, stamped as they come; see `Source`."""
+    """Puts the datagrams of one sender into a queue, with their times of arrival; see `Source`."""
 
     def __init__(self, clock: Clock, decode: Decode, *, answers: bool) -> None:
         self.queue: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue(_WAITING)
@@ -110,11 +110,11 @@ class _Receiver(asyncio.DatagramProtocol):
         return True
 
     def error_received(self, exc: Exception) -> None:
-        """Go on: an answer did not reach the controller, which says so itself."""
+        """Continue: an answer did not reach the controller, which reports that itself."""
 
 
 async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
-    """Yield what a controller sends to a port of ours."""
+    """Yield what a controller sends to a port of this machine."""
     decode: Decode = {"rsi": rsi.decode, "egm": egm.decode}[address.scheme]
     answers = address.options.get("answer", "no").lower() in ("yes", "true", "1")
     transport, receiver = await _listen(address, lambda: _Receiver(clock, decode, answers=answers))
@@ -125,36 +125,36 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
             now = clock() if item is None else item[1]
             for notice in reports.take(b"" if item is None or not answers else item[0], now):
                 yield notice
-            if not silent and now - heard > SILENCE * 1e9:  # whatever comes in may be no telegram
+            if not silent and now - heard > SILENCE * 1e9:  # what is received may not be telegrams
                 silent = True
-                yield Notice(Level.LOST, f"{address}: nothing comes in; is the robot's program running?", now)
+                yield Notice(Level.LOST, f"{address}: nothing is received; is the robot's program running?", now)
             if item is None:
                 continue
             try:
                 sample = decode(item[0])
             except ProtocolError as error:
-                for notice in faults.tell(error, now):
+                for notice in faults.report(error, now):
                     yield notice
                 continue
             heard = now
             if silent:
                 silent = False
-                yield Notice(Level.INFO, f"{address}: messages come in", now)
+                yield Notice(Level.INFO, f"{address}: messages are received again", now)
             yield Arrival(sample, now)
     finally:
         transport.close()
 
 
 async def _listen(address: Address, receiver: Callable[[], _Receiver]) -> tuple[asyncio.DatagramTransport, _Receiver]:
-    """Return a port of ours, and what receives there."""
+    """Return a port of this machine that is open for datagrams, and its receiver."""
     try:
         transport, made = await asyncio.get_running_loop().create_datagram_endpoint(
             receiver, local_addr=(address.host, address.port)
         )
     except OSError as error:
         raise DeviceError(
-            f"{address}: cannot listen there ({error.strerror or error}): is another program doing so, or is it not an "
-            "address of this machine?"
+            f"{address}: cannot listen there ({error.strerror or error}): does another program listen there, or is it "
+            "not an address of this machine?"
         ) from error
     with suppress(OSError):
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
@@ -162,7 +162,7 @@ async def _listen(address: Address, receiver: Callable[[], _Receiver]) -> tuple[
 
 
 async def _next(queue: asyncio.Queue[tuple[bytes, int]]) -> tuple[bytes, int] | None:
-    """Return what comes next, or None where nothing comes for a while."""
+    """Return the next datagram, or None if nothing is received for `SILENCE` seconds."""
     try:
         async with asyncio.timeout(SILENCE):
             return await queue.get()
@@ -171,14 +171,14 @@ async def _next(queue: asyncio.Queue[tuple[bytes, int]]) -> tuple[bytes, int] | 
 
 
 class _Reports:
-    """What is to be reported of a port besides what it receives: other senders, datagrams dropped, answers too late."""
+    """What to report about a port besides its samples: other senders, dropped datagrams, late answers."""
 
     def __init__(self, address: Address, receiver: _Receiver) -> None:
         self._address, self._receiver = address, receiver
         self._dropped = self._late = 0
 
     def take(self, data: bytes, now: int) -> list[Notice]:
-        """Return notices; `data` is the datagram that was to be answered, if it was."""
+        """Return notices; `data` is the datagram that was to be answered, empty if there is none."""
         texts = self._receiver.source.news()
         if self._receiver.dropped > self._dropped:
             texts.append(f"{self._receiver.dropped - self._dropped} messages dropped here")
@@ -194,7 +194,7 @@ class _Reports:
 
 
 async def _stream(address: Address, clock: Clock, session: Callable[[], Session]) -> AsyncIterator[Event]:
-    """Yield what comes over a connection; connect again whenever it is lost."""
+    """Yield the events of a connection; connect again whenever it is lost."""
     faults, lost_ns = _Faults(), None
     while True:
         try:
@@ -211,7 +211,7 @@ async def _stream(address: Address, clock: Clock, session: Callable[[], Session]
             async for event in _converse(session(), reader, writer, clock, faults):
                 if lost_ns is not None and isinstance(event, Arrival):
                     gap = (event.host_ns - lost_ns) * 1e-9
-                    yield Notice(Level.INFO, f"{address}: readings come in again after {gap:.1f} s", event.host_ns)
+                    yield Notice(Level.INFO, f"{address}: readings are received again after {gap:.1f} s", event.host_ns)
                     lost_ns = None
                 yield event
         except TimeoutError:
@@ -231,7 +231,7 @@ async def _stream(address: Address, clock: Clock, session: Callable[[], Session]
 async def _converse(
     session: Session, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, clock: Clock, faults: _Faults
 ) -> AsyncIterator[Event]:
-    """Yield what one connection brings, until it ends."""
+    """Yield the events of one connection, until it ends."""
     writer.write(session.begin())
     asking = None if session.period is None else asyncio.ensure_future(_ask(session, writer, clock))
     try:
@@ -245,7 +245,7 @@ async def _converse(
             writer.write(answer)
             for item in found:
                 if isinstance(item, ProtocolError):
-                    for notice in faults.tell(item, now):
+                    for notice in faults.report(item, now):
                         yield notice
                 else:
                     yield Arrival(item, now)
@@ -266,14 +266,14 @@ async def connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.Strea
     Raises
     ------
     OSError
-        If it cannot be opened.
+        If the connection cannot be opened.
     SettingsError
-        If a serial line's option makes no sense, or pyserial is not there.
+        If a serial line's option is invalid, or pyserial is not installed.
     """
     if address.scheme != "serial":
         return await asyncio.open_connection(address.host, address.port)
     try:
-        import serial  # here, for it is an extra
+        import serial  # here, because it is an optional dependency
     except ImportError as error:
         raise SettingsError("serial lines need pyserial: pip install 'kreisel[live]'") from error
     device = serial.Serial(address.path, int(address.number("baud", 115200, 50, 4e6)), timeout=0)
@@ -286,7 +286,7 @@ async def connect(address: Address) -> tuple[asyncio.StreamReader, asyncio.Strea
 
 
 class _SerialWriter(asyncio.StreamWriter):
-    """The writing side of a serial line, which closes the reading one too."""
+    """The writing side of a serial line; it closes the reading side too."""
 
     reading: asyncio.ReadTransport
 

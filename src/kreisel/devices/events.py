@@ -1,4 +1,4 @@
-"""What comes from a device: readings with the host's own time of arrival, and what happened to the connection."""
+"""Events of a device: readings with the host's time of arrival, and notices about the connection."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from kreisel.protocols.samples import ImuSample, RobotSample
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A reading, and the host's monotonic time in ns when its bytes came in."""
+    """A reading, and the host's monotonic time in ns when its bytes were received."""
 
     sample: ImuSample | RobotSample
     host_ns: int
 
 
 class Level(StrEnum):
-    """How bad it is."""
+    """Severity of a notice."""
 
     INFO = "info"
     WARNING = "warning"
@@ -26,7 +26,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something to be told: a device lost, or back, bytes that were no message."""
+    """A message about a device: connection lost or restored, bytes that are not a message."""
 
     level: Level
     text: str

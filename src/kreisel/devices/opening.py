@@ -1,4 +1,4 @@
-"""The events of any device, or of a recording that is played in the place of one."""
+"""The events of any device, or of a recording that is played in its place."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[
     Raises
     ------
     SettingsError, ProtocolError
-        If an option of the address makes no sense.
+        If an option of the address is invalid.
     RecordingError
-        If it is that of a recording which cannot be played.
+        If the address is a recording that cannot be played.
     """
     if address.scheme == REPLAY:
         return replay(address, clock)

@@ -1,4 +1,4 @@
-"""A recording in the place of a device: what it sent comes again as it came, or faster, and then ends."""
+"""A recording that replaces a device: its messages come at the recorded intervals, or faster, and then end."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ REPLAY = "mcap"
 """The scheme of addresses that are recordings."""
 
 LATEST_NS = 60_000_000_000
-"""A stream that begins so much later than its file was logged by another clock, as in files made of others: it begins
-at once."""
+"""A stream that begins so much later than its file was logged on another clock, as in files merged from others: it is
+played from its first message at once."""
 
-_TURN = 200  # messages after which others have theirs, however fast it goes
+_TURN = 200  # messages after which other tasks may run, at any speed
 
 Timed = tuple[int, ImuSample | RobotSample]
 
@@ -33,13 +33,13 @@ Timed = tuple[int, ImuSample | RobotSample]
 def replay(address: Address, clock: Callable[[], int]) -> AsyncIterator[Event]:
     """Return the events of a device whose messages are in a file.
 
-    Stamps are those of the messages. The host's times are those of the log, shifted to now: what is recorded anew has
-    every reading as far apart as it was, however fast it is played.
+    Stamps are those of the messages. The host's times are the log times, shifted to now: a new recording of them keeps
+    all intervals between readings, at any speed.
 
     Raises
     ------
     SettingsError
-        If an option of the address makes no sense.
+        If an option of the address is invalid.
     RecordingError
         If the file cannot be played; see `load_imu`.
     """
@@ -68,7 +68,7 @@ async def _play(address: Address, playback: Playback, speed: float, clock: Calla
             await asyncio.sleep(0)
         yield Arrival(sample, begun_ns + now_ns)
     if refused:
-        text = f"{address}: {refused} messages left out that are not finite, or whose stamps no recording can have"
+        text = f"{address}: {refused} messages left out: values not finite, or stamps outside the range of a recording"
         yield Notice(Level.WARNING, text, begun_ns + (now_ns or 0))
     yield Notice(Level.INFO, f"{address}: has ended", begun_ns + (now_ns or 0))
 
@@ -81,12 +81,12 @@ def _names(playback: Playback) -> str:
 
 
 def _timed(playback: Playback) -> Iterator[Timed]:
-    """Yield readings with the times of logging; a pose and joint angles of one stamp are one reading."""
+    """Yield readings with their log times; a pose and joint angles with the same stamp are one reading."""
     if playback.imu is not None:
         yield from zip(playback.imu.log_times_ns.tolist(), imu_samples(playback.imu.content), strict=True)
     poses = () if playback.poses is None else _poses(playback.poses)
     joints = () if playback.joints is None else _angles(playback.joints)
-    merged = heapq.merge(poses, joints, key=_stamp)  # of two with one stamp the pose comes first
+    merged = heapq.merge(poses, joints, key=_stamp)  # of two with the same stamp the pose comes first
     for _, group in groupby(merged, key=_stamp):
         times, samples = zip(*group, strict=True)
         yield min(times), replace(samples[0], joints=next((s.joints for s in samples if s.joints), ()))
@@ -111,7 +111,7 @@ def _stamp(timed: tuple[int, RobotSample]) -> int:
 
 
 def _possible(sample: ImuSample | RobotSample) -> bool:
-    """Return whether a reading can be recorded, as protocols check theirs."""
+    """Return whether a reading can be recorded: the same checks as in the protocols."""
     if isinstance(sample, ImuSample):
         values: tuple[float, ...] = (*sample.rate, *sample.acceleration)
     else:

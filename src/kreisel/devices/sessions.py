@@ -1,4 +1,4 @@
-"""What is said over one connection, from its beginning: bytes in, readings and answers out. No sockets here."""
+"""The dialogue over one connection, from its beginning: bytes in, readings and answers out. No sockets here."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ Found = ImuSample | RobotSample | ProtocolError
 
 
 class Session:
-    """One connection to a device; made anew for each.
+    """The state of one connection to a device; every connection gets a new one.
 
     Attributes
     ----------
     period
-        Seconds between two questions, where a device sends only what it is asked for; otherwise None.
+        Seconds between two requests, if a device sends only what is requested; otherwise None.
     """
 
     period: float | None = None
@@ -26,16 +26,16 @@ class Session:
         return b""
 
     def ask(self, now_ns: int) -> bytes:
-        """Return the next question, on the host's clock."""
-        raise NotImplementedError(f"{type(self).__name__} at {now_ns} asks nothing")
+        """Return the next request; `now_ns` is on the host's clock."""
+        raise NotImplementedError(f"{type(self).__name__} at {now_ns} sends no requests")
 
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
-        """Return readings and errors in what came in at a moment, and what to send.
+        """Return the readings and errors in bytes received at `now_ns`, and what to send.
 
         Raises
         ------
         ProtocolError
-            If the connection is of no more use.
+            If the connection is no longer usable.
         """
         raise NotImplementedError(f"{type(self).__name__} reads nothing of {len(data)} bytes at {now_ns}")
 
@@ -53,12 +53,12 @@ class RtdeSession(Session):
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
         """Return poses and the controller's messages."""
         samples, answer, texts = self._client.receive(data)
-        said = [ProtocolError("RTDE", f"the controller says: {text}") for text in texts]
-        return [*said, *samples], answer
+        messages = [ProtocolError("RTDE", f"the controller says: {text}") for text in texts]
+        return [*messages, *samples], answer
 
 
 class IxcomSession(Session):
-    """An iMAR system, asked for its raw readings."""
+    """An iMAR system that is asked for its raw readings."""
 
     def __init__(self, address: Address) -> None:
         self._channel = int(address.number("channel", 0, 0, 31))
@@ -67,11 +67,11 @@ class IxcomSession(Session):
         self._skipped = self._missing = 0
 
     def begin(self) -> bytes:
-        """Return the commands that open a channel and have readings sent."""
+        """Return the commands that open a channel and request readings."""
         return ixcom.open_channel(self._channel) + ixcom.add_log(ixcom.IMURAW, self._divider)
 
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
-        """Return readings, refusals, and what was lost on the way."""
+        """Return readings, refusals, and errors about lost bytes and frames."""
         out: list[Found] = []
         for frame in self._decoder.receive(data):
             try:
@@ -83,9 +83,9 @@ class IxcomSession(Session):
                 out.append(error)
         skipped, missing = self._decoder.skipped, self._decoder.missing
         if skipped > self._skipped:
-            out.append(ProtocolError("iXCOM", f"{skipped - self._skipped} bytes that belong to no frame"))
+            out.append(ProtocolError("iXCOM", f"{skipped - self._skipped} bytes belong to no frame"))
         if missing > self._missing:
-            out.append(ProtocolError("iXCOM", f"{missing - self._missing} frames were lost on the way"))
+            out.append(ProtocolError("iXCOM", f"{missing - self._missing} frames were lost"))
         self._skipped, self._missing = skipped, missing
         return out, b""
 
@@ -98,14 +98,14 @@ class LineSession(Session):
         self._decoder = line.Decoder(None if named is None else line.Columns.parse(named))
 
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
-        """Return readings, and an error for each line that is none."""
+        """Return readings, and an error for each invalid line."""
         return list(self._decoder.receive(data)), b""
 
 
 class VarproxySession(Session):
-    """A KUKA controller asked for its pose.
+    """A KUKA controller that is asked for its pose.
 
-    It tells no time: a pose is stamped with the host's, half way between question and answer.
+    It sends no time: the stamp of a pose is the host's time half way between request and answer.
     """
 
     def __init__(self, address: Address) -> None:
@@ -115,13 +115,13 @@ class VarproxySession(Session):
         self._number = 0
 
     def ask(self, now_ns: int) -> bytes:
-        """Return the question for the tool's pose."""
+        """Return the request for the tool's pose."""
         self._number = (self._number + 1) % 2**16
         self._asked[self._number] = now_ns
         return varproxy.encode_request(varproxy.Request(self._number, "$POS_ACT"))
 
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
-        """Return poses, and an error for each answer that is none."""
+        """Return poses, and an error for each invalid answer."""
         out: list[Found] = []
         for number, content in self._splitter.receive(data):
             asked = self._asked.pop(number, None)
@@ -135,14 +135,14 @@ class VarproxySession(Session):
 
 
 class EkrlSession(Session):
-    """What kreisel's program on a KUKA controller tells of itself."""
+    """The states that kreisel's program on a KUKA controller sends."""
 
-    def __init__(self, address: Address) -> None:  # noqa: ARG002 - as all sessions are made
+    def __init__(self, address: Address) -> None:  # noqa: ARG002 - all sessions have this signature
         self._splitter = ekrl.Splitter("Robot")
         self._skipped = 0
 
     def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
-        """Return poses, and an error for each telegram that is none."""
+        """Return poses, and an error for each invalid telegram."""
         out: list[Found] = []
         for telegram in self._splitter.receive(data):
             try:
@@ -151,9 +151,7 @@ class EkrlSession(Session):
                 out.append(error)
         if self._splitter.skipped > self._skipped:
             out.append(
-                ProtocolError(
-                    "EthernetKRL", f"{self._splitter.skipped - self._skipped} bytes that belong to no telegram"
-                )
+                ProtocolError("EthernetKRL", f"{self._splitter.skipped - self._skipped} bytes belong to no telegram")
             )
             self._skipped = self._splitter.skipped
         return out, b""
@@ -167,4 +165,4 @@ SESSIONS: dict[str, type[Session]] = {
     "varproxy": VarproxySession,
     "ekrl": EkrlSession,
 }
-"""By the scheme of the address; each is made from it."""
+"""Session classes by the scheme of the address; each is constructed from an address."""

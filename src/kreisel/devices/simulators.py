@@ -1,4 +1,4 @@
-"""Simulated controllers and IMUs that play a recording back over the wire, as the real ones would send it."""
+"""Simulated controllers and IMUs: they send a recording over the network, with the bytes of the real devices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ROWS = 1000
 
 
 def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
-    """Yield the readings of a recording one by one, without a pause at the first."""
+    """Yield the readings of a recording one by one; they are converted in parts, so that the first comes at once."""
     for begin in range(0, imu.stamps_ns.size, _ROWS):
         part = slice(begin, begin + _ROWS)
         rows = zip(
@@ -28,7 +28,7 @@ def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
 
 
 def robot_samples(recording: Recording) -> Iterator[RobotSample]:
-    """Yield the poses of a recording one by one, with joint angles where it has them."""
+    """Yield the poses of a recording one by one, with joint angles if it has them."""
     reference, joints = recording.reference, recording.joints
     if reference is None:
         return
@@ -42,14 +42,14 @@ def robot_samples(recording: Recording) -> Iterator[RobotSample]:
 
 
 class Pace:
-    """Real time, or a multiple of it, from a moment that all simulators of a cell share.
+    """Real time, or a multiple of it, from a start time that all simulators of a cell share.
 
     Parameters
     ----------
     began
-        Return the moment, s of the system's monotonic clock, or None before it is known.
+        Returns the start time, s of the system's monotonic clock, or None before it is known.
     speed
-        How many seconds pass on the devices' clocks in one of ours.
+        How many seconds pass on the devices' clocks in one second of real time.
     """
 
     def __init__(self, began: Callable[[], float | None], speed: float = 1.0) -> None:
@@ -65,14 +65,14 @@ class Pace:
 
 
 class Datagrams:
-    """A controller that sends its poses to a port, as RSI and EGM do; answers are let lie."""
+    """A controller that sends its poses to a port, as RSI and EGM do; answers are ignored."""
 
     def __init__(self, scheme: str, host: str, port: int) -> None:
         self._scheme, self._where, self._number = scheme, (host, port), 0
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self) -> int:
-        """Begin, and return the port."""
+        """Open the socket, and return the port."""
         loop = asyncio.get_running_loop()
         self._transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._where)
         return self._where[1]
@@ -86,7 +86,7 @@ class Datagrams:
                 self._transport.sendto(data)
 
     def close(self) -> None:
-        """Send no more."""
+        """Close the socket."""
         if self._transport is not None:
             self._transport.close()
 
@@ -105,13 +105,13 @@ async def play_datagrams(scheme: str, samples: Iterator[RobotSample], host: str,
 
 
 class Obedient(Protocol):
-    """An arm that can be told to move."""
+    """An arm that takes moves."""
 
     def move(self, target: Sequence[float]) -> str | None:
-        """Move, or return why not."""
+        """Begin a move, or return why it is refused."""
 
     def stop(self) -> None:
-        """Stop where it is."""
+        """Stop the arm where it is."""
 
     @property
     def moving(self) -> bool:
@@ -119,18 +119,18 @@ class Obedient(Protocol):
 
 
 async def ekrl_simulator(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Do what telegrams say until the connection ends, and answer, as kreisel's program on a KUKA controller does."""
-    splitter, nowhere = ekrl.Splitter("Kreisel"), RobotSample(0, None, None, (0.0,) * 6)
+    """Execute and answer telegrams until the connection ends, as kreisel's program on a KUKA controller does."""
+    splitter, no_pose = ekrl.Splitter("Kreisel"), RobotSample(0, None, None, (0.0,) * 6)
 
-    def tell(number: int, doing: ekrl.Doing) -> None:
-        writer.write(ekrl.encode_state(ekrl.State(number, doing, nowhere)))
+    def answer(number: int, doing: ekrl.Doing) -> None:
+        writer.write(ekrl.encode_state(ekrl.State(number, doing, no_pose)))
 
     arrives: asyncio.Task[None] | None = None
 
     async def arrive(number: int) -> None:
         while arm.moving:
             await asyncio.sleep(0.01)
-        tell(number, ekrl.Doing.ARRIVED)
+        answer(number, ekrl.Doing.ARRIVED)
 
     try:
         while data := await reader.read(4096):
@@ -141,19 +141,19 @@ async def ekrl_simulator(arm: Obedient, reader: asyncio.StreamReader, writer: as
                     continue
                 if isinstance(command, ekrl.Stop):
                     arm.stop()
-                    tell(command.number, ekrl.Doing.STOPPED)
+                    answer(command.number, ekrl.Doing.STOPPED)
                 elif arm.move(command.target) is None:
-                    tell(command.number, ekrl.Doing.MOVING)
+                    answer(command.number, ekrl.Doing.MOVING)
                     arrives = asyncio.ensure_future(arrive(command.number))
                 else:
-                    tell(command.number, ekrl.Doing.REFUSED)
+                    answer(command.number, ekrl.Doing.REFUSED)
     finally:
         if arrives is not None:
             arrives.cancel()
 
 
 class _Clients:
-    """Those a stream is sent to; one that does not read is dropped rather than waited for."""
+    """The clients a stream is sent to; one that does not read is disconnected."""
 
     _MAX_COMMAND = 1 << 20
 
@@ -180,12 +180,12 @@ class _Clients:
 
 
 class TcpSimulator:
-    """A device that clients connect to: serve it, then play what it measures.
+    """A device that clients connect to: call `serve`, then `play` or `send`.
 
     Parameters
     ----------
     scheme
-        `rtde`, `ekrl` (its states alone), `varproxy`, `ixcom` or `csv`.
+        `rtde`, `ekrl` (states only), `varproxy`, `ixcom` or `csv`.
     on_client
         Called when the first client wants data.
     """
@@ -209,7 +209,7 @@ class TcpSimulator:
         return int(self._server.sockets[0].getsockname()[1])
 
     async def play(self, samples: Iterator[ImuSample] | Iterator[RobotSample], pace: Pace) -> None:
-        """Send samples to all who listen, then close."""
+        """Send samples to all clients at their times, then close."""
         first_ns: int | None = None
         for sample in samples:
             first_ns = sample.stamp_ns if first_ns is None else first_ns
@@ -218,20 +218,20 @@ class TcpSimulator:
         self.close()
 
     def close(self) -> None:
-        """Hang up on all, and listen no more."""
+        """Disconnect all clients, and stop listening."""
         self._clients.close()
         if self._server is not None:
             self._server.close()
 
     def send(self, samples: Iterable[ImuSample | RobotSample]) -> None:
-        """Send samples to all who listen."""
+        """Send samples to all clients."""
         for sample in samples:
             self._latest = sample
             self._clients.send(sample)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            with suppress(OSError, ProtocolError, asyncio.CancelledError):  # also at the end of the cell
+            with suppress(OSError, ProtocolError, asyncio.CancelledError):  # CancelledError: the cell ends
                 await self._talk(reader, writer)
         finally:
             self._clients.remove(writer)

@@ -1,25 +1,25 @@
-"""Which sender a port takes datagrams from: the first one, as long as it sends."""
+"""The sender whose datagrams a port accepts: the first one, as long as it sends."""
 
 from __future__ import annotations
 
 HANDOVER_NS = 2_000_000_000
-"""Silence of the kept sender after which another port of the same host is taken: a controller that was restarted."""
+"""Silence of the accepted sender, ns, after which another port of its host is accepted: a restarted controller."""
 
 SETTLED = 5
-"""Telegrams after which a sender is kept for good; one that falls silent earlier is given up for any other."""
+"""Telegrams after which only the same host can replace a sender; one that falls silent earlier is replaced by any."""
 
 Sender = tuple[str, int]
 
 
 class Source:
-    """The sender a port keeps to, and what came from others.
+    """The sender a port accepts, and the number of datagrams from others.
 
     Attributes
     ----------
     sender
         Host and port; None before the first telegram.
     dropped
-        Datagrams of others.
+        Number of datagrams of other senders.
     """
 
     def __init__(self) -> None:
@@ -30,34 +30,36 @@ class Source:
         self._news: list[str] = []
 
     def takes(self, sender: Sender, now_ns: int) -> bool:
-        """Return whether a datagram of a sender is to be read; count it where it is not."""
+        """Return whether a datagram of a sender is accepted; count it if it is not."""
         if sender == self.sender or self._free(sender, now_ns):
             return True
         self.dropped += 1
-        if str(self.dropped).strip("0") == "1":  # 1, 10, 100, …: reported, but not without end
+        if str(self.dropped).strip("0") == "1":  # 1, 10, 100, …: so that the number of reports stays small
             self._news.append(
-                f"datagrams from {_name(sender)} dropped, {self.dropped} so far: this port keeps to "
-                f"{_name(self.sender or sender)}, which it heard first"
+                f"datagrams from {_name(sender)} dropped, {self.dropped} so far: this port accepts only "
+                f"{_name(self.sender or sender)}, which sent first"
             )
         return False
 
     def keep(self, sender: Sender, now_ns: int) -> None:
-        """Take note of a telegram of a sender that `takes` allowed."""
+        """Note a telegram of a sender that `takes` accepted."""
         if sender != self.sender:
             if self.sender is not None:
                 silent = (now_ns - self._last_ns) * 1e-9
-                self._news.append(f"{_name(self.sender)} was silent for {silent:.1f} s; now {_name(sender)} is taken")
+                self._news.append(
+                    f"{_name(self.sender)} was silent for {silent:.1f} s; now {_name(sender)} is accepted"
+                )
             self.sender, self._count = sender, 0
         self._count += 1
         self._last_ns = now_ns
 
     def news(self) -> list[str]:
-        """Return what is to be reported since the last call."""
+        """Return the reports since the last call."""
         news, self._news = self._news, []
         return news
 
     def _free(self, sender: Sender, now_ns: int) -> bool:
-        """Return whether a new sender may take the place of the one kept so far."""
+        """Return whether a new sender may replace the present one."""
         if self.sender is None:
             return True
         same_host = sender[0] == self.sender[0]

@@ -1,12 +1,12 @@
-"""What the rare-update sigma-point Kalman filter believes, and how it is changed between updates.
+"""The belief of the rare-update sigma-point Kalman filter, and its changes between updates.
 
 The belief is a mean on the manifold and a lower triangular factor S of the covariance S S^T. A step draws
-sigma points once, lets the model run them to the next update, and puts them together there. Prediction
+sigma points once, propagates them with the model to the next update, and combines them there. Prediction
 and update are orthogonal triangularisations of arrays whose rows are the state and the measurement, so
-the covariance is a sum of squares by construction and cannot lose its positive sign.
+the covariance is a sum of squares by construction and cannot become negative.
 
 Parameters do not change between updates: their rows of S stay as they are. The parts that do change
-stand last in the layout, so only their few rows need triangularising again. The steps themselves are compiled:
+are last in the layout, so only their few rows need triangularising again. The steps themselves are compiled:
 `_kernels.filter_loop`.
 """
 
@@ -57,7 +57,7 @@ def inflate_variance(layout: StateLayout, belief: Belief, name: str, deviation: 
 
 
 def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: Array) -> Belief:
-    """Return the belief with a part forgotten and believed anew, independent of all else.
+    """Return the belief with a part replaced by a new value, independent of all other parts.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether a filter's innovations are as large and as independent as it believes."""
+"""Whether a filter's innovations are as large and as independent as it assumes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ GATE = 1e-6
 
 
 def chi_square(level: float, degrees: ArrayLike) -> Array:
-    """Return what a chi-square variable stays below with the probability `level`."""
-    from scipy.special import chdtri  # here, for it takes as long to import as a minute's data to filter
+    """Return the bound below which a chi-square variable lies with the probability `level`."""
+    from scipy.special import chdtri  # imported here, because it takes as long as filtering a minute of data
 
     return np.asarray(chdtri(degrees, 1.0 - level))
 
 
 def gate_bound(tail: float, degrees: int) -> float:
-    """Return what a chi-square variable of a few whole degrees exceeds with the probability `tail`.
+    """Return the bound that a chi-square variable of a few whole degrees exceeds with the probability `tail`.
 
-    By halving: its probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5).
+    By bisection; the probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5).
     """
     low, high = 0.0, 2.0 * (degrees - 4.0 * math.log(tail))
     while high - low > 1e-13 * high:
@@ -49,7 +49,7 @@ def mean_normalised(nis: Array, degrees: Array) -> float:
 
 
 def normalised_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
-    """Return the interval the mean NIS per degree of freedom lies in at the given level if consistent."""
+    """Return the interval that contains a consistent filter's mean NIS per degree of freedom at the given level."""
     total = float(np.sum(degrees))
     tail = 0.5 * (1.0 - level)
     return float(chi_square(tail, total) / total), float(chi_square(1.0 - tail, total) / total)

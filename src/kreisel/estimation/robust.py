@@ -1,4 +1,4 @@
-"""Robust least squares: Cauchy weights, and the scale they are measured by."""
+"""Robust least squares: Cauchy weights, and their scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choices of sigma points: where they lie and how they are put together again."""
+"""Choices of sigma points: where they lie and how they are combined."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Part:
     Attributes
     ----------
     name
-        What it is.
+        Name of the part.
     degrees
         Degrees of freedom. A rotation may have fewer than three; the others are held.
     rotation

@@ -1,7 +1,7 @@
-"""Every kernel made ready before the work begins, so that compiling shows as a step of its own.
+"""Compilation of all kernels before the work starts, so that progress shows it as a step of its own.
 
-What is compiled for the first time is compiled by helping processes, as far as possible two at once, into the cache
-that all later starts load from.
+The first compilation runs in helper processes, two at a time where possible, and fills the cache from which all later
+starts load the kernels.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from kreisel._kernels import (
     sigma_point_filter,
     unit_forces,
 )
+from kreisel._kernels.increments import Coefficients, Increments, Span
 from kreisel.estimation.belief import Belief, inflate_variance, triangularise
 from kreisel.estimation.state import Part, StateLayout
 from kreisel.inertial.strapdown import Samples, integrate_attitude, prepare
@@ -54,7 +55,7 @@ def _belief() -> None:
 
 
 def _model() -> cell.Model:
-    some = cell.Rows(_INDEX, _NUMBER)
+    some = cell.ParameterRows(_INDEX, _NUMBER)
     return cell.Model(
         _LAYOUT.table, _LAYOUT.table, _NUMBER, some, some, some, some, _INDEX, _INDEX, _INDEX, _INDEX, 1, 1.0, True,
         0.0, 0.0, _NUMBER, _NUMBER, _INDEX, _NUMBER, 0.02,
@@ -67,53 +68,53 @@ def _samples() -> Samples:
 
 
 def _filter() -> None:
-    """Run the filter over no updates: nothing is computed, all of it compiled."""
+    """Run the filter over no updates: nothing is computed, but all of it is compiled."""
     steps = cell.Steps(_INDEX, _INDEX, _NUMBER, _FLAGS, _NUMBERS, _NUMBERS, _FLAGS, _BLOCK)
     record = cell.Record(_NUMBERS, _NUMBERS, _FLAGS, _NUMBERS, _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
     gate = cell.Gate(_NUMBER, 1, _INDEX)
-    filter_loop.run(_model(), _samples(), steps, 0, 0, gate, sigma_point_filter.Belief(_NUMBER, _NUMBERS), record)
+    filter_loop.run(_model(), _samples(), steps, 0, 0, gate, sigma_point_filter.Gaussian(_NUMBER, _NUMBERS), record)
 
 
-_SPAN = preintegration.Span(0, 0, 0, 0)
-_INCREMENTS = preintegration.Increments(*[_NUMBERS] * 5, _BLOCK, _NUMBERS, _NUMBERS)
+_SPAN = Span(0, 0, 0, 0)
+_INCREMENTS = Increments(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _BLOCK, _NUMBERS, _NUMBERS)
 
 
 def _motion_kernels() -> None:
     compilation.compile_for(process_model.sensor_coefficients, _model(), _NUMBERS, _BLOCK, _BLOCK, _BLOCK)
-    coefficients = preintegration.Coefficients(_BLOCK, _BLOCK, _BLOCK)
+    coefficients = Coefficients(_BLOCK, _BLOCK, _BLOCK)
     compilation.compile_for(preintegration.preintegrate, _SPAN, _samples(), coefficients, _INCREMENTS)
 
 
 def _update_kernels() -> None:
     x = _NUMBERS
     compilation.compile_for(sigma_point_filter.draw, _LAYOUT.table, _NUMBER, x, 0.0, x)
-    belief, predicted = sigma_point_filter.Belief(_NUMBER, x), sigma_point_filter.Predicted(x, x, x, x)
+    belief, predicted = sigma_point_filter.Gaussian(_NUMBER, x), sigma_point_filter.Predicted(x, x, x, x)
     table = _LAYOUT.table
     compilation.compile_for(sigma_point_filter.update, table, table, _NUMBER, belief, predicted, _NUMBER, x, 0.0)
     compilation.compile_for(composition.compose, 0.0, _INDEX, _INCREMENTS, x, x, x, x, x)
     compilation.compile_for(sensor_noise.noise_covariance, _SPAN, 0, _samples(), _INCREMENTS, x, x, x)
     compilation.compile_for(sensor_noise.navigation_noise, x, _NUMBER, _NUMBER, x)
-    motion = cell.Motion(x, x, x, _BLOCK, x, x, x, x)
+    motion = cell.IntegratedMotion(x, x, x, _BLOCK, x, x, x, x)
     moments = cell.Moments(_NUMBER, 0.0, 0.0, _INDEX, _INDEX)
     compilation.compile_for(measurement_model.predict_poses, _model(), motion, x, True, moments, x)
 
 
 _NEEDED = (_signal, _belief, _filter)
-"""What leaves every kernel ready in this process."""
+"""Functions that load every kernel into this process."""
 
 _ASIDE: dict[str, tuple[Callable[[], None], ...]] = {
     "motion": (_motion_kernels, _signal),
     "update": (_update_kernels, _belief),
     "filter": (_filter,),
 }
-"""What helping processes compile."""
+"""Functions that helper processes run, by the name of the work."""
 
 _ROUNDS = (("motion", "update"), ("filter",))
-"""Which of them work at once; the last puts together what the others have compiled."""
+"""Works that run at the same time; the last one combines what the others have compiled."""
 
 
 def compile_kernels(progress: StepProgress | None = None) -> None:
-    """Compile every kernel, or load it from the cache, by small problems; half a minute the first time.
+    """Compile every kernel, or load it from the cache, with small problems; the first time takes half a minute.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def compile_kernels(progress: StepProgress | None = None) -> None:
 
 
 def _compile_aside(works: tuple[str, ...], progress: StepProgress | None) -> None:
-    """Compile in a process for each work; should one fail, what it leaves is compiled in this process."""
+    """Compile in a process for each work; if one fails, this process compiles what is missing."""
     command = [sys.executable, "-m", __name__]
     quiet = subprocess.DEVNULL
     helpers = [subprocess.Popen([*command, work], stdout=quiet, stderr=quiet) for work in works]

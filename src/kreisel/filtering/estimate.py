@@ -11,11 +11,11 @@ from kreisel.recording.recording import DataWarning
 
 @dataclass(frozen=True)
 class Estimate:
-    """Final problem (with the noise finally assumed), the run over it, and what to say about both.
+    """Final problem (with the noise finally assumed), the run over it, and the warnings about both.
 
     The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
-    by which given noise figures had to be raised; 1 where none were given, or none had to. `moved` is the largest
-    change of a parameter by the last pass, in standard deviations; 0 where the first sufficed.
+    by which given noise figures had to be raised; 1 if none were given or none had to be raised. `moved` is the
+    largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough.
     """
 
     problem: Problem

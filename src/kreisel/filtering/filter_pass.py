@@ -19,13 +19,13 @@ from kreisel.model.schedule import Update
 from kreisel.progress import StepProgress
 
 MAX_REJECTED_IN_A_ROW = 6
-"""After so many rejected in a row the estimate, not the measurement, is taken to be wrong."""
+"""After so many rejected updates in a row the estimate, not the measurement, is assumed to be wrong."""
 
 _MAX_BETWEEN_REPORTS = 256
 """Updates between two reports of progress, at most."""
 
 _CHUNK = 4096
-"""Updates prepared and recorded together: what they need in between takes twice what is kept of them."""
+"""Updates prepared and recorded together; their working arrays take twice the memory of what is kept of them."""
 
 
 def run_filter(
@@ -50,7 +50,7 @@ def run_filter(
     Raises
     ------
     EstimationError
-        If the state stops being finite; says when.
+        If the state is no longer finite; the message gives the time.
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
     belief = first_belief(problem, start) if belief is None else belief
@@ -63,7 +63,7 @@ def run_filter(
         done = begin
         while done < chunk.stop:
             belief = _belief_before(problem, start, belief, done, limit.rejected)
-            filtered = sigma_point_filter.Belief(belief.mean.copy(), belief.factor.T.copy())
+            filtered = sigma_point_filter.Gaussian(belief.mean.copy(), belief.factor.T.copy())
             signal, until = problem.readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
             done = begin + filter_loop.run(
@@ -74,7 +74,7 @@ def run_filter(
             if not np.isfinite(record.whitened[done - 1 - begin]).all():
                 raise EstimationError(
                     f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "
-                    "s; check units and noise figures, or fix groups the motion does not show"
+                    "s; check units and noise figures, or fix groups that are not observable"
                 )
             if progress is not None:
                 progress(done / len(updates))
@@ -86,7 +86,7 @@ def run_filter(
 def _belief_before(
     problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
 ) -> Belief:
-    """Return the belief before an update that begins navigation anew, or a standstill."""
+    """Return the belief before an update, with a new start of navigation or of a standstill where there is one."""
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
         belief = navigation_from_reference(problem, start, belief, at)
@@ -97,9 +97,9 @@ def _belief_before(
 
 
 def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> int:
-    """Return the next update before which the belief changes by other means, or progress should show.
+    """Return the next update before which the belief is changed by other means, or progress is reported.
 
-    It is update `stop` at the latest, or one behind sample `until`, up to which the readings are made ready.
+    It is update `stop` at the latest, or the first one after sample `until`, up to which the readings are prepared.
     """
     stop = min(at + _MAX_BETWEEN_REPORTS, stop)
     for i in range(at + 1, stop):

@@ -1,4 +1,4 @@
-"""What one run of the filter leaves: its belief, and what happened at every update."""
+"""Result of one run of the filter: its belief, and what happened at every update."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class History:
     log_likelihood
         Of each innovation.
     whitened, innovation, residual : (u, 9)
-        Innovation divided by its factor; innovation; innovation left after the update. Position,
-        orientation, velocity; nan where there is no such measurement.
+        Innovation divided by its factor; innovation; residual after the update. Position, orientation, velocity; nan
+        where there is no such measurement.
     noise_variance : (u, 9)
         The assumed measurement noise, along the diagonal.
     correction, correction_variance : (u, 6)
         Change of velocity and attitude by the update, and the variance the filter expected of it.
     turn_information
-        What an update says of a turn about any axis, the sum over the three: trace of the inverse covariance of
+        Information of an update about a rotation, summed over the three axes: trace of the inverse covariance of
         innovations in orientation, rad^-2; 0 where it was rejected or there is no such measurement.
     """
 
@@ -58,7 +58,7 @@ class History:
 
 @dataclass(frozen=True)
 class FilterRun:
-    """Result of one run: what it started from, final belief, parameters in it, history.
+    """Result of one run: start values, final belief, parameters in it, history.
 
     `fitted` is the number of parameters that were fitted to the same data before the run began: the innovations are
     smaller by so many degrees of freedom.

@@ -1,4 +1,4 @@
-"""What the filter believes where it begins: at the first update, where navigation begins anew, and at a standstill."""
+"""The filter's belief at its start: at the first update, where navigation starts again, and at a standstill."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from kreisel.model.problem import Problem
 from kreisel.recording.recording import ReferencePoses
 
 _ATTITUDE_SD, _POSITION_SD, _VELOCITY_SD = 0.02, 0.02, 0.3
-"""Standard deviations (rad, m, m/s) navigation begins with; wide, since the first pose is used again."""
+"""Standard deviations (rad, m, m/s) at the start of navigation; large, because the first pose is used again."""
 
 _VELOCITY_SD_WITHOUT_POSITIONS = 1.0
 """m/s."""
 
 
 def stored_state(problem: Problem, parameters: CellParameters) -> Array:
-    """Return the stored state (size,) with these parameters, all else zero and unturned."""
+    """Return the stored state (size,) with these parameters; all else is zero, and the attitude the identity."""
     x = np.zeros(problem.layout.size)
     x[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
     for group in problem.groups:
@@ -38,7 +38,7 @@ def parameters_of(problem: Problem, known: CellParameters, x: Array) -> CellPara
 def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, Array] | None = None) -> Belief:
     """Return the belief before the first update: parameters at `start` with the covariance of each group.
 
-    By default that of the problem's own start.
+    The default covariance is that of the problem's start.
     """
     covariance = problem.prior.start_covariance if covariance is None else covariance
     layout = problem.layout
@@ -60,7 +60,7 @@ def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, 
 
 
 def navigation_from_reference(problem: Problem, known: CellParameters, belief: Belief, at: int) -> Belief:
-    """Begin navigation anew at the sample an update starts from: its own, or that of the one before."""
+    """Return the belief with navigation started again at an update's first sample, its own or the previous update's."""
     layout, reference, item = problem.layout, problem.reference, problem.schedule.updates[at]
     attitude = problem.schedule.attitude[at if item.first == item.last else at - 1]
     t = problem.readings.stamps[item.first]
@@ -77,7 +77,7 @@ def navigation_from_reference(problem: Problem, known: CellParameters, belief: B
 
 
 def pose_near(reference: ReferencePoses, at: float) -> tuple[Array, Array, Array]:
-    """Return attitude, position and velocity at a reference time, by a line through the poses around it."""
+    """Return attitude, position and velocity at a reference time, by linear interpolation of the poses around it."""
     tau = reference.seconds
     k = int(np.clip(np.searchsorted(tau, at) - 1, 0, tau.size - 2))
     width = max(1, round(0.05 / float(np.median(np.diff(tau)))))
@@ -93,7 +93,7 @@ def pose_near(reference: ReferencePoses, at: float) -> tuple[Array, Array, Array
 
 
 def renewed_standstill(problem: Problem, belief: Belief) -> Belief:
-    """Return the belief at the beginning of a standstill: its error is drawn anew."""
+    """Return the belief at the beginning of a standstill, whose error is independent of all earlier ones."""
     names = ("standstill_position", "standstill_orientation")
     for name, deviation in zip(names, problem.noise.standstill_error, strict=True):
         belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))

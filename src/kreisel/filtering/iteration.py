@@ -27,32 +27,32 @@ from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning
 
 WIDE_GATE = 100.0
-"""How much wider the gate stands in the first pass, when the parameters are still far off."""
+"""Factor on the gate in the first pass, in which the parameters are still far from their final values."""
 
 MAX_NOISE_PASSES = 8
-"""Passes spent at the most on finding noise figures where none are given or the given ones are contradicted."""
+"""Largest number of passes to find noise figures where none are given or the given ones are contradicted."""
 
 MAX_PASSES = 10
 
 COLOURED = 0.3
-"""Correlation of neighbouring innovations from which they no longer pass for white."""
+"""Correlation of neighbouring innovations above which they no longer count as white."""
 
 NEAR = 3.0
-"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another one."""
+"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another pass."""
 
 SETTLED = 0.2
-"""Change of every parameter by a pass, in standard deviations, below which no further one is needed."""
+"""Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
 
 MAX_CORRELATION_TIME = 40.0
-"""Time constant of coloured noise, in update intervals; what lasts longer is no error of the path."""
+"""Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
 
 MIN_LIKELIHOOD_GAIN = 5.0
-"""Log-likelihood coloured noise must gain before it is assumed."""
+"""Least gain of log-likelihood with which coloured noise is assumed."""
 
 
 @dataclass(frozen=True)
 class Given:
-    """Whose noise figures are the user's word; they are changed only if contradicted."""
+    """Whose noise figures the user gave; they are changed only if the data contradict them."""
 
     reference: bool
     imu: bool
@@ -60,14 +60,14 @@ class Given:
 
 @dataclass(frozen=True)
 class _Passes:
-    """What passes led to.
+    """Result of several passes.
 
     Attributes
     ----------
     problem, run
         After the last one.
     count
-        How many there were.
+        Number of passes.
     adapted
         Whether noise figures were changed.
     moved
@@ -82,7 +82,7 @@ class _Passes:
 
 
 def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
-    """Return the estimate after all passes; `given` says whose noise figures are the user's word."""
+    """Return the estimate after all passes; `given` states whose noise figures the user gave."""
     passes = _until_settled(problem, 0, given, progress)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
@@ -93,8 +93,8 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
         passes = _until_settled(hold(passes.problem, lost), passes.count, given, progress)
         adapted |= passes.adapted
         factor = correlation_factor(passes.run)
-        said = f"does not show {', '.join(lost)}: held at nominal values (--fix does the same at once)"
-        warnings.append(DataWarning("motion", said))
+        message = f"not observable: {', '.join(lost)}; held at nominal values (--fix does so from the first pass)"
+        warnings.append(DataWarning("motion", message))
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
@@ -112,13 +112,15 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
 
 
 def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
-    """Return what to say of innovations that are correlated in time."""
-    said, time = [], problem.noise.correlation_time
+    """Return the warnings about innovations that are correlated in time."""
+    messages, time = [], problem.noise.correlation_time
     if time > 0.0:
-        said.append(f"the reference's errors on the path last for about {time:.2g} s")
+        messages.append(f"the reference has coloured noise on the path, with a time constant of about {time:.2g} s")
     if factor > 1.0:
-        said.append(f"innovations are correlated in time; standard deviations were multiplied by {factor:.2f} for it")
-    return [DataWarning("whiteness", text) for text in said]
+        messages.append(
+            f"innovations are correlated in time; standard deviations were therefore multiplied by {factor:.2f}"
+        )
+    return [DataWarning("whiteness", message) for message in messages]
 
 
 def _contradiction(before: Problem, after: Problem, given: Given) -> float:
@@ -133,7 +135,7 @@ def _contradiction(before: Problem, after: Problem, given: Given) -> float:
 
 
 def _until_settled(problem: Problem, before: int, given: Given, progress: Progress | None) -> _Passes:
-    """Run passes until they are as many as asked for and the noise figures fit; `before` were run already."""
+    """Run passes until their number is the requested one and the noise figures fit; `before` were run already."""
     moved, far = np.inf, True
     run = first_pass(problem, gate=WIDE_GATE, progress=of_step(progress, f"pass {before + 1}"))
     count, adapted = 1, False
@@ -142,7 +144,7 @@ def _until_settled(problem: Problem, before: int, given: Given, progress: Progre
         factors = factors.contradicted(reference=given.reference, imu=given.imu)
         factors = within_bounds(problem, factors)
         if count == 1 and problem.reference.quaternions is None:
-            factors = NoiseFactors()  # the attitude was a guess: such innovations say nothing of the noise
+            factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
         settled = factors.agree() or count >= MAX_NOISE_PASSES
         if settled and not _another_pass(problem, run, moved, count):
             return _Passes(problem, run, before + count, adapted, moved if count > 1 else 0.0)
@@ -158,7 +160,7 @@ def _until_settled(problem: Problem, before: int, given: Given, progress: Progre
         if far:
             far = moved > NEAR
             if _wide_gate_mattered(run):
-                moved = np.inf  # the usual gate is still to come
+                moved = np.inf  # the usual gate has not been used yet
 
 
 def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
@@ -171,7 +173,7 @@ def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
 def _with_coloured_noise(passes: _Passes, progress: Progress | None) -> _Passes:
     """Return the passes with coloured noise of the reference, if innovations are correlated.
 
-    Its time constant is found by likelihood, doubling it from the update interval as long as that pays.
+    Its time constant is found by likelihood: it is doubled from half the update interval while the likelihood grows.
     """
     problem, run, count = passes.problem, passes.run, passes.count
     if problem.settings.passes is not None or correlation_factor(run) == 1.0:
@@ -194,11 +196,11 @@ def _with_coloured_noise(passes: _Passes, progress: Progress | None) -> _Passes:
 
 
 def _another_pass(problem: Problem, run: FilterRun, moved: float, count: int) -> bool:
-    """Return whether another pass is asked for, or pays.
+    """Return whether another pass is requested, or useful.
 
-    After the first pass it pays where the gate, which stood wide, let through what the usual gate would not: grossly,
-    or often; where the clocks assign poses to other samples; and where the model is curved between start and result.
-    Later, as long as the estimates move.
+    After the first pass another one is useful if the wide gate accepted updates that the usual gate would reject
+    (grossly, or often), if the clocks assign poses to other samples, or if the model is curved between start and
+    result. Later it is useful as long as the estimates move.
     """
     if problem.settings.passes is not None:
         return count < problem.settings.passes
@@ -212,18 +214,18 @@ def _another_pass(problem: Problem, run: FilterRun, moved: float, count: int) ->
 
 
 def _wide_gate_mattered(run: FilterRun) -> bool:
-    """Return whether a wide gate let through what the usual one would not: grossly, or often."""
+    """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
     bounds = {m: gate_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
     beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
 
 
 def correlation_factor(run: FilterRun) -> float:
-    """Return the factor on standard deviations that correlated innovations call for; 1 where they are white.
+    """Return the factor on standard deviations for correlated innovations; 1 where they are white.
 
-    Errors of the reference that last over several updates are counted as often as they are seen. Their
-    number is effectively divided by the correlation time of the innovations, the larger of those of
-    position and orientation. Innovations smaller than assumed already leave room for that.
+    The filter counts an error of the reference that lasts over several updates as a new one at each of them. The
+    effective number of updates is theirs divided by the correlation time of the innovations, the larger of those of
+    position and orientation. Innovations smaller than assumed reduce the factor.
     """
     history = run.history
     path = history.used & ~history.at_standstill

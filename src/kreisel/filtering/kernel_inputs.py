@@ -15,10 +15,10 @@ from kreisel.model.schedule import Update
 
 
 def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
-    """Return what the filter needs to know of a cell; `known` has the values of groups not in the state."""
+    """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
     layout, settings, noise = problem.layout, problem.settings, problem.noise.reference
     n, g, s = layout.degrees, problem.gyro_degrees, problem.sensor_degrees
-    # Sigma points that do not touch the gyros' parameters turn as the centre does.
+    # Sigma points that do not change the gyros' parameters have the same attitude as the centre.
     turning = np.array([0, *range(1, g + 1), *range(n + 1, n + g + 1)])
     sharing = np.array([*range(g + 1, s + 1), *range(n + g + 1, n + s + 1)], dtype=np.int64)
     which = np.zeros(2 * n + 1, dtype=np.int64)
@@ -29,11 +29,11 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     walks = {g: d for g, d in problem.noise.offset_walk.items() if d > 0.0 and g in layout}
     walking = [i for group in walks for i in range(layout[group].start, layout[group].stop)]
 
-    def rows(groups: Sequence[str]) -> cell.Rows:
+    def rows(groups: Sequence[str]) -> cell.ParameterRows:
         stored = {group: known.stored(group) for group in groups}
         places = np.arange(layout.size)
         source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
-        return cell.Rows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
+        return cell.ParameterRows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
 
     names = (
         "velocity", "position", "attitude", "standstill_position", "standstill_orientation", "path_position",
@@ -90,7 +90,7 @@ def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
 
 
 def filter_record(problem: Problem, u: int) -> cell.Record:
-    """Return room for what so many updates leave."""
+    """Return empty arrays for the record of so many updates."""
     m = cell.MEASURED
     return cell.Record(
         mean=np.empty((u, problem.layout.size)),

@@ -1,4 +1,4 @@
-"""Noise figures as the innovations show them, against those that were assumed."""
+"""Comparison of the assumed noise figures with the innovations, and their correction."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 
 CONTRADICTION = 2.0
-"""Factor on a given standard deviation from which the data are taken to contradict it."""
+"""Factor on a given standard deviation above which the data contradict it."""
 
 _AGREEMENT = 1.2
 
 
 @dataclass(frozen=True)
 class NoiseFactors:
-    """Factors by which assumed standard deviations miss what the innovations show.
+    """Factors between the standard deviations by the innovations and the assumed ones.
 
     position, orientation and standstill are the reference's, gyro and accel the IMU's.
     """
@@ -36,7 +36,7 @@ class NoiseFactors:
         return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
 
     def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
-        """Return the factors without those of figures that were given and are not clearly too small."""
+        """Return the factors, 1 for figures that were given and are not clearly too small."""
 
         def keep(f: float, *, given: bool) -> float:
             return f if not given or f > CONTRADICTION else 1.0
@@ -51,16 +51,17 @@ class NoiseFactors:
 
 
 def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
-    """Return how far assumed and shown noise differ.
+    """Return the factors between observed and assumed noise.
 
-    With coloured noise, innovations and what is left of them no longer show its size: the
-    mean NIS then stands for both position and orientation.
+    With coloured noise, innovations and residuals no longer show its size. The mean NIS is then used for both
+    position and orientation.
 
     Notes
     -----
-    Reference: innovation times what is left of it after the update has the measurement noise as its
-    expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
-    velocity against the variance the filter expected of them. The largest two per cent are left out.
+    Reference: the product of the innovation and the residual after the update has the variance of the measurement
+    noise as its expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
+    velocity are compared with the variance the filter expected of them. The largest and smallest two per cent are left
+    out.
     """
     history, excess = run.history, run.excess**0.5
     settled = np.arange(history.nis.size) >= history.nis.size // 10
@@ -92,7 +93,7 @@ def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
 
 
 def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
-    """Keep the densities within what the problem allows, and the reference's noise above a tenth of the guess."""
+    """Return the factors limited: densities within the problem's bounds, the reference's noise above its least."""
     limited = []
     for density, factor, (low, high) in zip(
         imu_density(problem), (factors.gyro, factors.accel), problem.noise.imu_bounds, strict=True
@@ -107,11 +108,11 @@ def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
     )
 
 
-def _trimmed_ratio(shown: Array, assumed: Array) -> float:
+def _trimmed_ratio(observed: Array, assumed: Array) -> float:
     """Return the root of the mean ratio, without its largest and smallest two per cent."""
-    if shown.size < 15 or not np.isfinite(shown).all():
+    if observed.size < 15 or not np.isfinite(observed).all():
         return 1.0
-    ratio = np.sort(shown / assumed)
+    ratio = np.sort(observed / assumed)
     cut = max(1, ratio.size // 50)
     return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
 
@@ -133,7 +134,7 @@ def imu_density(problem: Problem) -> tuple[float, float]:
 
 
 def noise_warning(problem: Problem, *, given: bool) -> DataWarning:
-    """Return what to say of noise figures that were found, or that took the place of given ones."""
+    """Return the warning about noise figures that were found, or that replaced given ones."""
     noise = problem.noise.reference
     gyro, accel = imu_density(problem)
     figures = (

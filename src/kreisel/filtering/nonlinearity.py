@@ -1,8 +1,8 @@
-"""How far the model is linear: how wide a pass may begin, and whether another one pays.
+"""Nonlinearity of the model: how large the start deviations of a pass may be, and whether another pass is useful.
 
-Angles bend the model by their square, an offset and the matrix it is multiplied by by their product. What they bend is
-compared with standard deviations. That of an offset is taken with all else known: a weak motion shows offset and matrix
-together much less well than each of them.
+The nonlinear part of the model grows with the square of angles, and with the product of an offset and the matrix it is
+multiplied by. It is compared with standard deviations. The one of an offset is taken with all else known, because a
+weak motion determines offset and matrix together much less well than each of them alone.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 
 MIN_INFLATION, MAX_INFLATION = 0.3, 10.0
-"""Least and largest factor between the deviations a further run begins with and those of the result before it.
+"""Least and largest factor between the start deviations of a further run and those of the result before it.
 
-As wide as the model is linear over it. In a curved model the estimates must hardly move during the run: were they to,
-the model would be linearised now here, now there, and what the motion does not show would seem to be shown by the
-difference. In a linear one a wide beginning leaves room for offsets that walk, of whose beginning it is not known
-exactly how much is left at the end.
+The factor is chosen so that the model is linear over the start deviations. In a curved model the estimates must hardly
+move during the run. Otherwise the model is linearised at different points, and parameters that are not observable seem
+to be observable by the difference. In a linear model large start deviations leave room for offsets with a random walk:
+it is not known exactly how much of their start is left at the end.
 """
 
 LINEAR = 0.02
-"""Curvature, in deviations of the result, over which the model counts as linear."""
+"""Curvature, in deviations of the result, up to which the model counts as linear."""
 
 CURVED = 0.2
-"""Curvature, in deviations of the result, from which another pass pays."""
+"""Curvature, in deviations of the result, above which another pass is useful."""
 
 
 def linear_inflation(problem: Problem, covariance: Array) -> float:
-    """Return the factor on the deviations of a result (n, n) over which the model is linear."""
+    """Return the factor on the deviations of a result, of covariance (n, n), over which the model is linear."""
     layout = problem.layout
     deviation, alone = np.sqrt(np.diag(covariance)), deviation_alone(covariance)
 
@@ -44,28 +44,28 @@ def linear_inflation(problem: Problem, covariance: Array) -> float:
         if matrix in layout:
             factors.append((LINEAR / usual(deviation, matrix)) ** 0.5)
         if matrix in layout and offset in layout:
-            bent = usual(deviation, matrix) * usual(deviation, offset)
-            factors.append((LINEAR * usual(alone, offset) / bent) ** 0.5)
+            product = usual(deviation, matrix) * usual(deviation, offset)
+            factors.append((LINEAR * usual(alone, offset) / product) ** 0.5)
     return max(min(factors), MIN_INFLATION)
 
 
 def curved(problem: Problem, run: FilterRun) -> bool:
     """Return whether the model is curved between the start of a run and its result.
 
-    By the square of the way of angles, and by the product of the ways of an offset and its matrix.
+    By the square of the change of angles, and by the product of the changes of an offset and its matrix.
     """
     layout, n = problem.layout, len(problem.parameter_names)
-    way = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
+    change = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
     deviation = run.belief.standard_deviation
     alone = deviation_alone(run.belief.covariance[:n, :n])
     angles = [layout[g] for g in ("gyro_cross_coupling", "accel_cross_coupling", "alignment") if g in layout]
-    moved = max((float(np.max(way[part])) for part in angles), default=0.0)
+    moved = max((float(np.max(change[part])) for part in angles), default=0.0)
     if moved**2 > CURVED * min((float(np.median(deviation[part])) for part in angles), default=np.inf):
         return True
     for sensor in ("gyro", "accel"):
         matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
         if matrix in layout and offset in layout:
-            product = float(np.max(way[layout[matrix]]) * np.max(way[layout[offset]]))
+            product = float(np.max(change[layout[matrix]]) * np.max(change[layout[offset]]))
             if product > CURVED * float(np.median(alone[layout[offset]])):
                 return True
     return False

@@ -1,4 +1,4 @@
-"""Which parameters this motion shows, judged by how far it narrowed the prior."""
+"""Which parameters are observable with this motion, by the decrease of their deviation below the prior's."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from kreisel.model.groups import REGISTRY
 from kreisel.model.problem import Problem
 
 MAX_SHARE = 0.5
-"""A standard deviation still above this share of the prior's counts as not shown."""
+"""A parameter whose standard deviation is still above this share of the prior's is not observable."""
 
 
 @dataclass(frozen=True)
 class Observability:
-    """What the motion shows of every parameter.
+    """Observability of every parameter.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class Observability:
     prior, posterior : (n,)
         Standard deviations.
     unobservable
-        Names of those that are not shown, or not well enough to be of use; held ones included.
+        Names of those that are not observable, or too weakly to be of use; held ones included.
     not_narrowed
-        The part of them whose standard deviation hardly fell.
+        Those of them whose standard deviation hardly decreased.
     """
 
     names: tuple[str, ...]
@@ -39,7 +39,7 @@ class Observability:
 
 
 def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
-    """Return the groups to be held of which the motion shows less than half.
+    """Return the groups to be held: those of which less than half is observable.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
     groups = []
     for group in (known.name for known in REGISTRY if known.held):
         if group == "lever_arms" and problem.reference.positions is None:
-            continue  # nothing pulls them away, and what they might be belongs into the other deviations
+            continue  # no data move them, and their uncertainty must enter the other deviations
         if group in problem.layout:
             ratio = deviation[problem.layout[group]] / problem.prior.width[group]
             if float(np.median(ratio)) > MAX_SHARE:
@@ -58,7 +58,7 @@ def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
 
 
 def observability(problem: Problem, run: FilterRun) -> Observability:
-    """Return what the motion shows of each parameter."""
+    """Return the observability of each parameter."""
     deviation = run.belief.standard_deviation
     names: list[str] = []
     prior: list[float] = []

@@ -1,9 +1,9 @@
-"""The prior of a run of the filter, exchanged: the run begins with a narrow one, its result carries the true one.
+"""Exchange of the prior of a run: the run starts with a narrow prior, its result contains the stated one.
 
-Sigma points stay where the model is nearly linear if a run begins near the estimate, with deviations of about the
-size they will have at its end. Such a beginning is a prior that nobody stated. As parameters do not change, its
-information is part of that of the result, and is taken out again once the run is over; the stated prior is put in
-its place. What remains of the narrow prior is the point about which the model was linearised.
+Sigma points stay where the model is nearly linear if a run starts near the estimate, with deviations of about the
+size they have at its end. Such a start is a prior that nobody stated. Parameters do not change during a run, so its
+information is a part of the result's. After the run it is subtracted, and the information of the stated prior is
+added. Only the point about which the model was linearised still depends on the narrow prior.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from kreisel.progress import StepProgress
 
 
 def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
-    """Return the belief a further run begins with: the result before, its deviations widened, within the prior."""
+    """Return the start belief of a further run: the last result with inflated deviations, within the prior."""
     belief = first_belief(problem, run.parameters, problem.prior.covariance)
     n = len(problem.parameter_names)
     if n == 0:
@@ -42,14 +42,14 @@ def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
 
 
 def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> FilterRun:
-    """Return a run that begins with the problem's start, its result with the stated prior."""
+    """Return a run that starts at the problem's start values; its result contains the stated prior."""
     return _pass(problem, problem.prior.start, first_belief(problem, problem.prior.start), gate, progress)
 
 
 def further_pass(
     problem: Problem, run: FilterRun, *, gate: float = 1.0, progress: StepProgress | None = None
 ) -> FilterRun:
-    """Return a run that begins near the result of another one, its result with the stated prior."""
+    """Return a run that starts near the result of another one; its result contains the stated prior."""
     return _pass(problem, run.parameters, narrowed_belief(problem, run), gate, progress)
 
 
@@ -61,19 +61,19 @@ def _pass(
 
 
 def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> FilterRun:
-    """Return a run whose result carries the problem's prior instead of the belief it began with.
+    """Return a run whose result contains the problem's prior instead of the belief it started with.
 
     Parameters
     ----------
     begun
-        What the run began with.
+        The belief the run started with.
 
     Notes
     -----
-    With information matrices of the result I, of the belief begun with B and of the prior A, and the distances b
-    and a of their centres from the result: the new information is I - B + A, the new mean lies (I - B + A)^-1
-    (A a - B b) away. An offset that walks has changed since; B and A are then those of the beginning with the walk's
-    variance added, which is at most what the result contains of them.
+    With information matrices of the result I, of the start belief B and of the prior A, and the distances b and a of
+    the centres of the latter two from the result: the new information is I - B + A, the new mean lies (I - B + A)^-1
+    (A a - B b) away. An offset with a random walk changes during the run; B and A are then those of the start with the
+    walk's variance added, which is at most what the result contains of them.
     """
     layout, n = problem.layout, len(problem.parameter_names)
     if n == 0:
@@ -100,11 +100,11 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
 
 
 def _information_of_noise(problem: Problem, run: FilterRun, scale: Array) -> Array:
-    """Return the part of the information (n, n), scaled, that noise of the rates pretends to have on the clocks.
+    """Return the false part of the information (n, n), scaled, that noise of the rates adds about the clocks.
 
-    A pose is carried to its own time by the rate read last. With a slow motion the noise of that reading is no
-    smaller than the rate, and the filter takes its square for information on the time offset. It is no such thing: it
-    only adds noise to the estimate.
+    A pose is extrapolated to its own time with the last reading of the rate. In a slow motion the noise of that
+    reading is as large as the rate or larger, and the filter counts its square as information about the time offset.
+    It is not information: it only adds noise to the estimate.
     """
     out = np.zeros((scale.size, scale.size))
     if "time_offset" not in problem.layout:
@@ -117,21 +117,21 @@ def _information_of_noise(problem: Problem, run: FilterRun, scale: Array) -> Arr
 
 
 def _at_most(share: float, part: Array, information: Array) -> Array:
-    """Return a part of an information matrix, one number on its diagonal, as no more than a share of the whole."""
+    """Return a part of an information matrix, one number on its diagonal, limited to a share of the whole."""
     i = int(np.argmax(np.diag(part)))
     most = share / float(np.linalg.inv(information)[i, i])
     return part * min(1.0, most / max(float(part[i, i]), 1e-300))
 
 
 def _start(belief: Belief, n: int, walk: Array) -> Array:
-    """Return a belief's covariance of the parameters (n, n), as it stands once the offsets have walked."""
+    """Return a belief's covariance of the parameters (n, n), with the variance of the offsets' walk added."""
     return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
 
 
 def _moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
     """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
 
-    What else is in the state follows by its regression on the parameters.
+    The rest of the state follows by its regression on the parameters.
     """
     layout, n = problem.layout, step.size
     old = run.belief.covariance

@@ -1,4 +1,4 @@
-"""What the compiled filter records of its updates, as a history."""
+"""Conversion of the compiled filter's record of its updates into a history."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kreisel.model.schedule import Update
 
 
 def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> History:
-    """Return what happened at some updates, with stored parameters for estimates."""
+    """Return the history of some updates; its estimates are the parameters as they are stored."""
     at_standstill = np.array([item.standstill is not None for item in updates])
     reference = problem.reference
     given = [reference.positions is not None, reference.quaternions is not None]
@@ -31,7 +31,7 @@ def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> H
         m = present.size
         S, R, gain = record.factor[which, :m, :m], record.noise[which, :m, :m], record.gain[which, :, :m]
         white, innovation = record.whitened[which, :m], record.innovation[which, :m]
-        # what is left of an innovation: the noise's covariance times the inverse of the innovation's
+        # residual of an innovation: the noise's covariance times the inverse of the innovation's, times the innovation
         solved = np.linalg.solve(np.swapaxes(S, 1, 2), white[..., None])
         parts = (white, innovation, (R @ solved)[..., 0], np.diagonal(R, axis1=1, axis2=2))
         for row, part in zip(wide, parts, strict=True):
@@ -55,9 +55,9 @@ def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> H
 
 
 def joined(problem: Problem, parts: Sequence[History], last: Array) -> History:
-    """Return the histories of all parts as one, its estimates one number for each degree of freedom.
+    """Return the histories of all parts as one; its estimates have one number for each degree of freedom.
 
-    Those of the alignment are distances from the last, the stored state (size,).
+    Those of the alignment are distances from `last`, the final stored state (size,).
     """
     columns = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(History)}
     layout, stored, out = problem.layout, columns["parameters"], []

@@ -1,4 +1,4 @@
-"""The problem of a further pass: updates by the clocks found, attitudes by the run before."""
+"""The problem of a further pass: updates by the estimated clocks, attitudes by the run before."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kreisel.preparation.standstill import find_standstills
 from kreisel.synchronization.clock import Clock
 
 _ATTITUDE_SD = 0.01
-"""rad; how well attitudes are known once the rates are integrated back from the end of a run."""
+"""rad; standard deviation of attitudes after the rates are integrated back from the end of a run."""
 
 
 def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
@@ -27,7 +27,7 @@ def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
 
 
 def rescheduled(problem: Problem, clock: Clock) -> Problem:
-    """Return the problem with updates and standstills by other clocks, where these differ by a sample or so."""
+    """Return the problem with updates and standstills by other clocks, if these differ by more than half a sample."""
     if problem.reference.quaternions is None or not assigns_otherwise(problem, clock):
         return problem
     schedule, tau = problem.schedule, problem.reference.seconds
@@ -43,10 +43,10 @@ def rescheduled(problem: Problem, clock: Clock) -> Problem:
 
 
 def with_attitudes_of(problem: Problem, run: FilterRun) -> Problem:
-    """Return the problem with attitudes integrated back from the end of a run, where the reference shows none.
+    """Return the problem with attitudes integrated back from the end of a run, if the reference has none.
 
-    A run that begins with a guess of the attitude is nonlinear until it has found it; the next one need not
-    guess. With gaps in the readings nothing can be carried over, and the problem is returned as it is.
+    A run that starts with a guess of the attitude is nonlinear until the attitude has converged; the next run needs no
+    guess. With gaps in the readings attitudes cannot be transferred, and the problem is returned unchanged.
     """
     readings, schedule = problem.readings, problem.schedule
     if problem.reference.quaternions is not None or len(readings.segments) > 1:

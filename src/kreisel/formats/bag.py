@@ -1,4 +1,4 @@
-"""Recordings in ROS bags and MCAP files: which topics are meant, and what their messages say."""
+"""Recordings in ROS bags and MCAP files: choice of topics, and decoding of their messages."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _turn(q: Any) -> tuple[float, ...]:
 
 
 def _imu_row(message: Any) -> tuple[float, ...]:
-    """Return rates, accelerations and the two marks that are -1 where there are none."""
+    """Return rates, accelerations and the two covariance entries that are -1 where there are none."""
     marks = (message.angular_velocity_covariance[0], message.linear_acceleration_covariance[0])
     return (*_vector(message.angular_velocity), *_vector(message.linear_acceleration), *marks)
 
@@ -89,7 +89,7 @@ _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
 }
 
 WANTED = frozenset({*_ROWS, NOTE_TYPE})
-"""Message types a recording is made of."""
+"""Message types that a recording uses."""
 
 Decoded = tuple[Stamps, list[str], Sequence[Sequence[float]] | Array]
 Decode = Callable[[Topic, Path], Decoded]
@@ -97,12 +97,12 @@ Decode = Callable[[Topic, Path], Decoded]
 
 @dataclass(frozen=True)
 class Role:
-    """What a topic is wanted for, how it is chosen, and which ones kreisel itself writes.
+    """The use of a topic, the option that chooses it, and the topics that kreisel itself writes.
 
     Attributes
     ----------
     option
-        What stands before a topic's name where one is chosen.
+        Text before a topic's name where one is chosen.
     """
 
     what: str
@@ -126,7 +126,7 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
     Parameters
     ----------
     path
-        An .mcap file (also one that is cut), a .bag or .db3 file, or a folder with metadata.yaml.
+        An .mcap file (also a truncated one), a .bag or .db3 file, or a folder with metadata.yaml.
     reference, imu
         Topics, as `TOPIC` or, where bodies share a topic, as `TOPIC@FRAME_ID`. By default kreisel's own,
         or the only one of a fitting type.
@@ -134,18 +134,18 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
     Raises
     ------
     RecordingError
-        If the file cannot be read, it is not clear which topic is meant, or a topic does not hold what is
-        needed; the message lists the topics and says how to choose.
+        If the file cannot be read, the choice of a topic is not clear, or a topic does not hold what is
+        needed; the message lists the topics and says how to choose one.
 
     Notes
     -----
-    Stamps are those of the headers; the time of logging only where every header says zero. Types are those
-    ROS defines: definitions stored in the file are not consulted.
+    Stamps are those of the headers; times of logging are used only where the stamp of every header is zero. Types are
+    those that ROS defines: definitions stored in the file are not used.
     """
     try:
         return _load(path, reference, imu)
     except RecordingError as error:
-        # names in a damaged file may hold line breaks
+        # names in a damaged file may contain line breaks
         raise RecordingError(one_line(error.message), file=error.file, line=error.line) from error.__cause__
 
 
@@ -156,12 +156,12 @@ def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
 def recording_of(
     contents: Contents, reference: str | None = None, imu: str | None = None, decode: Decode | None = None
 ) -> Recording:
-    """Return the recording that the contents of a bag are; see `load_bag`.
+    """Return the recording in the contents of a bag; see `load_bag`.
 
     Parameters
     ----------
     decode
-        Return stamps, keys and rows of a topic's messages, if they need not all be decoded anew.
+        Function that returns stamps, keys and rows of a topic's messages; it may keep those decoded before.
     """
     path, warnings, decode = contents.path, list(contents.warnings), decode or decode_topic
     settings = _settings(contents, warnings)
@@ -174,7 +174,7 @@ def recording_of(
 
 
 def notes_of(contents: Contents) -> list[tuple[int, str]]:
-    """Return level and text of what a recorder noted."""
+    """Return level and text of a recorder's notes."""
     notes = []
     for topic in contents.topics:
         if topic.msgtype == NOTE_TYPE and topic.encoding == "cdr":
@@ -185,7 +185,7 @@ def notes_of(contents: Contents) -> list[tuple[int, str]]:
 
 
 def _notes(contents: Contents) -> list[DataWarning]:
-    """Return what was noted that may have cost readings: the first few, and how many more there are."""
+    """Return warnings about notes of lost readings: the first few, and the number of others."""
     texts = [text for level, text in notes_of(contents) if level >= WARN]
     more = [f"and {len(texts) - 3} more such notes"] if len(texts) > 4 else []
     return [DataWarning("while recording", text) for text in texts[: 3 if more else 4] + more]
@@ -216,11 +216,11 @@ def _read(path: Path) -> Contents:
 
 
 def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
-    """Return how the .mcap files of a ROS 2 bag are compressed besides; None where they are not what it is made of."""
+    """Return how messages in the .mcap files of a ROS 2 bag are compressed; None where the bag has other files."""
     file = folder / "metadata.yaml"
     if not file.is_file():
-        said = "no metadata.yaml, as where a recorder was stopped; read its .mcap files"
-        warnings.append(DataWarning(folder.name, said))
+        text = "no metadata.yaml, as after a recorder was stopped; read its .mcap files"
+        warnings.append(DataWarning(folder.name, text))
         return "none"
     try:
         facts = YAML(typ="safe").load(read_text(file, MAX_YAML))["rosbag2_bagfile_information"]
@@ -236,8 +236,8 @@ def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
         ValueError,
         RecursionError,
     ) as error:
-        said = f"metadata.yaml cannot be read ({reason(error)}); read its .mcap files one by one"
-        warnings.append(DataWarning(folder.name, said))
+        text = f"metadata.yaml cannot be read ({reason(error)}); read its .mcap files one by one"
+        warnings.append(DataWarning(folder.name, text))
         return "none"
 
 
@@ -247,7 +247,7 @@ _RECOVER = "copy it again, or rebuild the bag with `ros2 bag reindex`"
 
 @contextmanager
 def _translated(path: Path, advice: str, where: str = "") -> Iterator[None]:
-    """Turn whatever a library raises over a damaged file into one line that names the file."""
+    """Turn any exception of a library about a damaged file into one line that names the file."""
     try:
         yield
     except Exception as error:
@@ -275,7 +275,7 @@ def _read_with_rosbags(path: Path) -> Contents:
     return Contents(path, tuple(topics))
 
 
-def _read_each(path: Path, files: list[Path], said: list[DataWarning], *, packed: bool) -> Contents:
+def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], *, packed: bool) -> Contents:
     """Return the contents of several MCAP files as if they were one.
 
     Parameters
@@ -298,13 +298,13 @@ def _read_each(path: Path, files: list[Path], said: list[DataWarning], *, packed
         messages = [m for topic in group for m in zip(topic.log_times_ns, topic.payloads, strict=True)]
         if packed:
             with _translated(path, _RECOVER, f"a message on {key[0]}"):
-                messages = [(log_time, _taken_out(payload, budget)) for log_time, payload in messages]
+                messages = [(log_time, _decompressed(payload, budget)) for log_time, payload in messages]
         topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
-    warnings = [*said, *(f for part in parts for f in part.warnings)]
+    warnings = [*earlier, *(f for part in parts for f in part.warnings)]
     return Contents(path, tuple(topics), settings, tuple(warnings), urdf)
 
 
-def _taken_out(payload: bytes, budget: Budget) -> bytes:
+def _decompressed(payload: bytes, budget: Budget) -> bytes:
     content = unzstd(payload)
     budget.take(len(content))
     return content
@@ -315,11 +315,13 @@ def _taken_out(payload: bytes, budget: Budget) -> bytes:
 
 def _settings(contents: Contents, warnings: list[DataWarning]) -> RecordingSettings:
     path, stored = contents.path, contents.settings
-    beside = path / "recording.toml" if path.is_dir() else path.with_suffix(".toml")
-    if beside.is_file():
+    settings_file = path / "recording.toml" if path.is_dir() else path.with_suffix(".toml")
+    if settings_file.is_file():
         if stored:
-            warnings.append(DataWarning("settings", f"taken from {beside.name}, not those stored in {path.name}"))
-        return read_settings(beside)
+            warnings.append(
+                DataWarning("settings", f"taken from {settings_file.name}, not those stored in {path.name}")
+            )
+        return read_settings(settings_file)
     tables: dict[str, dict[str, str]] = defaultdict(dict)
     for name, text in stored.items():
         table, _, key = name.partition(".")
@@ -328,7 +330,7 @@ def _settings(contents: Contents, warnings: list[DataWarning]) -> RecordingSetti
         return RecordingSettings.model_validate(tables)
     except ValidationError as error:
         raise RecordingError(
-            f"the stored setting {what_is_wrong(error)}; write the right ones into {beside.name} beside it",
+            f"the stored setting {what_is_wrong(error)}; write the right ones into {settings_file.name} next to it",
             file=path,
         ) from error
 
@@ -338,7 +340,7 @@ def _settings(contents: Contents, warnings: list[DataWarning]) -> RecordingSetti
 
 @dataclass(frozen=True)
 class Body:
-    """The decoded messages of one body on one topic; `keep` says which of the topic's they are."""
+    """The decoded messages of one body on one topic; `keep` is their mask in all messages of the topic."""
 
     topic: Topic
     stamps_ns: Stamps
@@ -349,7 +351,7 @@ class Body:
 def body_of(
     contents: Contents, role: Role, asked: str | None, warnings: list[DataWarning], decode: Decode
 ) -> Body | None:
-    """Return the messages meant; None where none were asked for and the bag has none; see `choose_topic`."""
+    """Return the chosen messages; None where none were asked for and the bag has none; see `choose_topic`."""
     path = contents.path
     topic, frame = choose_topic(contents, role, asked, warnings)
     if topic is None:
@@ -363,12 +365,12 @@ def body_of(
 def choose_topic(
     contents: Contents, role: Role, asked: str | None, warnings: list[DataWarning]
 ) -> tuple[Topic | None, str | None]:
-    """Return the topic meant by `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
+    """Return the topic of `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
 
     Raises
     ------
     RecordingError
-        If it is not clear which topic is meant, or the one asked for is not there or holds something else.
+        If the choice is not clear, or the topic asked for is missing or holds something else.
     """
     fitting = _fitting(contents, role.msgtypes)
     name, frame = _split(asked, fitting)
@@ -383,7 +385,9 @@ def joint_topic(contents: Contents, reference: str | None, warnings: list[DataWa
     chosen = [topic for topic in topics if topic.name == own] or topics
     if len(chosen) > 1:
         names = ", ".join(topic.name for topic in chosen)
-        warnings.append(DataWarning("joints", f"left out, for {names} hold them; the robot's must be {JOINT_TOPIC}"))
+        warnings.append(
+            DataWarning("joints", f"left out, because {names} hold them; the robot's must be {JOINT_TOPIC}")
+        )
     return chosen[0] if len(chosen) == 1 else None
 
 
@@ -416,7 +420,7 @@ def _choose(
         named = [topic for topic in topics if topic.name == own]
         if named and len(topics) > len(named):
             others = ", ".join(topic.name for topic in topics)
-            warnings.append(DataWarning("topics", f"took {own} of {others}; {role.option.strip()} picks another"))
+            warnings.append(DataWarning("topics", f"took {own} of {others}; {role.option.strip()} chooses another"))
         if named:
             return _only(named, role, path)
     return _only(topics, role, path) if topics else None
@@ -428,12 +432,12 @@ def _only(topics: list[Topic], role: Role, path: Path) -> Topic:
         return topics[0]
     remedy = f"choose with {role.option}TOPIC"
     if len({topic.name for topic in topics}) == 1:
-        remedy = "they share a name, so record them again under names of their own"
+        remedy = "they have the same name, so record them again under different names"
     raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {listed(topics)}; {remedy}", file=path)
 
 
 def listed(topics: Iterable[Topic]) -> str:
-    """Return topics with what they hold, for a message."""
+    """Return a text of topics and their contents, for a message."""
     return ", ".join(f"{t.name} ({t.msgtype or t.encoding}, {t.count} messages)" for t in topics)
 
 
@@ -450,7 +454,7 @@ def _not_found(name: str, topics: list[Topic], role: Role, contents: Contents) -
 
 
 def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, path: Path) -> Any:
-    """Return the mask of one body's messages; bodies on one topic are told apart by their frame id."""
+    """Return the mask of one body's messages; bodies on one topic are distinguished by their frame id."""
     known = sorted(set(frames))
     if frame is not None and frame not in known:
         raise RecordingError(unknown_name(f"frame id on {topic.name}", frame, known), file=path)
@@ -478,7 +482,7 @@ def decode_topic(topic: Topic, path: Path) -> Decoded:
     deserialize, row = _deserializer(topic.encoding), _ROWS[topic.msgtype]
     stamps, keys, rows = [], [], []
     where = f"a message on {topic.name}"
-    with _translated(path, "the file is damaged there; record again, or filter these messages out", where):
+    with _translated(path, "the file is damaged there; record again, or remove these messages", where):
         for payload in topic.payloads:
             message = deserialize(payload, topic.msgtype)
             stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
@@ -488,7 +492,7 @@ def decode_topic(topic: Topic, path: Path) -> Decoded:
 
 
 def _key(message: Any) -> str:
-    """Return what tells bodies on one topic apart: frame id, or the child's, or the joints' names."""
+    """Return the key that distinguishes bodies on one topic: frame id, or the child's, or the joints' names."""
     if hasattr(message, "position") and hasattr(message, "effort"):
         return ", ".join(message.name)
     return getattr(message, "child_frame_id", "") or str(message.header.frame_id)
@@ -503,12 +507,12 @@ def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> Stamps
 
 
 def _source(path: Path, topic: Topic) -> Path:
-    """Return a name for messages: the file with the topic behind it."""
+    """Return a name of the messages: the file, then the topic."""
     return path / topic.name.lstrip("/")
 
 
 def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuSamples:
-    """Return the IMU readings that messages are.
+    """Return the IMU readings in the messages of a body.
 
     Raises
     ------
@@ -521,8 +525,8 @@ def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuS
         without = int(np.sum(body.values[:, mark] == -1.0))
         if without:
             raise RecordingError(
-                f"{without} of {len(body.values)} messages on {body.topic.name} have no {quantity}, as their "
-                f"{quantity}_covariance[0] = -1 says; both are needed. Choose another topic with {role.option}TOPIC",
+                f"{without} of {len(body.values)} messages on {body.topic.name} have no {quantity}, because their "
+                f"{quantity}_covariance[0] is -1; both are needed. Choose another topic with {role.option}TOPIC",
                 file=contents.path,
             )
     rates, accelerations = body.values[:, 0:3].copy(), body.values[:, 3:6].copy()
@@ -530,13 +534,13 @@ def imu_of(body: Body | None, contents: Contents, role: Role = IMU_ROLE) -> ImuS
 
 
 def _no_imu(contents: Contents) -> str:
-    got = listed(contents.topics) or "no topics at all"
+    got = listed(contents.topics) or "no topics"
     broken = "".join(f" ({warning.message})" for warning in contents.warnings)
     return f"no IMU readings; expected a topic of type {IMU}, got {got}{broken}; record the IMU's raw topic"
 
 
 def poses_of(body: Body | None, path: Path) -> ReferencePoses | None:
-    """Return the poses that messages are."""
+    """Return the poses in the messages of a body."""
     if body is None:
         return None
     positions = None if body.topic.msgtype == _TURN else body.values[:, :3].copy()
@@ -557,7 +561,7 @@ def joints_of(topic: Topic, path: Path, warnings: list[DataWarning], decode: Dec
     Raises
     ------
     RecordingError
-        If they are not always those of the same joints in the same order.
+        If the joints or their order change.
     """
     stamps, names, rows = decode(topic, path)
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):

@@ -1,4 +1,4 @@
-"""Compressed data taken out only as far as they may be long: a few bytes can stand for gigabytes."""
+"""Decompression of limited size: a few compressed bytes can expand to gigabytes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from kreisel.files import MAX_YAML, read_text
 
 MAX_CHUNK = 1 << 26
-"""Bytes of one chunk or message once it is taken out: 64 MiB; recorders write chunks of 1 to 4 MiB."""
+"""Largest size in bytes of one decompressed chunk or message: 64 MiB; recorders write chunks of 1 to 4 MiB."""
 
 MAX_EXPANSION = 100
-"""How many times larger than its file the messages of a recording may be; readings shrink by ten at most."""
+"""Largest ratio of the messages of a recording to the size of its file; readings shrink by ten at most."""
 
-_OF_A_MESSAGE = 128  # bytes Python takes for each beside its content
+_OF_A_MESSAGE = 128  # bytes that Python takes for each besides its content
 
 
 class TooLargeError(ValueError):
@@ -30,7 +30,7 @@ class TooLargeError(ValueError):
 
 
 class Budget:
-    """How much may still be kept of a file.
+    """Memory that may still be used for the messages of a file.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class Budget:
         self._most = self._left = MAX_CHUNK + MAX_EXPANSION * size
 
     def take(self, size: int) -> None:
-        """Count a message of so many bytes.
+        """Count a message of `size` bytes.
 
         Raises
         ------
         TooLargeError
-            If the messages are more than they can be.
+            If the messages are larger than real ones can be.
         """
         self._left -= size + _OF_A_MESSAGE
         if self._left < 0:
@@ -57,25 +57,25 @@ class Budget:
 
 
 def within(data: bytes, most: int = MAX_CHUNK) -> bytes:
-    """Return data of at most so many bytes; `TooLargeError` if it is more."""
+    """Return data of at most `most` bytes; raise `TooLargeError` if it is more."""
     if len(data) > most:
         raise TooLargeError(f"more than {most} bytes, the most kreisel reads at once")
     return data
 
 
 def unzstd(data: bytes, most: int = MAX_CHUNK) -> bytes:
-    """Return what a zstd frame holds, at most so many bytes; `TooLargeError` if it is more."""
+    """Return the content of a zstd frame, at most `most` bytes; raise `TooLargeError` if it is more."""
     with zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).stream_reader(BytesIO(data)) as reader:
         return within(reader.read(most + 1), most)
 
 
 def unlz4(data: bytes, most: int = MAX_CHUNK) -> bytes:
-    """Return what an lz4 frame holds; see `unzstd`."""
+    """Return the content of an lz4 frame; see `unzstd`."""
     return within(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1), most)
 
 
 def unbz2(data: bytes, most: int = MAX_CHUNK) -> bytes:
-    """Return what a bz2 stream holds; see `unzstd`."""
+    """Return the content of a bz2 stream; see `unzstd`."""
     return within(bz2.BZ2Decompressor().decompress(data, max_length=most + 1), most)
 
 
@@ -88,7 +88,7 @@ def chunk_content(data: bytes, compression: str, size: int, crc: int) -> bytes:
     Parameters
     ----------
     size, crc
-        Bytes it is said to have, and their CRC-32; 0 where there is none.
+        Stated size of the content in bytes, and its CRC-32; 0 where there is none.
 
     Raises
     ------
@@ -98,22 +98,22 @@ def chunk_content(data: bytes, compression: str, size: int, crc: int) -> bytes:
     if compression not in _TAKE_OUT:
         raise ValueError(f"compressed by '{compression[:20]}', expected zstd, lz4 or nothing")
     if size > MAX_CHUNK:
-        raise TooLargeError(f"said to have {size} bytes once taken out, expected {MAX_CHUNK} at most")
+        raise TooLargeError(f"stated to have {size} bytes after decompression, expected {MAX_CHUNK} at most")
     content = _TAKE_OUT[compression](data, size)
     if len(content) != size:
         raise ValueError(f"{len(content)} bytes, expected {size}")
     if crc and zlib.crc32(content) != crc:
-        raise ValueError("its checksum does not fit")
+        raise ValueError("its checksum is wrong")
     return content
 
 
 def unpacked(path: Path) -> Iterator[bytes]:
-    """Yield what a zstd file holds, piece by piece.
+    """Yield the content of a zstd file in chunks.
 
     Raises
     ------
     TooLargeError
-        Once it is more than such a file can hold.
+        Once the content is larger than that of a real file can be.
     """
     left = MAX_CHUNK + MAX_EXPANSION * path.stat().st_size
     with path.open("rb") as file:
@@ -122,7 +122,7 @@ def unpacked(path: Path) -> Iterator[bytes]:
             left -= len(part)
             if left < 0:
                 raise TooLargeError(
-                    f"{path.name} becomes more than {MAX_EXPANSION} times as large: more than a real one"
+                    f"{path.name} decompresses to more than {MAX_EXPANSION} times its size: more than a real one"
                 )
             yield part
 
@@ -136,7 +136,7 @@ def unpack(file: Path, target: Path) -> Path:
 
 
 def check_files(folder: Path) -> None:
-    """Raise an error for files of a bag that are too large to be taken out, before the library does so."""
+    """Raise an error for files of a bag that are too large to decompress, before the library does so."""
     if (folder / "metadata.yaml").is_file():
         read_text(folder / "metadata.yaml", MAX_YAML)
         for file in folder.glob("*.zstd"):
@@ -145,7 +145,7 @@ def check_files(folder: Path) -> None:
 
 
 def bounded(reader: Ros1Reader | Ros2Reader) -> Callable[[bytes], bytes]:
-    """Have a library's reader take out no more than may be; return how messages are taken out behind it."""
+    """Limit the decompression of a library's reader; return the function that decompresses its messages."""
     if isinstance(reader, Ros1Reader):
         out = {decompressors["bz2"]: unbz2, decompressors["lz4"]: unlz4}
         for place, chunk in reader.chunks.items():

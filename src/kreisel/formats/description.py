@@ -1,4 +1,4 @@
-"""The robot's description beside a recording."""
+"""The robot's description in the folder of a recording."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ def description_beside(folder: Path, settings: RecordingSettings) -> str | None:
 
 
 def is_there(path: Path) -> bool:
-    """Return whether something has this name, be it only a link that leads nowhere."""
+    """Return whether the path exists, even if only as a link without target."""
     return path.is_symlink() or path.exists()

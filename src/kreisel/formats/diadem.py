@@ -1,8 +1,7 @@
-"""DIAdem data sets as KUKA's KR C4 writes them: a header in text, and the values in a file beside it.
+"""DIAdem data sets as KUKA's KR C4 writes them: a header as text, and the values in a file next to it.
 
 The header names each channel in a block of lines `code,value`; the values of all channels of a file follow each
-other sample by sample, as float64, the low byte first. What is known of the codes, and from where:
-docs/reference/kuka-trace.md.
+other sample by sample, as float64, the low byte first. The codes and their sources: docs/reference/kuka-trace.md.
 """
 
 from __future__ import annotations
@@ -68,14 +67,14 @@ class _Block:
         return number
 
     def count(self, code: int) -> int:
-        """Return the number of a code that counts something from one on."""
+        """Return the number of a code, a whole number from 1 on."""
         number = self.number(code)
         if number < 1.0 or number != int(number):
             raise self.fault(code, f"{number:g} is not a whole number from 1 on; copy the trace again")
         return int(number)
 
     def fault(self, code: int, message: str) -> RecordingError:
-        """Return the error for what a code says, at its line."""
+        """Return the error for the text of a code, at its line."""
         return RecordingError(
             f"channel '{self.text(_NAME, '?')}', code {code}: {message}",
             file=self.source,
@@ -89,7 +88,7 @@ def read_diadem(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]
     Raises
     ------
     RecordingError
-        If header and values do not belong together, or are stored otherwise than KUKA does.
+        If header and values do not belong together, or are not stored as KUKA stores them.
     """
     _check_byte_order(path, text)
     blocks = _blocks(path, text)
@@ -104,7 +103,7 @@ def read_diadem(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]
         file = _data_file(path, name, members[0], warnings)
         channels += _explicit(file, members)
     if not channels:
-        raise RecordingError("names no channel with values; expected some beside the time: copy it again", file=path)
+        raise RecordingError("names no channel with values; expected some besides the time: copy it again", file=path)
     return [*(_generated(block, channels[0]) for block in implicit), *channels], warnings
 
 
@@ -115,7 +114,7 @@ def _check_byte_order(path: Path, text: str) -> None:
         match = _LINE.fullmatch(line.strip())
         if match and int(match[1]) == _BYTE_ORDER and match[2].strip() != "High -> Low":
             raise RecordingError(
-                f"the bytes of values are said to run '{match[2][:40]}'; expected 'High -> Low', as KUKA writes: "
+                f"the byte order of values is stated as '{match[2][:40]}'; expected 'High -> Low', as KUKA writes: "
                 "export the trace as text",
                 file=path,
                 line=number,
@@ -159,20 +158,20 @@ def _is_implicit(block: _Block) -> bool:
 
 def _data_file(path: Path, name: str, block: _Block, warnings: list[DataWarning]) -> Path:
     """Return the file of values: that of the header's name, or that of the trace's own, in whatever case."""
-    beside = {file.name.lower(): file for file in path.parent.iterdir() if file.is_file()}
+    siblings = {file.name.lower(): file for file in path.parent.iterdir() if file.is_file()}
     named = re.split(r"[\\/]", name)[-1]
-    file = beside.get(named.lower())
+    file = siblings.get(named.lower())
     if file is not None:
         return file
-    file = beside.get(f"{path.stem}.r64".lower())
+    file = siblings.get(f"{path.stem}.r64".lower())
     if file is None:
-        raise block.fault(_FILE, f"there is no file '{named[:120]}' beside this one; copy the .r64 with the .dat")
+        raise block.fault(_FILE, f"there is no file '{named[:120]}' next to this one; copy the .r64 with the .dat")
     warnings.append(DataWarning("trace", f"the header names {named}, which is not there; took {file.name}"))
     return file
 
 
 def _explicit(file: Path, blocks: list[_Block]) -> list[Channel]:
-    """Return the channels whose values stand in one file, sample by sample."""
+    """Return the channels whose values are in one file, sample by sample."""
     for block in blocks:
         _check_storage(block)
     length = blocks[0].count(_LENGTH)
@@ -187,7 +186,7 @@ def _explicit(file: Path, blocks: list[_Block]) -> list[Channel]:
     if sorted(places) != list(range(1, len(blocks) + 1)):
         raise blocks[0].fault(
             _FIRST,
-            f"the {len(blocks)} channels of {file.name} stand at {', '.join(map(str, places))}; expected 1 to "
+            f"the {len(blocks)} channels of {file.name} have the places {', '.join(map(str, places))}; expected 1 to "
             f"{len(blocks)}, each once: the header is cut or was changed, copy it again",
         )
     values = _values(file, blocks, length)
@@ -217,7 +216,7 @@ def _values(file: Path, blocks: list[_Block], length: int) -> Array:
         state = "it is cut" if size < length * sample else "they are not of one trace"
         raise RecordingError(
             f"holds {size} bytes, {size / sample:.10g} samples of {len(blocks)} channels; {blocks[0].source} "
-            f"says {length} samples, {length * sample} bytes: {state}; copy both files again, once the controller has "
+            f"says {length} samples, {length * sample} bytes: {state}; copy both files again, after the controller has "
             "ended the trace",
             file=file,
         )
@@ -225,13 +224,15 @@ def _values(file: Path, blocks: list[_Block], length: int) -> Array:
 
 
 def _scaled(block: _Block, raw: Array) -> Channel:
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is found and told where it is taken
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # values that are not numbers are reported where the channel is used
         values = raw * block.number(_FACTOR, "1") + block.number(_OFFSET, "0")
     return Channel(block.name, block.text(_UNIT, "") or None, values, block.line, block.name.lower() in _TIMES)
 
 
 def _generated(block: _Block, other: Channel) -> Channel:
-    """Return a channel that has no values but a first one and a step, as the time."""
+    """Return a channel that has only a first value and a step, as the time has."""
     length = block.count(_LENGTH)
     if length != other.values.size:
         raise block.fault(_LENGTH, f"{length} values, but '{other.name}' has {other.values.size}; copy the trace again")

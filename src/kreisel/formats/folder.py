@@ -36,7 +36,7 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
     path
         The folder that holds `imu0`, or the one above `mav0`.
     reference
-        Name of the reference's folder; by default `pose0`, or the most direct measurement there is.
+        Name of the reference's folder; by default `pose0`, or the most direct measurement available.
     imu
         Name of the IMU's folder.
 
@@ -81,7 +81,7 @@ def _read_imu(folder: Path, warnings: list[DataWarning]) -> ImuSamples:
 
 
 def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:
-    """Return what a header states of a stream's stamps, and of groups of columns by their quantity."""
+    """Return the units that a header states of a stream's stamps, and of groups of columns by their quantity."""
     stated = {quantity: table.with_units(columns)[0].unit for quantity, columns in groups.items() if columns}
     return HeaderUnits(table.columns[0].unit, **stated)
 
@@ -92,7 +92,7 @@ def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
     Raises
     ------
     RecordingError
-        If a name says that the column holds something else than its place does.
+        If the name of a column contradicts its place.
     """
     triads = list(table.columns[1:4]), list(table.columns[4:7])
     for triad, meant, wanted in zip(triads, ("rate", "acceleration"), (("w_x", "w_y", "w_z"), ("a_x", "a_y", "a_z")),
@@ -110,7 +110,7 @@ def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
 
 
 def _meaning(name: str) -> tuple[str, str]:
-    """Return the quantity and the axis a column's name speaks of, each empty where it does not."""
+    """Return the quantity and the axis that a column's name states, each empty where it states none."""
     plain = name.lower().replace(" ", "_")
     axis = plain[-1:] if re.fullmatch(r"(.*[_.\[])?[a-z]{1,5}[xyz]|.*[_.][xyz]", plain) else ""
     if re.match(r"(w|omega|gyr|g)_?[xyz]?(_|$)|gyro|omega|ang", plain):
@@ -151,7 +151,9 @@ def _read_poses(root: Path, name: str | None, warnings: list[DataWarning]) -> Re
     if name is None:
         name = next((n for n in _PREFERRED if n in folders), next(iter(folders)))
         if len(folders) > 1:
-            warnings.append(DataWarning("reference", f"took {name} of {', '.join(folders)}; --reference picks another"))
+            warnings.append(
+                DataWarning("reference", f"took {name} of {', '.join(folders)}; --reference chooses another")
+            )
     table = read_table(folders[name] / "data.csv", "reference poses")
     warnings.extend(table.warnings)
     return _poses(table, name, warnings)
@@ -160,12 +162,14 @@ def _read_poses(root: Path, name: str | None, warnings: list[DataWarning]) -> Re
 def _poses(table: Table, name: str, warnings: list[DataWarning]) -> ReferencePoses:
     positions, quaternions = _pose_columns(table)
     if not positions and not quaternions:
-        raise _not_poses(table, "; --reference picks another folder")
+        raise _not_poses(table, "; --reference chooses another folder")
     if not quaternions and any(_ANGLE.match(column.name.lower()) for column in table.columns[1:]):
         raise _not_poses(table, "; angles are not read: convert them to quaternions")
     if [c.index for c in quaternions] != sorted(c.index for c in quaternions):
         order = ", ".join(c.name for c in sorted(quaternions, key=lambda c: c.index))
-        warnings.append(DataWarning(_short_name(table), f"quaternions stand as {order}; read by these names"))
+        warnings.append(
+            DataWarning(_short_name(table), f"quaternion columns are in the order {order}; read by these names")
+        )
     p = table.take(positions, "length") if positions else None
     q = table.take(quaternions, "quaternion") if quaternions else None
     _note_conversion(table, {"length": positions}, warnings)
@@ -173,7 +177,7 @@ def _poses(table: Table, name: str, warnings: list[DataWarning]) -> ReferencePos
 
 
 def _not_poses(table: Table, remedy: str) -> RecordingError:
-    names = ", ".join(column.name for column in table.columns[1:9]) or "stamps alone"
+    names = ", ".join(column.name for column in table.columns[1:9]) or "only stamps"
     return RecordingError(
         f"columns are {names}; expected {_POSE_HEADER}, or only its p or its q columns{remedy}",
         file=table.source,
@@ -215,7 +219,7 @@ def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:
 
 
 def _read_urdf(path: Path, settings: RecordingSettings, warnings: list[DataWarning], *, needed: bool) -> str | None:
-    """Return the text of the robot's description; a name that leads nowhere is an error only where it is needed."""
+    """Return the text of the robot's description; a missing file is an error only where it is needed."""
     name = settings.robot.urdf
     if name is not None and not is_there(path / name):
         if needed:
@@ -223,9 +227,7 @@ def _read_urdf(path: Path, settings: RecordingSettings, warnings: list[DataWarni
                 "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
                 file=path / name,
             )
-        warnings.append(
-            DataWarning("robot", f"recording.toml names {name}, which is not there; no joint angles need it")
-        )
+        warnings.append(DataWarning("robot", f"recording.toml names {name}, which is missing; no joint angles need it"))
     return description_beside(path, settings)
 
 

@@ -1,4 +1,4 @@
-"""Channels of a robot's recorder: what their names say, and their values in SI."""
+"""Channels of a robot's recorder: the meaning of their names, and their values in SI."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ORIENTATION = ("A", "B", "C")
 _MEASURED = {"act", "actual", "ist", "istposition", "istwert", "istwinkel", "mes", "meas", "measured"}
 _COMMANDED = {"cmd", "command", "commanded", "soll", "sollposition", "sollwert", "sollwinkel", "setpoint", "target"}
 _OF_AN_AXIS = {"axis", "achse", "joint", "istposition", "sollposition"}
-_TELL_NOTHING = {"axis", "achse", "joint", "pos", "position", "cart", "kart", "tcp", "ipo", "krc"}
+_WITHOUT_MEANING = {"axis", "achse", "joint", "pos", "position", "cart", "kart", "tcp", "ipo", "krc"}
 _WORD = re.compile(r"[A-Z]?[a-zäöüß]+|[A-Z]+(?![a-z])|\d+")
 _UNITS = {
     "time": {"s": 1.0, "sec": 1.0, "sek": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -55,9 +55,9 @@ class Channel:
 
 
 def meaning(name: str) -> tuple[Kind, str] | None:
-    """Return what a channel's name speaks of: measured or commanded or neither, and one of X to C or A1 to A6.
+    """Return the meaning of a channel's name: measured or commanded or neither, and one of X to C or A1 to A6.
 
-    None is returned unless every word of the name is understood: a speed is no position.
+    None is returned unless every word of the name is understood: a speed is not a position.
 
     Examples
     --------
@@ -70,9 +70,9 @@ def meaning(name: str) -> tuple[Kind, str] | None:
         kind = "commanded"
     elif _MEASURED.intersection(words):
         kind = "measured"
-    rest = [word for word in words if word not in _MEASURED | _COMMANDED | _TELL_NOTHING]
-    coordinate = "".join(rest).upper()
-    if len(rest) == 1 and coordinate.isdecimal() and _OF_AN_AXIS.intersection(words):
+    words_left = [word for word in words if word not in _MEASURED | _COMMANDED | _WITHOUT_MEANING]
+    coordinate = "".join(words_left).upper()
+    if len(words_left) == 1 and coordinate.isdecimal() and _OF_AN_AXIS.intersection(words):
         coordinate = f"A{coordinate}"
     return (kind, coordinate) if coordinate in (*JOINTS, *POSITION, *ORIENTATION) else None
 
@@ -87,12 +87,12 @@ def _plain(unit: str) -> str:
 
 
 def factor(channel: Channel, quantity: str, usual: str, source: Path) -> float:
-    """Return what one unit of a channel is in SI; a channel without unit is taken in the usual one.
+    """Return the size of a channel's unit in SI; a channel without unit is assumed in the usual one.
 
     Raises
     ------
     RecordingError
-        If the unit is none of the quantity's.
+        If it is not a unit of the quantity.
     """
     unit = _plain(channel.unit or "") or usual
     if unit not in _UNITS[quantity]:
@@ -109,12 +109,12 @@ def factor(channel: Channel, quantity: str, usual: str, source: Path) -> float:
 def choose(channels: Sequence[Channel], wanted: Sequence[str], source: Path) -> list[Channel] | None:
     """Return the measured channels of some coordinates, in their order, or None where one is missing.
 
-    Channels that are not said to be measured or commanded are taken if there are no commanded ones beside them.
+    Channels whose names say neither measured nor commanded are used if there are no commanded ones.
 
     Raises
     ------
     RecordingError
-        If two channels speak of the same.
+        If two channels have the same meaning.
     """
     kinds: list[Kind] = ["measured"]
     if not any(known == ("commanded", w) for w in wanted for known in map(_of, channels)):
@@ -127,7 +127,7 @@ def choose(channels: Sequence[Channel], wanted: Sequence[str], source: Path) -> 
                 continue
             if (first := found.setdefault(known[1], channel)) is not channel:
                 raise RecordingError(
-                    f"channels '{first.name}' (line {first.line}) and '{channel.name}' both speak of {known[1]}; "
+                    f"channels '{first.name}' (line {first.line}) and '{channel.name}' both mean {known[1]}; "
                     "keep one of them",
                     file=source,
                     line=channel.line,

@@ -1,4 +1,4 @@
-"""Traces of KUKA's controllers ($TRACE): the poses and joint angles in them, and their way into a recording."""
+"""Traces of KUKA's controllers ($TRACE): their poses and joint angles, and how these are added to a recording."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from kreisel.robot.kinematics import parse_arm, poses
 from kreisel.units import DEG
 
 SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")
-"""Endings of the files a trace is made of; only headers and texts are read by name."""
+"""Endings of the files of a trace; only headers and texts are read by name."""
 
 _NO_VALUE = 1e30
-"""DIAdem marks what is missing by 9.9e34."""
+"""DIAdem writes 9.9e34 for missing values."""
 
 _MAX_TRACE = 1 << 28
-"""Bytes of a trace as text, 256 MiB: hours of it."""
+"""Largest size in bytes of a trace as text, 256 MiB: several hours."""
 
 _TURNED = 2.0 * np.pi
-"""Degrees that all angles of a robot stay within only if they are radians."""
+"""If all angles of a robot are within so many degrees, they are radians."""
 
 _FAR = {"angle": 720.0 * DEG, "length": 100.0}
-"""rad and m that no axis and no tool reaches; angles of motors before the gear do."""
+"""rad and m that no axis and no tool reaches, but angles of motors before the gear do."""
 
 _NEAR = 10.0
-"""Millimetres that a tool stays within only if they are metres."""
+"""If all positions of a tool are within so many millimetres, they are metres."""
 
 
 _QUANTITY = {JOINTS: "angle", POSITION: "length", ORIENTATION: "angle"}
@@ -47,7 +47,7 @@ _QUANTITY = {JOINTS: "angle", POSITION: "length", ORIENTATION: "angle"}
 
 @dataclass(frozen=True)
 class Trace:
-    """What a trace holds of a robot's motion, on the controller's clock from its first sample on."""
+    """The robot's motion in a trace, on the controller's clock from its first sample on."""
 
     joints: JointAngles | None
     reference: ReferencePoses | None
@@ -55,22 +55,22 @@ class Trace:
 
 
 def is_trace(path: Path) -> bool:
-    """Return whether a file's name is one of a trace, and of no recording."""
+    """Return whether a file's name is that of a trace, not of a recording."""
     return path.suffix.lower() in SUFFIXES and not path.is_dir()
 
 
 def read_trace(path: Path) -> Trace:
-    """Return the measured joint angles A1 to A6 and the measured pose X to C of a trace, as far as they are in it.
+    """Return the measured joint angles A1 to A6 and the measured pose X to C of a trace, each if present.
 
     Parameters
     ----------
     path
-        The header (.dat) of a KR C4's trace, with its .r64 beside it; or a trace as text.
+        The header (.dat) of a KR C4's trace, with its .r64 in the same folder; or a trace as text.
 
     Raises
     ------
     RecordingError
-        If it cannot be read, holds nothing of these, or says impossible things; the message says where.
+        If it cannot be read, holds none of these, or has impossible values; the message says where.
     """
     text = _text(path)
     diadem = BEGIN in text or text.startswith("DIA")
@@ -80,7 +80,7 @@ def read_trace(path: Path) -> Trace:
     if not taken:
         raise _nothing(channels, path)
     _check_numbers([channel for chosen in taken.values() for channel in chosen], stamps.size, path)
-    warnings += [DataWarning("trace", f"took {_named(chosen)}{_unsaid(chosen)}") for chosen in taken.values()]
+    warnings += [DataWarning("trace", f"took {_named(chosen)}{_assumptions(chosen)}") for chosen in taken.values()]
     values = {wanted: _values(chosen, _QUANTITY[wanted], path) for wanted, chosen in taken.items()}
     joints, p, abc = (values.get(wanted) for wanted in _QUANTITY)
     q = None if abc is None else continuous(np.array([from_abc(*angles) for angles in abc.tolist()]))
@@ -92,28 +92,28 @@ def read_trace(path: Path) -> Trace:
 
 
 def add_trace(path: Path, folder: Path) -> tuple[DataWarning, ...]:
-    """Write the poses and joint angles of a trace into a recording folder, new or there already.
+    """Write the poses and joint angles of a trace into a new or existing recording folder.
 
-    Where the trace holds joint angles alone, the folder's robot.urdf makes poses of them.
+    Where the trace holds only joint angles, poses are computed from them with the folder's robot.urdf.
 
     Returns
     -------
     warnings
-        What was taken from where, and what is still to be put into the folder.
+        Warnings about the channels used, and about files still missing in the folder.
 
     Raises
     ------
     RecordingError
-        If the trace cannot be read, the folder has poses or joint angles already, or they are joint angles alone.
+        If the trace cannot be read, the folder has poses or joint angles already, or robot.urdf is needed and missing.
     RobotError
-        If the folder's robot.urdf is no arm of six joints.
+        If the folder's robot.urdf is not an arm of six joints.
     """
     trace = read_trace(path)
     root = folder / "mav0" if (folder / "mav0" / "imu0").is_dir() else folder
     reference, warnings = trace.reference, list(trace.warnings)
     if reference is None and trace.joints is not None:
-        reference, said = _by_kinematics(trace.joints, folder)
-        warnings.append(said)
+        reference, warning = _by_kinematics(trace.joints, folder)
+        warnings.append(warning)
     add_reference(root, reference, trace.joints)
     if not (root / "imu0").is_dir():
         warnings.append(
@@ -128,7 +128,7 @@ def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, D
     urdf, name = description_beside(folder, settings), settings.robot.urdf or "robot.urdf"
     if urdf is None:
         raise RecordingError(
-            f"holds joint angles alone, and there is no {name} in {folder} to make poses of them; put the robot's "
+            f"holds only joint angles, and there is no {name} in {folder} to compute poses from them; put the robot's "
             "description there and convert again, or trace X, Y, Z, A, B, C of the tool as well",
             file=joints.source,
         )
@@ -140,13 +140,15 @@ def _by_kinematics(joints: JointAngles, folder: Path) -> tuple[ReferencePoses, D
         )
     p, q = poses(arm, joints.angles)
     reference = ReferencePoses("pose0", joints.stamps_ns, p, q, joints.source)
-    return reference, DataWarning("pose0", f"poses of '{arm.tcp}' by {name} from these angles: the trace holds none")
+    return reference, DataWarning(
+        "pose0", f"poses of '{arm.tcp}' were computed from these angles with {name}: the trace holds none"
+    )
 
 
 def _text(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix == ".r64":
-        raise RecordingError("holds the values alone; give the .dat beside it, which names them", file=path)
+        raise RecordingError("holds only the values; give the .dat next to it, which names them", file=path)
     try:
         data = read_bytes(path, _MAX_TRACE)
     except OSError as error:
@@ -157,7 +159,7 @@ def _text(path: Path) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")  # the controllers' own: ° is one byte
+        text = data.decode("latin-1")  # the encoding of the controllers: ° is one byte
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -179,7 +181,7 @@ def _stamps(channels: Sequence[Channel], path: Path) -> Stamps:
     seconds = time.values * factor(time, "time", "s", path)
     if not np.all(np.abs(seconds) < 4e9):
         k = int(np.argmin(np.abs(seconds) < 4e9))
-        raise _fault(path, time, f"{time.values[k]:g} at sample {k + 1} is no possible time; trace again")
+        raise _fault(path, time, f"{time.values[k]:g} at sample {k + 1} is not a possible time; trace again")
     stamps = np.round(seconds * 1e9).astype(np.int64)
     steps = np.diff(stamps)
     back = np.flatnonzero(steps <= 0)
@@ -199,7 +201,7 @@ def _stamps(channels: Sequence[Channel], path: Path) -> Stamps:
             f"{stamps.size} samples, {rate:g} a second in [{time.unit}]; expected 0.5 to "
             "20000: write the unit after the name, as in 'Zeit [s]'",
         )
-    return stamps - stamps[0]  # before the trigger time is negative, which not every format holds
+    return stamps - stamps[0]  # time before the trigger is negative, which not every format can store
 
 
 def _check_numbers(chosen: Sequence[Channel], size: int, path: Path) -> None:
@@ -215,17 +217,17 @@ def _check_numbers(chosen: Sequence[Channel], size: int, path: Path) -> None:
             raise _fault(
                 path,
                 channel,
-                f"{channel.values[k]:g} at sample {k + 1} of {size}, and {missing.size - 1} more such, are no values; "
-                "expected numbers throughout: trace again",
+                f"{channel.values[k]:g} at sample {k + 1} of {size}, and {missing.size - 1} more such, are not values; "
+                "expected only numbers: trace again",
             )
-    # the last digit of what is measured always moves
+    # the last digit of a measured value always changes
     still = [channel for channel in chosen if np.all(channel.values == channel.values[0])]
     if still:
-        which = "as are all others" if len(still) == len(chosen) else f"but {_named(chosen)} are not all so"
+        which = "as are all others" if len(still) == len(chosen) else f"but not all of {_named(chosen)} are constant"
         raise _fault(
             path,
             still[0],
-            f"{still[0].values[0]:g} throughout, {which}; what is measured never stands so still: it was not recorded, "
+            f"{still[0].values[0]:g} in all samples, {which}; a measured value is never constant: it was not recorded, "
             "or the robot did not move. Trace again",
         )
 
@@ -242,8 +244,8 @@ def _values(chosen: Sequence[Channel], quantity: str, path: Path) -> Array:
         raise _fault(
             path,
             chosen[k],
-            f"{seen}, farther than any robot reaches; expected angles of axes (not of motors, before the gear) and "
-            "places of the tool: correct the unit, or trace those",
+            f"{seen}, larger than for any robot; expected angles of axes (not of motors, before the gear) and "
+            "positions of the tool: correct the unit, or trace those",
         )
     small, si = (_TURNED, "rad") if quantity == "angle" else (_NEAR, "m")
     if largest[k] < small * factors[k] and factors[k] < 1.0:
@@ -257,12 +259,12 @@ def _nothing(channels: Sequence[Channel], path: Path) -> RecordingError:
     """Return the error for a trace without what is needed: what it holds, and what to trace."""
     others = [channel for channel in channels if not channel.time]
     commanded = [c for c in others if (known := meaning(c.name)) is not None and known[0] == "commanded"]
-    said = f" ({_named(commanded)}: commanded, not measured)" if commanded else ""
+    note = f" ({_named(commanded)}: commanded, not measured)" if commanded else ""
     if any(channel.name.lower() in ("istposition", "sollposition") for channel in others):
-        said += " (a drive's own position is that of its motor, before the gear)"
+        note += " (a drive's own position is that of its motor, before the gear)"
     return RecordingError(
         "no measured motion: expected AxisPos_Act1 to AxisPos_Act6, or X, Y, Z or A, B, C with Act in their names; the "
-        f"channels are {_named(others)}{said}. Add those to the trace's configuration (module KRCIpo) and trace again",
+        f"channels are {_named(others)}{note}. Add those to the trace's configuration (module KRCIpo) and trace again",
         file=path,
     )
 
@@ -272,14 +274,14 @@ def _named(channels: Sequence[Channel]) -> str:
     return ", ".join(names) + (f" and {len(channels) - 40} more" if len(channels) > 40 else "")
 
 
-def _unsaid(chosen: Sequence[Channel]) -> str:
-    """Return what to say of channels whose name leaves something open."""
-    said = ""
+def _assumptions(chosen: Sequence[Channel]) -> str:
+    """Return the text of what is assumed about channels whose names or units leave it open."""
+    text = ""
     if any((known := meaning(channel.name)) is not None and known[0] == "bare" for channel in chosen):
-        said += "; their names do not say whether they are measured or commanded"
+        text += "; their names do not say whether they are measured or commanded"
     if any(channel.unit is None for channel in chosen):
-        said += "; without unit, so taken in ° and mm"
-    return said
+        text += "; without unit, so assumed in ° and mm"
+    return text
 
 
 def _fault(path: Path, channel: Channel, message: str) -> RecordingError:

@@ -26,7 +26,7 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]]:
     Raises
     ------
     RecordingError
-        If it is no such table; the message names the line.
+        If it is not such a table; the message names the line.
     """
     warnings: list[DataWarning] = []
     lines = _whole_lines(text, warnings)
@@ -35,7 +35,7 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]]:
     if delimiter is None:
         raise RecordingError(
             "is neither a DIAdem header (#BEGINCHANNELHEADER) nor columns divided by tabs, as of a KUKA trace; give "
-            "the .dat beside the .r64 (KR C4), or the text exported from the .trc (KR C2)",
+            "the .dat that belongs to the .r64 (KR C4), or the text exported from the .trc (KR C2)",
             file=path,
         )
     if delimiter != ",":
@@ -46,7 +46,7 @@ def read_text(path: Path, text: str) -> tuple[list[Channel], list[DataWarning]]:
     values = _numbers(path, lines, first, len(names), delimiter)
     if not units[0]:
         units[0] = "ms"  # what KR C2's tool writes
-        warnings.append(DataWarning("trace", f"'{names[0]}' has no unit, so it is taken in ms"))
+        warnings.append(DataWarning("trace", f"'{names[0]}' has no unit, so ms is assumed"))
     columns = zip(names, units, values.T, strict=True)
     return [Channel(name, unit, column, at, k == 0) for k, (name, unit, column) in enumerate(columns)], warnings
 
@@ -69,14 +69,14 @@ def _check_lengths(path: Path, lines: list[str]) -> None:
 
 
 def _with_points(path: Path, lines: list[str], delimiter: str) -> list[str]:
-    """Return the lines with points in numbers; a file that has both signs leaves open what they mean."""
+    """Return the lines with points in numbers; in a file that has both signs their meaning is not clear."""
     pointed = next((k for k, line in enumerate(lines) if _numeric(line, delimiter, ".")), None)
     comma = next((k for k, line in enumerate(lines) if _numeric(line, delimiter, ",")), None)
     if comma is None:
         return lines
     if pointed is not None:
         raise RecordingError(
-            f"a number has a comma here, one in line {pointed + 1} a point; expected one sign throughout, for 1,234 "
+            f"a number has a comma here, one in line {pointed + 1} a point; expected only one of them, because 1,234 "
             "may be a thousand or one: export without thousands separators",
             file=path,
             line=comma + 1,
@@ -144,4 +144,4 @@ def _numbers(path: Path, lines: list[str], first: int, width: int, delimiter: st
             raise RecordingError(
                 f"'{bad.strip()[:40]}' is not a number; repair or delete the row", file=path, line=number
             )
-    raise RecordingError("cannot be read as a table of numbers; look for odd characters", file=path)
+    raise RecordingError("cannot be read as a table of numbers; look for unusual characters", file=path)

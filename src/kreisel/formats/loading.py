@@ -1,4 +1,4 @@
-"""Open a recording, whatever it is stored as."""
+"""Open a recording in any supported format."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def load(path: str | Path, reference: str | None = None, imu: str | None = None)
     if is_folder(path):
         recording = load_folder(path, reference, imu or "imu0")
     elif _is_bag(path):
-        from kreisel.formats.bag import load_bag  # here, for rosbags is slow to import
+        from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
 
         recording = load_bag(path, reference, imu)
     elif path.is_dir():

@@ -1,7 +1,7 @@
-"""MCAP files: kreisel's own recordings written, anybody's read, whole or cut.
+"""MCAP files: kreisel's own recordings are written; files of any recorder are read, complete or truncated.
 
 What is written is a ROS 2 file (CDR messages, `ros2msg` schemas, zstd chunks of 64 KiB) that Foxglove,
-rosbags and the mcap tools open. It is read as a stream, never through its index, because the index stands
+rosbags and the mcap tools open. It is read as a stream, never through its index, because the index is
 at the end and is missing where a recorder was stopped.
 """
 
@@ -36,7 +36,7 @@ POSITION_TOPIC = "/robot/position"
 ORIENTATION_TOPIC = "/robot/orientation"
 JOINT_TOPIC = "/robot/joint_states"
 NOTE_TOPIC = "/kreisel/notes"
-"""What happened while recording: devices lost and back, clocks that leapt."""
+"""Topic of events during recording: devices lost and reconnected, jumps of clocks."""
 
 NOTE_TYPE = "rcl_interfaces/msg/Log"
 INFO, WARN = 20, 30
@@ -52,11 +52,11 @@ RECORDED = "recording.mcap"
 """Name of the file in the folder of a recording that was made live."""
 
 CHUNK_SIZE = 64 * 1024
-"""Bytes in a chunk before compression: what a recorder that is killed may lose."""
+"""Bytes in a chunk before compression; a recorder that is killed may lose as much."""
 
 _LAST_STAMP = 2**31 * 10**9 - 1  # seconds are an int32 in a ROS header
 _NO_COVARIANCE = np.zeros(9)
-_NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 says that there is none
+_NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 means that there is none
 _NO_EFFORT = np.zeros(0)
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -82,7 +82,7 @@ class McapWriter:
         self._counts: dict[str, int] = defaultdict(int)
 
     def add_settings(self, settings: RecordingSettings) -> None:
-        """Write the settings that are set; call it first, so that a cut file has them too."""
+        """Write the settings that are set; call it first, so that a truncated file has them too."""
         tables = settings.model_dump(exclude_none=True)
         pairs = {f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()}
         if pairs:
@@ -101,9 +101,9 @@ class McapWriter:
         Parameters
         ----------
         stamp_ns, log_ns
-            The device's own time, and the host's, at which it came in; the same by default.
+            Time of the device, and time of the host at arrival; the same by default.
         epoch
-            Which of a device's clocks it is: one that was started anew has a topic of its own.
+            Number of the device's clock; after a restart of the clock a separate topic is used.
         """
         message = self._new(
             "sensor_msgs/msg/Imu",
@@ -121,7 +121,7 @@ class McapWriter:
         self, stamp_ns: int, position: Sequence[float] | None, quaternion: Sequence[float] | None,
         log_ns: int | None = None, epoch: int = 1,
     ) -> None:  # fmt: skip
-        """Write a pose as PoseStamped, or its one half as PointStamped or QuaternionStamped; see `add_imu`."""
+        """Write a pose as PoseStamped, or one part of it as PointStamped or QuaternionStamped; see `add_imu`."""
         header = self._header(stamp_ns, "reference")
         if position is not None and quaternion is not None:
             pose = self._new("geometry_msgs/msg/Pose", self._point(position), self._quaternion(quaternion))
@@ -142,12 +142,12 @@ class McapWriter:
         self._add(_of_epoch(JOINT_TOPIC, epoch), stamp_ns, message, log_ns)
 
     def add_note(self, stamp_ns: int, level: int, source: str, text: str) -> None:
-        """Write what happened, as rcl_interfaces/Log, on the host's clock."""
+        """Write an event as rcl_interfaces/Log, on the host's clock."""
         stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
         self._add(NOTE_TOPIC, stamp_ns, self._new(NOTE_TYPE, stamp, level, source, text, "", "", 0))
 
     def flush(self) -> None:
-        """Write out the chunk that is being filled, so that a stop costs nothing written before."""
+        """Write the chunk that is being filled to the file, so that a stop loses nothing added before."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
@@ -241,8 +241,8 @@ def _write_all(recording: Recording, writer: McapWriter) -> None:
     owner = np.repeat(np.arange(len(streams)), [stream.stamps_ns.size for stream in streams])
     index = np.concatenate([np.arange(stream.stamps_ns.size) for stream in streams])
     order = np.argsort(stamps, kind="stable")
-    for who, stamp, k in np.column_stack([owner, stamps, index])[order].tolist():
-        adders[who](stamp, k)
+    for which, stamp, k in np.column_stack([owner, stamps, index])[order].tolist():
+        adders[which](stamp, k)
     writer.finish()
 
 
@@ -271,9 +271,9 @@ class Topic:
     msgtype
         Such as `sensor_msgs/msg/Imu`, for ROS 1 too.
     encoding
-        `cdr` or `ros1`; anything else is listed, never decoded.
+        `cdr` or `ros1`; topics of other encodings are listed, never decoded.
     count
-        Messages in the file; `payloads` is empty where nobody wanted them.
+        Messages in the file; `payloads` is empty where they were not wanted.
     """
 
     name: str
@@ -292,7 +292,7 @@ def in_log_order(name: str, msgtype: str, encoding: str, count: int, messages: I
 
 @dataclass(frozen=True)
 class Contents:
-    """What a bag holds: topics, settings as `table.key` -> text, warnings, the robot's description.
+    """Contents of a bag: topics, settings as `table.key` -> text, warnings, the robot's description.
 
     Attributes
     ----------
@@ -309,7 +309,7 @@ class Contents:
 
 
 def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
-    """Return what is whole in an MCAP file, from its beginning to where it ends or breaks.
+    """Return the undamaged contents of an MCAP file, from its beginning to its end or to where it breaks.
 
     Parameters
     ----------
@@ -319,8 +319,8 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
     Raises
     ------
     RecordingError
-        If it is not an MCAP file or cannot be opened. A cut or damaged one gives a warning that says where
-        it broke and what is lost.
+        If it is not an MCAP file or cannot be opened. A truncated or damaged one gives a warning that says where
+        it breaks and what is lost.
     """
     scan = McapScan(frozenset(wanted))
     try:
@@ -341,13 +341,13 @@ def check_magic(start: bytes, path: Path) -> None:
     if start != MCAP0_MAGIC:
         raise RecordingError(
             f"is not an MCAP file: starts with {start.hex(' ')}, expected {MCAP0_MAGIC.hex(' ')}; "
-            "check that it was copied whole and is what its name says",
+            "check that it was copied completely and that its name is right",
             file=path,
         )
 
 
 class _BrokenRecordError(Exception):
-    """A record that goes on past the end of what holds it."""
+    """A record that goes beyond the end of the file or chunk that holds it."""
 
     def __init__(self, offset: int, opcode: int, beginning: bytes) -> None:
         self.offset, self.opcode, self.beginning = offset, opcode, beginning
@@ -355,14 +355,14 @@ class _BrokenRecordError(Exception):
 
 
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
-    """Yield offset, opcode and content of the records; contents nobody reads stay empty."""
+    """Yield offset, opcode and content of the records; contents that are not used stay empty."""
     while (start := stream.tell()) < size:
         head = stream.read(_RECORD_HEAD.size)
         if len(head) < _RECORD_HEAD.size:
             raise _BrokenRecordError(start, 0, b"")
         opcode, length = _RECORD_HEAD.unpack(head)
         end = start + _RECORD_HEAD.size + length
-        # A zero is no opcode, but what a file system leaves after a loss of power.
+        # A zero is not an opcode; file systems leave zeros after a loss of power.
         if opcode == 0 or end > size:
             raise _BrokenRecordError(start, opcode, stream.read(16))
         if opcode in _READ:
@@ -373,14 +373,14 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
 
 
 class McapScan:
-    """One pass through a file: what was found so far, and what was lost."""
+    """One pass through a file: the contents found so far, and what was lost."""
 
     def __init__(self, wanted: frozenset[str]) -> None:
         self.settings: dict[str, str] = {}
         self.urdf: str | None = None
         self.begun_ns: int | None = None
         self._wanted = wanted
-        self._kept = wanted | {None}  # what is not known yet may turn out to be wanted
+        self._kept = wanted | {None}  # messages of a type that is not known yet may be wanted
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._messages: dict[int, list[tuple[int, bytes]]] = defaultdict(list)
@@ -390,7 +390,7 @@ class McapScan:
         self._budget = Budget(0)
 
     def read(self, stream: BinaryIO, size: int) -> None:
-        """Take all records up to the footer, or to where the file breaks."""
+        """Read all records up to the footer, or to where the file breaks."""
         self._budget = Budget(size)
         try:
             for offset, opcode, content in _records(stream, size):
@@ -400,12 +400,12 @@ class McapScan:
         except _BrokenRecordError as broken:
             self._lost.append(_cut(broken, size))
         else:
-            self._lost.append("it ends without a footer, as where a recorder was stopped; the rest is missing")
+            self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
 
     def follow(self, stream: BinaryIO, offset: int, size: int) -> tuple[int, bool]:
-        """Take the records from an offset on that are whole by now; return where the next begins, and whether any will.
+        """Read the complete records from an offset on; return the offset of the next, and whether more can follow.
 
-        For a file that is still being written.
+        This is for a file that is still being written.
         """
         self._budget = Budget(size - offset)
         stream.seek(offset)
@@ -419,7 +419,7 @@ class McapScan:
         return size, True
 
     def _try(self, offset: int, opcode: int, content: bytes) -> None:
-        """Take a record, or note that it is damaged: the library raises whatever it stumbles over."""
+        """Read a record, or note that it is damaged: the library may raise any exception for damaged data."""
         try:
             if opcode == Opcode.CHUNK:
                 self._take_chunk(within(content))
@@ -466,7 +466,7 @@ class McapScan:
     def _type(self, number: int) -> str | None:
         """Return a channel's message type; None where its definition is not (or not yet) known.
 
-        The definitions are repeated at the end, which helps where the chunk that held them is damaged.
+        The definitions are repeated at the end of the file, in case the chunk that holds them is damaged.
         """
         channel = self._channels.get(number)
         if channel is None or channel.schema_id == 0:
@@ -485,7 +485,7 @@ class McapScan:
             yield in_log_order(name, msgtype, encoding, count, kept)
 
     def take_fresh(self) -> Iterator[Topic]:
-        """Yield the topics with what has come of them since the last call, and forget it."""
+        """Yield the topics with their messages since the last call, and remove these messages."""
         for number, messages in self._messages.items():
             channel = self._channels.get(number)
             if channel is None or not messages:
@@ -496,14 +496,14 @@ class McapScan:
             messages.clear()
 
     def lost(self) -> str:
-        """Return the sentence that says what is missing; empty where the file is whole."""
+        """Return the sentence that says what is missing; empty where the file is complete."""
         lost = list(self._lost)
         orphans = sum(count for number, count in self._counts.items() if self._type(number) is None)
         if orphans:
             lost.append(f"the definition of {orphans} messages is missing, so they are too")
         found = sum(self._counts.values())
         if not lost and self._announced is not None and self._announced != found:
-            lost.append(f"its statistics announce {self._announced} messages, {found} were found")
+            lost.append(f"its statistics state {self._announced} messages, {found} were found")
         more = f"; and {len(lost) - 3} more faults" if len(lost) > 3 else ""
         return "; ".join(lost[:3]) + more
 
@@ -521,12 +521,12 @@ def record_stream(content: bytes) -> ReadDataStream:
 
 def _cut(broken: _BrokenRecordError, size: int) -> str:
     span = _span(broken.beginning) if broken.opcode == Opcode.CHUNK else ""
-    rest = size - broken.offset
-    return f"it is cut or damaged at byte {broken.offset} of {size}; the last {rest} bytes are lost{span}"
+    left = size - broken.offset
+    return f"it is cut or damaged at byte {broken.offset} of {size}; the last {left} bytes are lost{span}"
 
 
 def _span(beginning: bytes) -> str:
-    """Return how long the messages of a chunk last, from the first 16 bytes of it."""
+    """Return a text with the duration of a chunk's messages, from the first 16 bytes of the chunk."""
     if len(beginning) < 16:
         return ""
     first, last = struct.unpack("<QQ", beginning[:16])
@@ -534,7 +534,7 @@ def _span(beginning: bytes) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return what an exception says, on one line; its name where it says nothing."""
+    """Return the message of an exception on one line; its name where the message is empty."""
     return one_line(str(error)).rstrip(".") or type(error).__name__
 
 

@@ -1,4 +1,4 @@
-"""What one device sent, out of an MCAP file, with the times at which it came in: to be played back in its place."""
+"""The data of one device in an MCAP file, with their times of arrival, to be played back in place of the device."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _ROBOT_ROLE = Role("poses or joint angles", _OPTION, frozenset({*REFERENCE_ROWS,
 
 @dataclass(frozen=True)
 class Track(Generic[Content]):
-    """One topic: what its messages say, and the host's times at which they came in."""
+    """One topic: the content of its messages, and the host's times of their arrival."""
 
     content: Content
     log_times_ns: Stamps
@@ -49,7 +49,7 @@ class Track(Generic[Content]):
 
 @dataclass(frozen=True)
 class Playback:
-    """What a device sent.
+    """The data of one device.
 
     Attributes
     ----------
@@ -66,20 +66,20 @@ class Playback:
 
 
 def load_imu(path: Path, topic: str | None = None) -> Playback:
-    """Return what an IMU sent.
+    """Return the data of an IMU.
 
     Parameters
     ----------
     path
         An .mcap file, or the folder of a recording that was made live.
     topic
-        As `TOPIC` or `TOPIC@FRAME_ID`; by default kreisel's own, or the only one there is.
+        As `TOPIC` or `TOPIC@FRAME_ID`; by default kreisel's own, or the only one in the file.
 
     Raises
     ------
     RecordingError
-        If there is no such file or topic, the file is no MCAP file, or it is not finished; the message lists what
-        topics there are.
+        If there is no such file or topic, the file is not an MCAP file, or it is not finished; the message lists the
+        topics in the file.
     """
     contents, warnings = _read(path, {IMU}), list[DataWarning]()
     body = body_of(contents, _IMU_ROLE, topic, warnings, decode_topic)
@@ -92,12 +92,12 @@ def load_imu(path: Path, topic: str | None = None) -> Playback:
 
 
 def load_robot(path: Path, topic: str | None = None) -> Playback:
-    """Return what a robot sent: poses, and the joint angles on their clock; see `load_imu`.
+    """Return the data of a robot: poses, and the joint angles on their clock; see `load_imu`.
 
     Parameters
     ----------
     topic
-        Of poses or of their one half; of joint angles, for these alone.
+        Of poses or of one part of them; of joint angles, to play back only these.
     """
     contents, warnings = _read(path, {*REFERENCE_ROWS, JOINTS}), list[DataWarning]()
     poses = joints = None
@@ -110,12 +110,12 @@ def load_robot(path: Path, topic: str | None = None) -> Playback:
         joints = None if angles is None else _joints(angles, contents, warnings)
     if poses is not None and joints is not None and not _overlap(poses.content.stamps_ns, joints.content.stamps_ns):
         warnings.append(
-            DataWarning("joints", "left out, for their stamps and those of the poses are of different times")
+            DataWarning("joints", "left out, because their stamps and those of the poses are of different times")
         )
         joints = None
     if poses is None and joints is None:
         raise RecordingError(
-            f"no poses and no joint angles of a robot; got {listed(contents.topics) or 'no topics at all'}",
+            f"no poses and no joint angles of a robot; got {listed(contents.topics) or 'no topics'}",
             file=contents.path,
         )
     return Playback(
@@ -136,14 +136,14 @@ def _read(path: Path, wanted: Collection[str]) -> Contents:
     if not finished:
         raise RecordingError(
             "is still being written, or was cut: it does not end as MCAP files do; wait until its recorder has ended, "
-            f"or make it whole: kreisel recover {file}",
+            f"or repair it: kreisel recover {file}",
             file=file,
         )
     return read_mcap(file, wanted)
 
 
 def _file(path: Path) -> Path:
-    """Return the file meant by a path, which may be the folder it was made in."""
+    """Return the file of a path, which may be the folder it was made in."""
     if not path.exists():
         raise RecordingError("no such file; a recording is played back from mcap:///PATH/FILE.mcap", file=path)
     if not path.is_dir():
@@ -170,5 +170,5 @@ def _logged(topic: Topic) -> Stamps:
 
 
 def _overlap(a: Stamps, b: Stamps) -> bool:
-    """Return whether stamps can be of one clock."""
+    """Return whether stamps may be of one clock."""
     return bool(a.min() <= b.max() and b.min() <= a.max())

@@ -1,4 +1,4 @@
-"""A recording that was cut or damaged, written anew with everything in it that is whole."""
+"""Recovery of a truncated or damaged recording: its undamaged contents are written to a new file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kreisel.formats.mcap import CHUNK_SIZE, McapScan, check_magic, record_strea
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved: messages by topic, seconds of the host's clock they span, and the sentence of what was lost."""
+    """Result of a recovery: messages by topic, their duration on the host's clock, and the text of what was lost."""
 
     path: Path
     messages: dict[str, int]
@@ -28,7 +28,7 @@ class Recovery:
 
 
 def recover(path: Path, output: Path | None = None) -> Recovery:
-    """Write a readable copy of an MCAP file beside it, of all that is whole.
+    """Write the undamaged contents of an MCAP file to a readable copy next to it.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def recover(path: Path, output: Path | None = None) -> Recovery:
 
 
 class _Copy(McapScan):
-    """A pass through a file that writes on what it finds."""
+    """A pass through a file that copies the undamaged contents."""
 
     def __init__(self, target: BinaryIO) -> None:
         super().__init__(frozenset())
@@ -71,7 +71,7 @@ class _Copy(McapScan):
 
     @property
     def seconds(self) -> float:
-        """What the messages span on the host's clock, s."""
+        """Duration of the messages on the host's clock, s."""
         return 0.0 if self._first is None else (self._last - self._first) * 1e-9
 
     def finish(self) -> None:

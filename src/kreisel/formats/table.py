@@ -21,7 +21,7 @@ _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])]
 _BLOCK = 1 << 23  # bytes read at once
 _MAX_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
 _MAX_COLUMNS = 1000
-_MAX_STAMP = 9.0e18  # ns; a little below what 64 bits hold
+_MAX_STAMP = 9.0e18  # ns; a little below the largest number of 64 bits
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as read: header, stamps, numbers (n, columns, the stamp's place among them), warnings."""
+    """A table as read: header, stamps, numbers (n, columns, with a column for the stamps), warnings."""
 
     source: Path
     columns: tuple[Column, ...]
@@ -49,18 +49,18 @@ class Table:
         Raises
         ------
         RecordingError
-            If a unit is none of the quantity's, or it is not clear which unit a column is in.
+            If a unit is not one of the quantity, or the unit of a column is not clear.
         """
         columns = self.with_units(columns)
         factors = np.array([self._factor(column, quantity) for column in columns])
         out = np.empty((self.stamps_ns.size, len(columns)))
-        with np.errstate(over="ignore"):  # an infinity is found and told by the checks
+        with np.errstate(over="ignore"):  # the checks report an infinity
             for i, column in enumerate(columns):
                 np.multiply(self.values[:, column.index], factors[i], out=out[:, i])
         return out
 
     def with_units(self, columns: list[Column]) -> list[Column]:
-        """Return the columns of one group, each with its unit: one that is stated only once holds for all.
+        """Return the columns of one group, each with its unit: a unit that is stated only once applies to all.
 
         Raises
         ------
@@ -71,11 +71,11 @@ class Table:
         if not stated or all(column.unit is not None for column in columns):
             return columns
         if len(stated) > 1:
-            said = ", ".join(
+            names = ", ".join(
                 f"'{column.name}' {'without unit' if column.unit is None else f'[{column.unit}]'}" for column in columns
             )
             raise RecordingError(
-                f"the columns {said} belong together, and it is not clear in which unit each is; write the unit of "
+                f"the columns {names} belong together, and the unit of each is not clear; write the unit of "
                 "each, or one for all",
                 file=self.source,
                 line=1,
@@ -140,7 +140,7 @@ def read_table(path: Path, what: str) -> Table:
 
 
 class _Rows:
-    """Room for the rows of a table, as many as its size suggests: pieces to be joined would take it twice."""
+    """Arrays for the rows of a table, as many as its size suggests: joining chunks would take twice the memory."""
 
     def __init__(self, room: int, columns: int) -> None:
         self.stamps = np.empty(room, dtype=np.int64)
@@ -158,7 +158,7 @@ class _Rows:
 
 
 def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
-    """Yield a file's text in blocks of whole lines, and the number of their first line; a cut last line is dropped."""
+    """Yield a file's text in blocks of whole lines, and the number of their first line; drop a truncated last line."""
     try:
         if not path.is_file():
             raise RecordingError(f"{_instead(path)}; expected {what} there", file=path)
@@ -168,7 +168,7 @@ def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator
                 _check_text(data, done + len(left), line, left, path)
                 data = left + data
                 _check_lines(data, line, path)
-                # a line may end in two bytes, of which this may be the first
+                # a line end may have two bytes, and this may be the first
                 end = len(data) - 1 if data.endswith(b"\r") else len(data)
                 cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
                 left = data[cut:]
@@ -185,12 +185,12 @@ def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator
 
 
 def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> None:
-    """Raise an error for a zero byte, of which no text has any."""
+    """Raise an error for a zero byte, which no text contains."""
     where = data.find(b"\0")
     if where < 0:
         return
     guess = "text in UTF-16: save it as UTF-8" if start == 0 and data[:2] in (b"\xff\xfe", b"\xfe\xff") else (
-        "binary, or left so by a loss of power: take what is before, or copy it again"
+        "binary, or damaged by a loss of power: keep the lines before it, or copy it again"
     )  # fmt: skip
     raise RecordingError(
         f"holds a zero byte (byte {start + where}), which no CSV does; it is {guess}",
@@ -200,7 +200,7 @@ def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> 
 
 
 def _check_lines(data: bytes, line: int, path: Path) -> None:
-    """Raise an error for a line that is longer than any row: read as one, it would take memory without bounds."""
+    """Raise an error for a line that is longer than any row: reading it would take unlimited memory."""
     begin = 0
     while len(data) - begin > _MAX_LINE:
         end = max(data.rfind(mark, begin, begin + _MAX_LINE) for mark in (b"\n", b"\r"))
@@ -230,7 +230,7 @@ def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
 
 
 def _last_line(text: str, line: int, path: Path, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
-    """Yield a last line that has an end; drop one without: a recorder was stopped in it, perhaps in a number."""
+    """Yield a last line that has an end; drop one without: it may be incomplete, as after a recorder was stopped."""
     if text.endswith("\n") or line == 1:
         yield text, line
         return
@@ -239,12 +239,12 @@ def _last_line(text: str, line: int, path: Path, warnings: list[DataWarning]) ->
 
 
 def _instead(path: Path) -> str:
-    """Return what stands where a file should be."""
+    """Return a text of what is at the place of a file."""
     if path.is_dir():
         return "is a folder, not a file"
     if path.is_symlink():
-        return "is a link that leads nowhere"
-    return "is not an ordinary file" if path.exists() else "no such file"
+        return "is a link to a missing file"
+    return "is not a regular file" if path.exists() else "no such file"
 
 
 def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
@@ -283,7 +283,7 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
 
 
 def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -> tuple[Stamps, Array]:
-    """Return stamps and all columns (n, columns) of rows whose first stands in a line of the file."""
+    """Return stamps and all columns (n, columns) of rows; `line` is the line of the first in the file."""
     unit = columns[0].unit or "ns"
     if unit not in UNITS["time"]:
         raise RecordingError(
@@ -297,7 +297,7 @@ def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -
     text = io.TextIOWrapper(io.BytesIO(body.encode()), encoding="utf-8")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # rows of comments alone are no reason to warn
+            warnings.simplefilter("ignore", UserWarning)  # rows of only comments need no warning
             rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
         raise _bad_row(body, columns, stamp_type, path, error, line) from error
@@ -312,14 +312,14 @@ def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
         guess = (
             f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
         )
-        raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is no possible time; {guess}", int(bad[0]))
+        raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is not a possible time; {guess}", int(bad[0]))
     whole = np.floor(stamps)
-    # in two parts, for seconds since 1970 times 1e9 leave no digits behind the point
+    # in two parts, because seconds since 1970 times 1e9 have no digits left after the point
     return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
 
 
 def _likely(stamps: Array) -> str:
-    """Return the unit in which stamps come at a rate that devices have, or units."""
+    """Return the unit or units in which the rate of stamps is one that devices have."""
     with np.errstate(invalid="ignore", over="ignore"):
         step = float(np.median(np.diff(stamps))) if stamps.size > 1 else np.nan
     fitting = [unit for unit, size in UNITS["time"].items() if 0.5 <= 1e9 / max(step * size, 1e-300) <= 20e3]
@@ -329,14 +329,14 @@ def _likely(stamps: Array) -> str:
 def _bad_row(
     body: str, columns: tuple[Column, ...], stamp_type: str, path: Path, error: ValueError, first: int
 ) -> RecordingError:
-    """Find the first row that cannot be read and say what is wrong with it."""
+    """Return the error for the first row that cannot be read."""
     for number, line in enumerate(body.split("\n"), start=first):
         row = line.split("#")[0]
         if not row:
             continue
         cells = row.split(",")
         if len(cells) != len(columns):
-            got = f"{len(cells)} values" if row.strip() else "nothing but blanks"
+            got = f"{len(cells)} values" if row.strip() else "only blanks"
             return RecordingError(
                 f"{got}, expected {len(columns)} values as in the header; repair or delete the row",
                 file=path,
@@ -350,11 +350,11 @@ def _bad_row(
                     file=path,
                     line=number,
                 )
-    return RecordingError(f"cannot be read as a table of numbers: {error}; look for odd characters", file=path)
+    return RecordingError(f"cannot be read as a table of numbers: {error}; look for unusual characters", file=path)
 
 
 def _not_read(cell: str, *, whole: bool) -> str:
-    """Return what was expected in a cell, and the remedy, where it cannot be read; otherwise nothing."""
+    """Return what was expected in a cell that cannot be read, and the remedy; empty if it can be read."""
     if not whole:
         return "" if is_number(cell) else "a number; repair or delete the row"
     if re.fullmatch(r"[-+]?\d+", cell):

@@ -25,12 +25,12 @@ def write(recording: Recording, path: str | Path) -> None:
     Raises
     ------
     RecordingError
-        If something is there already, or it cannot be written.
+        If the path exists already, or cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".mcap":
-        from kreisel.formats.mcap import write_mcap  # here, for rosbags is slow to import
+        from kreisel.formats.mcap import write_mcap  # here, because rosbags is slow to import
 
         write_mcap(recording, path)
     elif suffix == ".tum":
@@ -51,7 +51,9 @@ def write_tum(recording: Recording, path: Path) -> None:
     """
     reference = recording.reference
     if reference is None or reference.positions is None or reference.quaternions is None:
-        raise RecordingError("has no poses with positions and orientations, which a trajectory is", file=recording.path)
+        raise RecordingError(
+            "has no poses with positions and orientations, which a trajectory needs", file=recording.path
+        )
     if path.exists():
         raise RecordingError("exists already; delete it, or give another name", file=path)
     rows = np.column_stack([reference.positions, np.roll(reference.quaternions, -1, axis=1)])
@@ -59,9 +61,9 @@ def write_tum(recording: Recording, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", encoding="utf-8", newline="\n") as file:
             for stamp, row in zip(reference.stamps_ns.tolist(), rows.tolist(), strict=True):
-                # in whole numbers, for seconds since 1970 leave a double no nanoseconds
-                sign, (seconds, rest) = "-" if stamp < 0 else "", divmod(abs(stamp), 10**9)
-                file.write(f"{sign}{seconds}.{rest:09d} {' '.join(map(repr, row))}\n")
+                # in whole numbers, because a double of seconds since 1970 does not resolve nanoseconds
+                sign, (seconds, nanoseconds) = "-" if stamp < 0 else "", divmod(abs(stamp), 10**9)
+                file.write(f"{sign}{seconds}.{nanoseconds:09d} {' '.join(map(repr, row))}\n")
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
 
@@ -88,7 +90,7 @@ def write_folder(recording: Recording, path: Path) -> None:
 
 
 def write_settings(recording: Recording, folder: Path) -> None:
-    """Write what is known of a recording into a folder that exists: recording.toml and the robot's description."""
+    """Write the settings of a recording into an existing folder: recording.toml and the robot's description."""
     text = settings_toml(recording.settings)
     if text:
         (folder / "recording.toml").write_text(text, encoding="utf-8")
@@ -97,7 +99,7 @@ def write_settings(recording: Recording, folder: Path) -> None:
 
 
 def add_reference(path: Path, reference: ReferencePoses | None, joints: JointAngles | None) -> None:
-    """Write poses and joint angles into a folder, new or there already, beside what it holds.
+    """Write poses and joint angles into a new or existing folder; its other contents are kept.
 
     Raises
     ------
@@ -145,7 +147,7 @@ def _pose_table(reference: ReferencePoses) -> tuple[str, Array]:
 
 
 def _folder_name(name: str) -> str:
-    """Return a name that is a folder on every system, and that a reader takes for a reference."""
+    """Return a name that is valid for folders on every system, and that a reader recognises as a reference."""
     if name in ("/robot/pose", "/robot/position", "/robot/orientation"):
         return "pose0"
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", name.strip("/")) or "pose0"

@@ -1,5 +1,5 @@
 """Rotations: unit quaternions (scalar first, Hamilton), rotation vectors and matrices.
 
-Arrays carry the components on their last axis, so that one call serves one rotation or a million.
-A right perturbation is meant wherever a small rotation is added: ``q [+] d = q * exp(d)``.
+The components are on the last axis of an array, so that one call works for one rotation or a million.
+A small rotation is always added as a right perturbation: ``q [+] d = q * exp(d)``.
 """

@@ -19,7 +19,7 @@ def interpolate_columns(t: Array, known: Array, values: Array) -> Array:
 
 
 def continuous(q: Array) -> Array:
-    """Return quaternions (n, 4) with signs such that neighbours lie close together."""
+    """Return quaternions (n, 4) with signs such that neighbours are close together."""
     sign = np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
     return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
 

@@ -1,4 +1,4 @@
-"""KUKA's angles A, B, C: intrinsic turns about z, y', x''; R = Rz(A) Ry(B) Rx(C). Single attitudes, rad."""
+"""KUKA's angles A, B, C: intrinsic rotations about z, y', x''; R = Rz(A) Ry(B) Rx(C). Single attitudes, rad."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-
 def exp(theta: ArrayLike) -> Array:
     """Return the unit quaternions (..., 4) of the rotation vectors theta (..., 3), in rad."""
     theta = np.asarray(theta, dtype=float)
@@ -100,10 +99,10 @@ def from_matrix(C: ArrayLike) -> Array:
 
 
 def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the quaternion (4,) of the shortest turn that brings the direction of a onto that of b."""
+    """Return the quaternion (4,) of the smallest rotation that turns the direction of a into that of b."""
     u, v = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
-    w = 0.5 * float(np.linalg.norm(u + v))  # cosine of half the angle; 1 + u . v would lose digits where they oppose
+    w = 0.5 * float(np.linalg.norm(u + v))  # cosine of half the angle; 1 + u . v would lose digits for opposite vectors
     if w < 1e-8:
         axis = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
         return np.concatenate([[0.0], axis / np.linalg.norm(axis)])

@@ -1,1 +1,1 @@
-"""What an inertial measurement unit feels on the rotating Earth, and how its readings become motion."""
+"""What an inertial measurement unit measures on the rotating Earth, and its readings integrated to motion."""

@@ -1,4 +1,4 @@
-"""Noise of inertial sensors: grades of devices, what their errors look like, and how they show in a recording."""
+"""Noise of inertial sensors: grades of devices, models of their errors, and measures of noise in a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Grade:
     gyro_noise_density, accel_noise_density
         White noise, per root hertz (angle and velocity random walk N).
     gyro_offset_sd, accel_offset_sd
-        Offsets from one switching-on to the next.
+        Standard deviation of the offsets from one start of the device to the next.
     gyro_bias_instability, accel_bias_instability
         Flicker noise B, as in IEEE 952: the Allan deviation's floor is 0.664 B.
     gyro_rate_random_walk, accel_random_walk
@@ -38,7 +38,7 @@ class Grade:
     rate
         Samples a second.
     sources
-        Where each number comes from; those not named are assumed.
+        Source of each number; numbers without a source are assumed.
     """
 
     gyro_noise_density: float
@@ -62,7 +62,7 @@ class Grade:
     sources: dict[str, str] = field(default_factory=dict)
 
     def source(self, name: str) -> str:
-        """Return where a number comes from."""
+        """Return the source of a number."""
         return self.sources.get(name, _ASSUMED)
 
 
@@ -160,13 +160,13 @@ PAPER = {"LPA": "ring-laser", "iNAV-FMS": "fog", "iVRU-FC": "fog-mems"}
 """The paper's three devices, and their grades."""
 
 _CALIBRATION, _AVERAGED = 600.0, 100.0
-"""s: how long a calibration lasts, and over how much of it an offset is averaged before it shows."""
+"""s: usual duration of a calibration, and the time over which an offset is averaged."""
 
 
 def equivalent_walk(bias_instability: float, random_walk: float) -> float:
-    """Return the random walk's density that stands for flicker noise in a filter, per root hertz.
+    """Return the density of the random walk that represents flicker noise in a filter, per root hertz.
 
-    Flicker noise has no finite state. A random walk takes its place under which the offset, averaged over
+    Flicker noise has no finite state. It is replaced by a random walk for which the offset, averaged over
     100 s, changes as much in ten minutes: K^2 T = 2 B^2 / pi (ln(2 pi T / 100 s) + 0.577), the structure
     function of flicker noise of limited bandwidth.
     """
@@ -201,10 +201,10 @@ def noise(
 
 
 def high_frequency_density(values: Array, interval: float) -> Array:
-    """Return the noise density (3,) of sampled signals (n, 3) as it shows in their third differences.
+    """Return the noise density (3,) of sampled signals (n, 3), estimated from their third differences.
 
-    White noise of variance s^2 has third differences of variance 20 s^2; a smooth motion leaves next to
-    nothing in them. The median of the squares keeps shocks out.
+    White noise of variance s^2 has third differences of variance 20 s^2; those of a smooth motion are close
+    to zero. The median of the squares is not affected by shocks.
 
     Parameters
     ----------

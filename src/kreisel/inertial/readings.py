@@ -1,7 +1,7 @@
-"""The raw readings of a whole recording, made ready for integration a stretch at a time.
+"""The raw readings of a whole recording, prepared for integration in chunks.
 
-What integration needs of a sample takes five times the memory of its readings; of a long recording only the
-stretches in use are held ready.
+A sample prepared for integration takes five times the memory of its readings; of a long recording only the
+chunks in use are kept in memory.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from kreisel.geometry.rotation import Array, Indices, conjugate, multiply
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, prepare
 
 CHUNK = 1 << 16
-"""Samples made ready at once: nearly three minutes at 400 Hz."""
+"""Samples of one chunk: nearly three minutes at 400 Hz."""
 
 EXCERPT = 8
-"""Stretches that say enough where all of a long recording need not be looked at."""
+"""Chunks that are enough where not all of a long recording is needed."""
 
 _REACH = 6  # samples around an interval that enter its integral
 _HELD = 4
@@ -35,9 +35,9 @@ class Readings:
     rates, accelerations : (n, 3)
         rad/s and m/s^2.
     segments
-        First and last sample (inclusive) of every unbroken stretch.
+        First and last sample (inclusive) of every segment.
     order
-        Polynomial order N they are made ready for.
+        Polynomial order N they are prepared for.
     noise : (4, 3)
         See `strapdown.Samples`.
     """
@@ -62,12 +62,12 @@ class Readings:
         return None
 
     def chunks(self) -> Iterator[InertialSignal]:
-        """Yield stretches ready for integration, one behind the other."""
+        """Yield consecutive chunks, prepared for integration."""
         for start in self._starts():
             yield self._usual(int(start))
 
     def excerpt(self, begin: float, end: float) -> Iterator[InertialSignal]:
-        """Yield `EXCERPT` stretches at most, spread evenly over those between two times, s."""
+        """Yield at most `EXCERPT` chunks, spread evenly over those between two times, s."""
         starts = self._starts()
         until = np.append(self.stamps[starts[1:]], self.stamps[-1])
         starts = starts[(until > begin) & (self.stamps[starts] < end)]
@@ -77,7 +77,7 @@ class Readings:
             yield self._usual(int(start))
 
     def holding(self, first: int, last: int) -> tuple[InertialSignal, int]:
-        """Return a stretch the motion from sample `first` to `last` can be integrated in, and up to which sample."""
+        """Return a chunk to integrate the motion from sample `first` to `last` in, and its last valid sample."""
         signal = self._usual(min(first // CHUNK * CHUNK, int(self._starts()[-1])))
         if last > self._good_until(signal):
             signal = self._between(first - _REACH, last + _REACH)
@@ -89,18 +89,18 @@ class Readings:
         return end if end == self.stamps.size - 1 else end - _REACH
 
     def _starts(self) -> Indices:
-        """Return the first samples of the stretches; a short rest at the end is taken into the last."""
+        """Return the first samples of the chunks; a short remainder at the end is added to the last."""
         return np.arange(0, max(self.stamps.size - CHUNK // 4, 1), CHUNK)
 
     def _usual(self, start: int) -> InertialSignal:
-        """Return the stretch that begins at one of the `_starts`, held ready for the next time."""
+        """Return the chunk that begins at one of the `_starts`; it is kept in memory for the next call."""
         signal = self._ready.pop(start, None)
         if signal is None:
             while len(self._ready) >= _HELD:
                 del self._ready[next(iter(self._ready))]
             last = start == self._starts()[-1]
             signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + CHUNK + _REACH)
-        self._ready[start] = signal  # the latest is let go last
+        self._ready[start] = signal  # the most recent one is deleted last
         return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _between(self, low: int, high: int) -> InertialSignal:
@@ -124,7 +124,7 @@ def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:
         end = signal.begin + signal.stamps.size
         inside = (samples >= joint) & (samples < end)
         out[inside] = multiply(carried, free[samples[inside] - signal.begin])
-        # on either side of it the stencils are those of the whole
+        # on both sides of it the stencils are those of the whole recording
         joint = max(end - 1 - _REACH, 0)
         before = multiply(carried, free[joint - signal.begin])
     return out

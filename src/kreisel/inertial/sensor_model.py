@@ -16,7 +16,7 @@ FORMULA = {
         "s_j = row j of K_a^-1, r_j = row j of lever_arms, alpha = d omega/dt"
     ),
 }
-"""How raw readings (primed) become true values; written into every result file."""
+"""Equations from raw readings (primed) to true values; written into every result file."""
 
 
 class SizeEffect(StrEnum):
@@ -25,11 +25,11 @@ class SizeEffect(StrEnum):
     COMPLETED = "completed"
     """e_j = s_j . ([alpha x] + [omega x]^2) r_j, inside the parentheses."""
     FOX2005 = "fox2005"
-    """As printed: no products of rates, added after K_a as if sensor and tool axes were the same."""
+    """As printed: without products of rates, and added after K_a as if sensor and tool axes were the same."""
     WITHOUT_PRODUCTS = "without_products"
-    """The first fault of the printed form alone."""
+    """Only the first fault of the printed form."""
     AFTER_CROSS_COUPLING = "after_cross_coupling"
-    """The second fault of the printed form alone."""
+    """Only the second fault of the printed form."""
 
     @property
     def products(self) -> float:
@@ -38,13 +38,13 @@ class SizeEffect(StrEnum):
 
     @property
     def inside(self) -> bool:
-        """Whether e stands inside the parentheses, along the sensitive axes."""
+        """Whether e is inside the parentheses, along the sensitive axes."""
         return self in (SizeEffect.COMPLETED, SizeEffect.WITHOUT_PRODUCTS)
 
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """Parameters of equations (1) and (2), measured to true, SI.
+    """Parameters of equations (1) and (2), from readings to true values, SI.
 
     Attributes
     ----------
@@ -140,8 +140,8 @@ def correct_specific_force(
 
     Notes
     -----
-    Fox and Janocha (2005), equation (2), completed with the products of rates the printed form leaves
-    out and with e measured along the sensitive axes.
+    Fox and Janocha (2005), equation (2), completed with the products of rates that the printed form
+    omits and with e measured along the sensitive axes.
     """
     y = polynomial(accelerations, parameters.k_a)
     e = size_effect(omega_b, alpha_b, parameters, form)

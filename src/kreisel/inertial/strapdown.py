@@ -1,4 +1,4 @@
-"""Sampled readings made ready for integration, and the strapdown computation over stretches of them."""
+"""Sampled readings prepared for integration, and the strapdown computation over intervals of them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel._kernels import attitude, coefficients, preintegration, quadrature, sensor_noise
+from kreisel._kernels.increments import Coefficients, Increments, Span
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
 
 NOISE_STEP = 0.02
-"""Seconds of readings whose noise is taken together."""
+"""Seconds of readings whose noise is added up in one step."""
 
 
 class Samples(NamedTuple):
-    """Readings with all that is common to every set of sensor parameters, as the kernels use them.
+    """Readings with all quantities that do not depend on the sensor parameters, as the kernels use them.
 
     Attributes
     ----------
@@ -31,8 +32,8 @@ class Samples(NamedTuple):
     forces : (3 N, n)
         Powers of the accelerometers' readings.
     noise : (4, 3)
-        Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then how
-        much each bends (unit per second squared) where samples are missing: see `sensor_noise`.
+        Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then the
+        curvature of each (unit per second squared) where samples are missing: see `sensor_noise`.
     usual
         Usual time between two samples, s.
     """
@@ -51,18 +52,18 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True)
 class InertialSignal:
-    """Raw readings made ready for integration.
+    """Raw readings prepared for integration.
 
     Attributes
     ----------
     samples
         All readings with their stencils, derivatives and integrals.
     segments
-        First and last sample (inclusive) of every unbroken stretch, each of six samples or more.
+        First and last sample (inclusive) of every segment, each of six samples or more.
     order
-        Polynomial order N it was made ready for.
+        Polynomial order N it was prepared for.
     begin
-        Number of its first sample in the recording it is a part of.
+        Number of its first sample in the whole recording.
     """
 
     samples: Samples
@@ -136,12 +137,12 @@ class SensorColumns:
 
 @dataclass(frozen=True)
 class Increment:
-    """Motion between two samples as the body felt it, one column for each parameter set.
+    """Motion between two samples as the readings predict it, one column for each parameter set.
 
     ``dq`` (4, m), ``dv`` and ``dp`` (3, m) are seen from the inertial attitude at the first sample;
     ``omega_end``, ``alpha_end`` (3, m) are rate and angular acceleration at the last, ``u_end``
     (3, 3, m) the specific force around it. ``u_path`` (k, 3) and ``q_path`` (k, 4) hold force and attitude
-    along the way from sample ``span.low`` on, of the first column.
+    along the path from sample ``span.low`` on, of the first column.
     """
 
     duration: float
@@ -153,13 +154,13 @@ class Increment:
     u_end: Array
     u_path: Array
     q_path: Array
-    span: preintegration.Span
+    span: Span
 
     @property
-    def arrays(self) -> preintegration.Increments:
+    def arrays(self) -> Increments:
         """The arrays, as the kernels take them."""
         motion = self.dq, self.dv, self.dp, self.omega_end, self.alpha_end, self.u_end
-        return preintegration.Increments(*motion, self.u_path, self.q_path)
+        return Increments(*motion, self.u_path, self.q_path)
 
 
 def prepare(
@@ -171,7 +172,7 @@ def prepare(
     segments: tuple[tuple[int, int], ...] | None = None,
     noise: Array | None = None,
 ) -> InertialSignal:
-    """Return the signal made ready: stencils, powers, derivatives and integrals.
+    """Return the prepared signal: stencils, powers, derivatives and integrals.
 
     Parameters
     ----------
@@ -180,9 +181,9 @@ def prepare(
     rates, accelerations : (n, 3)
         Raw readings, rad/s and m/s^2.
     order
-        Polynomial order N of the sensor model; 1 is offset and scale alone.
+        Polynomial order N of the sensor model; 1 is only offset and scale.
     segments
-        Unbroken stretches as pairs of first and last sample; all samples by default.
+        Segments as pairs of first and last sample; all samples by default.
     noise : (4, 3)
         See `Samples`; none by default.
     """
@@ -226,7 +227,7 @@ def prepare(
 
 
 def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, double: Array) -> None:
-    """Write the weights of a straight line into intervals outside all segments, where a quintic runs away."""
+    """Write the weights of a straight line into intervals outside all segments, where a quintic would diverge."""
     h, left = np.diff(stamps)[between], between - base[between]
     single[between], double[between] = 0.0, 0.0
     for at, once, twice in ((left, 1.0 / 2.0, 1.0 / 3.0), (left + 1, 1.0 / 2.0, 1.0 / 6.0)):
@@ -255,15 +256,15 @@ def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorC
         u_end=np.empty((3, 3, m)),
         u_path=np.empty((count, 3)),
         q_path=np.empty((count, 4)),
-        span=preintegration.Span(first, last, low, high),
+        span=Span(first, last, low, high),
     )
-    coefficients = preintegration.Coefficients(columns.rate, columns.force, columns.shared)
+    coefficients = Coefficients(columns.rate, columns.force, columns.shared)
     preintegration.preintegrate(out.span, signal.samples, coefficients, out.arrays)
     return out
 
 
 def noise_covariance(signal: InertialSignal, step: Increment, columns: SensorColumns) -> Array:
-    """Return the covariance (9, 9) of attitude, velocity and position left by sensor noise.
+    """Return the covariance (9, 9) of attitude, velocity and position caused by sensor noise.
 
     Uses the first column of an increment. Seen from the body's inertial attitude at its first sample; attitude errors
     as left perturbations there.
@@ -281,7 +282,7 @@ def linear_rate(K: Array, b: Array, order: int) -> Array:
 
 
 def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
-    """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (P, 3) and nothing else.
+    """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (P, 3) only.
 
     See `SensorColumns`; gaps are bridged by straight lines.
     """

@@ -1,4 +1,4 @@
-"""The registry of parameter groups: everything the program knows of a group but the physics that uses it.
+"""The registry of parameter groups: everything the program knows of a group except the physics that uses it.
 
 State layout, priors, observability, result file, report and settings go through `REGISTRY`. How to add a group is
 described in CONTRIBUTING.md, "An error effect".
@@ -27,34 +27,34 @@ class ParameterGroup:
     Attributes
     ----------
     name
-        As settings, `--fix` and the code call it.
+        Name in settings, `--fix` and the code.
     meaning
-        One line for who reads a list of groups.
+        One line for lists of groups.
     symbol
-        As the equations call it; HTML.
+        Symbol in the equations; HTML.
     owner
         What it belongs to: a sensor, the cell (site, frames, clocks), or the robot.
     path
-        Its place in the result file.
+        Its path in the result file.
     indices
         What follows the path in the name of each parameter; as many as there are degrees of freedom.
     unit, size
         The unit it is shown in, and that unit in SI.
     usual_sd
-        Standard deviation of usual devices, SI: a parameter the motion does not narrow down below it is not observable.
-        None where the prior itself says.
+        Standard deviation of usual devices, SI: a parameter whose deviation does not fall well below it is not
+        observable. None where the prior itself gives it.
     useful_sd
         Standard deviation, SI, above which a value is of no use, whatever was known before.
     known_before
-        Whether something is known of it before any look at the data, so that it may stay as uncertain as it was.
+        Whether something is known of it before any look at the data, so that its deviation need not decrease.
     held
-        Whether it is held at its nominal value where the motion does not show it.
+        Whether it is held at its nominal value if it is not observable.
     by_choice
         Whether it is estimated only if asked for.
     rotation
         Whether it is a rotation, stored as a quaternion.
     shape
-        In which a value for it is given, for an order of the polynomials; None where it takes none.
+        Shape of a value for it, as a function of the order of the polynomials; None if it takes no value.
     limits
         Of such a value, SI.
     """
@@ -170,7 +170,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "cell", "alignment.earth_down", _one, "1", 1.0, 3**-0.5, known_before=True,
     ),
     ParameterGroup(
-        "gravity", "magnitude of gravity, as far as latitude or a stated value leave it open", "g",
+        "gravity", "magnitude of gravity, within the uncertainty of the latitude's or the stated value", "g",
         "cell", "alignment.gravity_magnitude", _one, "m/s²", 1.0, known_before=True, shape=lambda _: (),
         limits=(9.7, 9.9),
     ),
@@ -195,9 +195,10 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "robot", "robot.compliance", _each_joint, "rad/(N m)", 1.0, known_before=True, by_choice=True,
     ),
 )  # fmt: skip
-"""All groups, in the order of the state: the sensors' first, gyros before accelerometers; see `estimation.filter`."""
+"""All groups, in the order of the state: the sensors' first, gyros before accelerometers. See `filtering.kernel_inputs`
+for the reason."""
 
 
 def group_named(name: str) -> ParameterGroup:
-    """Return the group of a name that is known."""
+    """Return the group of a known name."""
     return next(group for group in REGISTRY if group.name == name)

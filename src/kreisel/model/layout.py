@@ -1,4 +1,4 @@
-"""The state of the filter: parameters by group, errors of the reference that last, navigation."""
+"""The state of the filter: parameters by group, correlated errors of the reference, navigation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NAVIGATION = (Part("velocity", 3), Part("position", 3), Part("attitude", 3, rota
 """What changes between updates; last in the state."""
 
 STANDSTILL_ERROR = (Part("standstill_position", 3), Part("standstill_orientation", 3))
-"""The reference's error at the present standstill: one draw for each stop."""
+"""The reference's error at the present standstill: one draw for each standstill."""
 
 PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 """The reference's coloured noise on the path."""

@@ -1,4 +1,4 @@
-"""Assumed errors of reference and IMU: what the filter takes for noise, and what is added to its result."""
+"""Assumed errors of reference and IMU: what the filter treats as noise, and what is added to its result."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 COLOURED_SHARE = 0.9
-"""Share of the variance of the reference's noise on the path that is coloured, where likelihood asks for it."""
+"""Share of the variance of the reference's noise on the path that is coloured, if that raises the likelihood."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class ReferenceNoise:
 
 @dataclass(frozen=True)
 class PoseError:
-    """Error of reported poses that is a function of the arm's posture: as large at each pose, and correlated.
+    """Error of reported poses that is a function of the arm's posture: of equal size at all poses, and correlated.
 
     Attributes
     ----------
     position, orientation
         Standard deviations, m and rad; zero where there is no arm, or its errors are estimated.
     time
-        How long the arm, as it moves here, keeps much the same posture, s.
+        Time over which the arm, in this motion, keeps nearly the same posture, s.
     """
 
     position: float = 0.0
@@ -60,7 +60,7 @@ class PoseError:
 class ColouredNoise:
     """Coloured (Gauss-Markov) noise of the reference on the path: its time constant (s) and size (m, rad).
 
-    The deviations of the path's noise are multiplied by `white_factor` for what is drawn anew at every update.
+    The deviations of the path's noise are multiplied by `white_factor` for the part that is white.
     """
 
     time: float
@@ -76,23 +76,23 @@ class AssumedNoise:
     Attributes
     ----------
     reference
-        Of the reference.
+        Noise of the reference.
     min_reference
-        Least deviations of position (m) and orientation (rad) on the path that the data may lead to.
+        Least deviations of position (m) and orientation (rad) on the path to which the data may change them.
     imu_bounds
-        Least and largest noise density of the gyros, and of the accelerometers, that the data may lead to.
+        Least and largest noise density of the gyros, and of the accelerometers, to which the data may change them.
     offset_walk
         Density of the random walk of each group of offsets.
     rate_scatter
         Standard deviation of the noise in a single reading of a gyro, rad/s.
     correlation_time
-        Time constant of the reference's coloured noise, s; 0 where each update's is new.
+        Time constant of the reference's coloured noise, s; 0 where the noise is white.
     frame_sd
-        How far base and tool lie from where the reference has them, m and rad, if nothing else stands for it.
+        Standard deviations of base and tool frame from the reference's, m and rad, if no other error represents them.
     pose_error
-        What an arm's geometric errors do to its reported poses, where they are not estimated.
+        Effect of an arm's geometric errors on its reported poses, where they are not estimated.
     lateness
-        How far the stamps, of the IMU or the reference, may all be late, s.
+        Delay that all stamps of the IMU or the reference may have in common, s.
     """
 
     reference: ReferenceNoise

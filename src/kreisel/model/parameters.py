@@ -1,4 +1,4 @@
-"""Groups of parameters: their names, their places in the state and in the result file."""
+"""Groups of parameters: their names, and their values as fields and as stored in the state."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ GROUPS = {group.name: group.meaning for group in REGISTRY}
 """All groups of parameters a calibration may estimate, as `--fix` names them."""
 
 SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
-"""Groups every sensor parameter belongs to. They come first in the state; see `estimation.filter`."""
+"""Groups every sensor parameter belongs to. They come first in the state; see `filtering.kernel_inputs`."""
 
 ROBOT_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "robot")
-"""Groups of the robot's errors. They enter what the reference shows, linearly, and move nothing."""
+"""Groups of the robot's errors. They change the reference's poses, linearly, but not the motion."""
 
 
 @dataclass(frozen=True)
 class RobotParameters:
-    """Errors of an arm of n joints: the real one against what its controller believes.
+    """Errors of an arm of n joints: the real arm against its controller's model.
 
     Attributes
     ----------
     placement : (n + 1, 6)
         Small motions of the placements of joints and tool; see `robot.kinematics.regressor`.
     gears : (n, 2)
-        A joint stands gears[:, 0] sin(angle) + gears[:, 1] cos(angle) beyond what its motor shows, rad.
+        Angle of a joint beyond its motor's, gears[:, 0] sin(angle) + gears[:, 1] cos(angle), rad.
     compliance : (n,)
-        It gives way to gravity's torque by so much, rad/(N m).
+        Deflection of a joint by gravity's torque, rad/(N m).
     """
 
     placement: Array
@@ -71,18 +71,18 @@ _OF_FIELDS = frozenset({
 
 @dataclass(frozen=True)
 class CellParameters:
-    """Everything a calibration estimates but the motion itself.
+    """Everything a calibration estimates except the motion itself.
 
     Attributes
     ----------
     sensors
         The sensor model's parameters.
     q_rn : (4,)
-        Turn of the reference frame r against the local level n. Down is along gravity; which level axis is
+        Rotation of the reference frame r against the local level n. Down is along gravity; which level axis is
         called north is a choice: the true one lies along `north`.
     north : (2,)
         Components of true north along n's first two axes. Estimated as a vector, not an angle: the readings
-        are linear in it, and nothing need be known of it beforehand. Of unit length where the latitude is given;
+        are linear in it, and no prior knowledge of it is needed. Of unit length where the latitude is given;
         in units of the Earth's rate where it is not.
     gravity
         Magnitude, m/s^2.

@@ -26,13 +26,13 @@ class Prior:
     Attributes
     ----------
     start, start_covariance
-        What the first pass begins with: least squares, with wide deviations.
+        Start of the first pass: least squares, with inflated deviations.
     value, covariance
         What is known before any look at the data.
     width
-        Deviations before any look at the data, against which observability is judged.
+        Deviations before any look at the data, with which observability is judged.
     stated
-        Groups whose prior is the user's word.
+        Groups whose prior the user states.
     nominal
         A faultless IMU on the mount found: values of groups that are not observable.
     """
@@ -102,7 +102,7 @@ class Problem:
 
     @property
     def walked_variance(self) -> Array:
-        """Variance the walk of the offsets gathers from the first update to the last, one for each parameter, (n,)."""
+        """Variance of the offsets' random walk from the first update to the last, one for each parameter, (n,)."""
         out, updates = np.zeros(len(self.parameter_names)), self.schedule.updates
         seconds = float(self.readings.stamps[updates[-1].last] - self.readings.stamps[updates[0].first])
         for group, density in self.noise.offset_walk.items():

@@ -1,7 +1,7 @@
-"""A robot whose own errors are part of the problem: what they do to the reported poses.
+"""A robot whose own errors are part of the problem: their effect on the reported poses.
 
-A controller computes the pose it reports by its nominal kinematics, from the angles its motors show. The tool stands
-elsewhere, by something that is nearly linear in a few dozen small errors.
+A controller computes the pose it reports by its nominal kinematics, from the angles of its motors. The difference of
+the true pose from it is nearly linear in a few dozen small errors.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from kreisel.robot.pose_accuracy import PoseAccuracy
 
 @dataclass(frozen=True)
 class RobotModel:
-    """An arm and what its errors do.
+    """An arm and the effect of its errors.
 
     Attributes
     ----------
     arm
-        As its controller has it.
+        The controller's model.
     angles : (m, n)
         Joint angles at every pose of the reference.
     covariance
@@ -41,7 +41,7 @@ class RobotModel:
         return len(self.arm.joints)
 
     def regressor(self, which: Indices) -> Array:
-        """Return what the robot's errors (9 n + 6) do to chosen poses, (k, 6, 9 n + 6): actual less reported.
+        """Return the effect of the robot's errors (9 n + 6) on chosen poses, (k, 6, 9 n + 6): actual less reported.
 
         Rows: position in r, rotation as a right perturbation. Columns: `RobotParameters.vector`.
         """
@@ -49,7 +49,7 @@ class RobotModel:
 
 
 def pose_regressor(arm: Arm, angles: Array) -> Array:
-    """Return what the errors of an arm (9 n + 6) do to its tool's pose at joint angles (k, n), (k, 6, 9 n + 6)."""
+    """Return the effect of an arm's errors (9 n + 6) on its tool's pose at joint angles (k, n), (k, 6, 9 n + 6)."""
     placement = kinematics.regressor(arm, angles)  # (16)
     J = kinematics.joint_jacobian(arm, angles)
     gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
@@ -58,7 +58,7 @@ def pose_regressor(arm: Arm, angles: Array) -> Array:
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
-    """Return the accuracy a covariance of the robot's errors (9 n + 6) stands for, over the motion's poses."""
+    """Return the accuracy by a covariance of the robot's errors (9 n + 6), over the motion's poses."""
     J = _within_frames(model, poses)
     return _accuracy(np.einsum("kij,jl,kil->ki", J, covariance, J))
 
@@ -69,7 +69,7 @@ def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseA
 
 
 def _within_frames(model: RobotModel, poses: int) -> Array:
-    """Return regressors of evenly chosen poses without what another base or tool frame would do as well."""
+    """Return regressors of evenly chosen poses without the part that another base or tool frame would cause too."""
     which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
     J = model.regressor(which)
     last = 6 * model.joints
@@ -85,4 +85,4 @@ def _accuracy(square: Array) -> PoseAccuracy:
 
 
 NOT_SEPARABLE = 0.9
-"""A standard deviation still above this share of the prior's: the motion does not tell this error from others."""
+"""If a standard deviation is still above this share of the prior's, the error cannot be distinguished from others."""

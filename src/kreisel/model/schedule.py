@@ -9,7 +9,7 @@ from kreisel.model.standstill import ImuStillness, Standstill
 from kreisel.synchronization.clock import Clock
 
 MIN_UPDATES = 20
-"""Updates without which nothing is estimated."""
+"""Least number of updates for an estimate."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Update:
     standstill
         Index of the standstill it lies in, or None on the path.
     new_standstill, new_segment
-        Whether it is the first in its standstill, and whether navigation starts anew here.
+        Whether it is the first in its standstill, and whether navigation starts again here.
     """
 
     first: int
@@ -54,7 +54,7 @@ class Schedule:
     stillness
         When the IMU stands still, for standstills by other clocks; None where standstills are given.
     attitude : (updates, 4)
-        q_rb at every update, roughly: for navigation to begin with if the reference shows no attitude.
+        q_rb at every update, roughly: start of navigation if the reference has no attitude.
     attitude_sd
         Its standard deviation, rad.
     """

@@ -41,9 +41,9 @@ class CalibrationSettings:
         Groups of parameters that are not estimated: their names, or a mapping of names to the values they are held
         at, in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
         offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset` and
-        `time_skew`. A group without value, or with None, is held at its first value.
+        `time_skew`. A group without value, or with None, is held at its start value.
     held_at
-        What `fixed` said of values, as flat tuples; filled from it.
+        The values in `fixed`, as flat tuples; filled from it.
     estimated
         Groups of `BY_CHOICE` that are estimated too.
     skew
@@ -51,7 +51,7 @@ class CalibrationSettings:
     size_effect
         Form of the eccentricity term in equation (2).
     passes
-        Passes over the data, each starting from the estimates of the one before; as many as pay if None.
+        Passes over the data, each starting from the estimates of the one before; as many as are useful if None.
     """
 
     estimator: str = "spkf"
@@ -103,7 +103,7 @@ class CalibrationSettings:
 
 
 def _names(given: object, argument: str, kind: str, known: Iterable[str]) -> tuple[str, ...]:
-    """Return names of groups, each once; one name alone is no collection of letters."""
+    """Return names of groups, each once; a single name is not read as a collection of letters."""
     names = (given,) if isinstance(given, str) else given
     if not isinstance(names, Iterable):
         raise SettingsError(f"{argument} = {given!r}; expected names of groups: {', '.join(known)}")
@@ -119,7 +119,7 @@ def _shapes(order: int) -> dict[str, tuple[int, ...]]:
 
 
 def shaped(group: str, value: Sequence[float], order: int) -> Array:
-    """Return a flat value of a group in its own shape, as it is where it has another size."""
+    """Return a flat value of a group in its own shape, or unchanged if it has another size."""
     flat, shape = np.array(value, dtype=float), _shapes(order).get(group, (-1,))
     return flat.reshape(shape) if flat.size == math.prod(shape) else flat
 
@@ -130,14 +130,14 @@ def held_value(group: str, value: object, order: int) -> Array:
     Parameters
     ----------
     value
-        SI, in the shape the group has in the result file; that is known, or so near that nothing is to be estimated.
+        SI, in the shape the group has in the result file. It is known, or so accurate that no estimate is needed.
     order
         Of the sensor polynomials.
 
     Raises
     ------
     SettingsError
-        If the group has no value of its own, or the value is of another shape or impossible.
+        If the group has no value of its own, or the value has another shape or is impossible.
     """
     shapes = _shapes(order)
     if group not in shapes:
@@ -156,10 +156,10 @@ def held_value(group: str, value: object, order: int) -> Array:
         expected = f"{low:g} to {high:g}" if np.isfinite(low) else "finite numbers"
         raise SettingsError(f"fixed['{group}'] = {out.tolist()}; expected {expected}, in SI")
     if group.endswith("cross_coupling"):
-        stretch = np.linalg.svd(out, compute_uv=False)
-        if stretch[0] > 2.0 or stretch[-1] < 0.5:
+        singular = np.linalg.svd(out, compute_uv=False)
+        if singular[0] > 2.0 or singular[-1] < 0.5:
             raise SettingsError(
-                f"fixed['{group}'] stretches readings by {stretch[-1]:.3g} to {stretch[0]:.3g}, expected about 1: a "
+                f"fixed['{group}'] scales readings by {singular[-1]:.3g} to {singular[0]:.3g}, expected about 1: a "
                 "cross-coupling matrix takes readings in SI to true values"
             )
     return out.ravel()

@@ -1,4 +1,4 @@
-"""Gravity and the Earth's rotation where the cell stands."""
+"""Gravity and the Earth's rotation at the place of the cell."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Site:
 
     @property
     def earth_rate_units(self) -> tuple[float, float]:
-        """Earth rate, rad/s, that a unit of the parameters `north` and `earth_down` stands for."""
+        """Earth rate, rad/s, for a unit of each of the parameters `north` and `earth_down`."""
         if self.earth_rate_n is None:
             return EARTH_RATE, EARTH_RATE
         return float(self.earth_rate_n[0]), float(self.earth_rate_n[2])

@@ -1,4 +1,4 @@
-"""When nothing moves: what the IMU shows of it, and the intervals in which reference and IMU both stand still."""
+"""Standstill: when the IMU stands still, and the intervals in which reference and IMU both stand still."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kreisel.inertial.earth import EARTH_RATE
 
 @dataclass(frozen=True)
 class Standstill:
-    """An interval of standstill: IMU seconds, margins already taken off."""
+    """An interval of standstill: IMU seconds, without the margins."""
 
     start: float
     stop: float
@@ -48,6 +48,6 @@ class OutsideStandstill:
         ----------
         density : (3,)
             Noise density of the gyros. The Earth's rate, of unknown direction here, is an error too; twice
-            the sum is taken, as offsets wander.
+            the sum is taken, because offsets drift.
         """
         return np.asarray(2.0 * np.sqrt(density**2 / self.seconds + EARTH_RATE**2))

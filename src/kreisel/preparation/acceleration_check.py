@@ -1,8 +1,8 @@
-"""Accelerometers fitted to the reference with no assumption about them: for checks, not for start values.
+"""Fit of the accelerometers to the reference without assumptions about them: for checks, not for start values.
 
-The readings' double integrals over half seconds, seen with the reference's attitude, plus gravity, are the
-second differences of the positions. With gravity's direction put on the other side, all else is linear, and
-needs no assumption about axes, signs or the unit of the positions.
+The readings' double integrals over half seconds, rotated by the reference's attitude, plus gravity, are the
+second differences of the positions. With gravity's direction on the other side of the equation, everything else is
+linear, and no assumption about axes, signs or the unit of the positions is needed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MIN_WINDOWS = 20
 
 @dataclass(frozen=True)
 class AccelerationFit:
-    """What accelerations of IMU and reference say of each other.
+    """Comparison of the accelerations of IMU and reference.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class AccelerationFit:
         Cross-coupling of the accelerometers, whatever their order, signs and handedness.
     scale
         Bounds of the factor by which the positions are too large: noise in the positions makes the first too
-        small, noise in all else the second too large. Zero and infinity where the motion does not show it.
+        small, noise in all else the second too large. Zero and infinity where it is not observable.
     explained
-        Share of gravity, as it moves through the readings, that is explained.
+        Share of gravity's change in the readings that is explained.
     agreement
         Of predicted accelerations, f, and reference ones, a: 1 - var(f - a) / (var f + var a).
     size
@@ -88,7 +88,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
 
 @dataclass(frozen=True)
 class _Homogeneous:
-    """Solution x (16,) of ``unknown x = -gravity``, its deviations, what is left, and the explained share."""
+    """Solution x (16,) of ``unknown x = -gravity``, its deviations, the residuals, and the explained share."""
 
     x: Array
     sd: Array
@@ -97,15 +97,15 @@ class _Homogeneous:
 
 
 def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
-    """Solve for gravity's direction, the least eigenvector of what nothing else explains, and for all else."""
+    """Solve for gravity's direction, the least eigenvector of the unexplained remainder, and for all else."""
     root = np.sqrt(weight)[:, None, None]
     M = (unknown * root).reshape(-1, unknown.shape[2])
     G = (np.broadcast_to(np.eye(3), (len(unknown), 3, 3)) * root).reshape(-1, 3)
     normal = M.T @ M
     normal += 1e-9 * np.diag(np.diag(normal) + 1e-12)
     x_of_g = -np.linalg.solve(normal, M.T @ G)
-    rest = G + M @ x_of_g
-    values, vectors = np.linalg.eigh(rest.T @ rest)
+    remainder = G + M @ x_of_g
+    values, vectors = np.linalg.eigh(remainder.T @ remainder)
     g = gravity * vectors[:, 0]
     x = x_of_g @ g
     left = unknown @ x + g

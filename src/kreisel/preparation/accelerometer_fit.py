@@ -19,7 +19,7 @@ from kreisel.preparation.preparation import AccelerationWindows, AccelerometerFi
 from kreisel.synchronization.results import RateFit
 from kreisel.synchronization.windows import HALF_WINDOW, Windows
 
-_HALF_WINDOW_AT_REST = 3.0
+_HALF_WINDOW_WITHOUT_POSITIONS = 3.0
 _STANDSTILL_WEIGHT = 20.0
 _ROUNDS = 8
 
@@ -43,7 +43,7 @@ def acceleration_windows(
     standstills
         First and last IMU second of every standstill.
     """
-    windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _HALF_WINDOW_AT_REST)
+    windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _HALF_WINDOW_WITHOUT_POSITIONS)
     omega = np.ascontiguousarray(signal.rates @ fit.K_omega.T + fit.bias)
     alpha = np.ascontiguousarray(signal.slopes @ fit.K_omega.T)
     sampled = (q, np.ascontiguousarray(signal.accelerations), omega, alpha)
@@ -85,7 +85,8 @@ def fit_accelerometers(
     gravity
         Its magnitude, m/s^2.
     positions
-        Whether the reference has positions; else only standstills, and that nothing runs away in seconds, are known.
+        Whether the reference has positions. Without them, only the standstills are known, and that accelerations are
+        zero on average over seconds.
     """
     A, target = _with_gravity(windows.regressor), windows.reference
     R = nearest_rotation(fit.K_omega)
@@ -94,8 +95,8 @@ def fit_accelerometers(
     g *= gravity / np.linalg.norm(g)
     slope = 1.0
     if positions:
-        shown, expected = target - target.mean(axis=0), predicted - predicted.mean(axis=0)
-        slope = float(np.sum(shown * expected) / max(np.sum(expected**2), 1e-12))
+        observed, expected = target - target.mean(axis=0), predicted - predicted.mean(axis=0)
+        slope = float(np.sum(observed * expected) / max(np.sum(expected**2), 1e-12))
     else:
         A = np.concatenate([A, _STANDSTILL_WEIGHT * _with_gravity(windows.standstill_regressor)])
         target = np.zeros(A.shape[:2])
@@ -122,7 +123,7 @@ def _with_gravity(regressor: Array) -> Array:
 
 
 def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple[Array, Array, float]:
-    """Solve with weak priors (axes near the gyros', offsets and lever arms near nothing), robustly."""
+    """Solve with weak priors (axes near the gyros', offsets and lever arms near zero), robustly."""
     prior = np.concatenate([R.ravel(), np.zeros(6), g])
     x = prior.copy()
     normal = np.eye(18)

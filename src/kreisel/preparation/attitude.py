@@ -30,7 +30,7 @@ _SECONDS_OF_A_TURN = 25.0
 
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
-    """Return q_rb at every IMU sample, (n, 4): integrated rates held to the reference over seconds."""
+    """Return q_rb at every IMU sample, (n, 4): integrated rates, corrected by the reference over seconds."""
     free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
     t = fit.clock.imu_time(tau)
     k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
@@ -44,7 +44,7 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
 
 
 def _unwrapped(theta: Array) -> Array:
-    """Keep rotation vectors from jumping by a full turn as their angle passes pi."""
+    """Return rotation vectors without jumps of a full turn where their angle passes pi."""
     out = theta.copy()
     for k in np.flatnonzero(np.linalg.norm(theta, axis=1) > 2.5):
         if k > 0 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
@@ -56,21 +56,21 @@ def _unwrapped(theta: Array) -> Array:
 def attitude_from_positions(
     signal: InertialSignal, fit: RateFit, tau: Array, p: Array, accelerometers: AccelerometerFit | None = None
 ) -> Array:
-    """Return q_rb at every IMU sample, (n, 4), where the reference shows positions alone.
+    """Return q_rb at every IMU sample, (n, 4), where the reference has positions only.
 
     Parameters
     ----------
     tau, p : (m,), (m, 3)
         Reference seconds and positions.
     accelerometers
-        What is known of them from an attitude found before; the lever arm matters most.
+        Their fit with an attitude found before; the lever arm matters most.
 
     Notes
     -----
-    Integrated rates give the attitude up to one turn. That turn brings the predicted accelerations, seen from
-    the first attitude, onto the reference's; gravity is the same in both and drops out with the
-    means. Scale errors of the gyros spoil the integral as it goes on, so every `_SECONDS_OF_A_TURN` have a turn
-    of their own.
+    Integrated rates give the attitude up to one constant rotation. This rotation turns the predicted accelerations,
+    in the frame of the first attitude, into the reference's; gravity is the same in both and is removed with the
+    means. The integral drifts with scale errors of the gyros, so every interval of `_SECONDS_OF_A_TURN` has a rotation
+    of its own.
     """
     free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
     windows = Windows.over(signal, fit.clock, tau)
@@ -121,7 +121,7 @@ def with_attitude(
 
 
 def start_attitudes(preparation: Preparation, samples: Indices) -> Array:
-    """Return the attitudes navigation begins with at samples, (k, 4), where the reference shows none."""
+    """Return the attitudes with which navigation starts at samples, (k, 4), where the reference has none."""
     out = np.tile([1.0, 0.0, 0.0, 0.0], (samples.size, 1))
     reference = preparation.reference
     if reference.quaternions is not None:
@@ -141,8 +141,8 @@ def alignment_from_gravity(gravity: Array, north: Array | None = None) -> Array:
     gravity : (3,)
         In r.
     north : (3,)
-        A direction in r whose level part is north; r's y axis by default, which is that of a robot whose
-        x axis faces east.
+        A direction in r whose level part is north; r's y axis by default, which is north for a robot whose
+        x axis points east.
     """
     down = gravity / np.linalg.norm(gravity)
     if north is None:

@@ -1,4 +1,4 @@
-"""The filter's problem, put together from all that comes before the filter."""
+"""Assembly of the filter's problem from the preparation."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from kreisel.recording.recording import ReferencePoses, angles_over
 from kreisel.synchronization.clock import Clock
 
 INTERVALS = {"robot": 0.48, "mocap": 0.24}
-"""Seconds between updates. The paper's 0.48 s suit a robot whose errors stay alike over tenths of a
-second; motion capture errs nearly independently from frame to frame, and hands move less smoothly."""
+"""Seconds between updates. The paper's 0.48 s suit a robot, whose errors are correlated over tenths of a
+second; errors of motion capture are nearly independent from frame to frame, and motion by hand is less smooth."""
 
 NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
-"""How references are called that are no robot's, as in EuRoC recordings, where their kind is not stated."""
+"""Starts of the names of references that are not robots, as in EuRoC recordings; used if the kind is not stated."""
 
 REACH = 1.0
-"""m; over which angles of a robot's chain act on positions, and its lengths on the scale of these."""
+"""m; length over which angle errors of a robot act on positions, and its length errors on their scale."""
 
 _MIN_NOISE = 0.1
 _HALF_A_CHAIN = math.sqrt(2.0)
@@ -41,13 +41,13 @@ _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
 
 def _frame_sd(preparation: Preparation) -> tuple[float, float]:
-    """Return how far a robot's errors move base and tool, m and rad, where they cannot be estimated."""
+    """Return the deviations of base and tool frame by a robot's errors, m and rad, if they cannot be estimated."""
     settings = preparation.recording.settings
     kind = settings.reference.kind or ("mocap" if preparation.reference.name.startswith(NO_ROBOT) else "robot")
     if preparation.robot is not None or kind == "mocap":
         return (0.0, 0.0)
     length, angle = settings.robot.length_sd, settings.robot.angle_sd
-    # half of the chain's errors act like another base, half like another tool
+    # half of the chain's errors act like an error of the base frame, half like one of the tool frame
     return (
         _HALF_A_CHAIN * (LENGTH_SD if length is None else length),
         _HALF_A_CHAIN * (ANGLE_SD if angle is None else angle),
@@ -55,7 +55,7 @@ def _frame_sd(preparation: Preparation) -> tuple[float, float]:
 
 
 def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
-    """Return the first values with those the user holds groups at."""
+    """Return the start values, with the values the user gave for fixed groups."""
     if not settings.held_at:
         return start
     stored = {group: start.stored(group) for group in GROUPS}
@@ -82,10 +82,10 @@ def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, A
 
 
 def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
-    """Return the error of poses that another base and another tool frame leave of a robot's geometric errors.
+    """Return the part of a robot's pose error that errors of the base and tool frames cannot represent.
 
-    It is taken to be as large as that of the frames; an angle acts on positions over `REACH`. It changes as the
-    posture does: much, once the tool has turned by `_POSTURE`.
+    It is assumed to be as large as that of the frames; an angle acts on positions over `REACH`. It changes with the
+    posture: it counts as changed once the tool has turned by `_POSTURE`.
     """
     length, angle = frame_sd
     if max(frame_sd) == 0.0:
@@ -140,7 +140,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
 
 
 def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Clock) -> Schedule:
-    """Return the updates, by the interval asked for or that suits the kind of reference."""
+    """Return the updates, at the requested interval or the one for the kind of reference."""
     reference, readings = preparation.reference, preparation.readings
     kind = preparation.recording.settings.reference.kind or "robot"
     interval = settings.update_interval or INTERVALS[kind]
@@ -177,7 +177,7 @@ def _prior(
     start: CellParameters,
     start_covariance: dict[str, Array],
 ) -> Prior:
-    """Return what is known before the filter runs; `start` and its covariance are the least squares fits'."""
+    """Return what is known before the filter runs; `start` and its covariance are those of the least squares fits."""
     noise = preparation.imu_noise
     value, covariance = stated_prior(preparation, order)
     offsets = {"gyro_offset": noise.gyro_offset_sd, "accel_offset": noise.accel_offset_sd}

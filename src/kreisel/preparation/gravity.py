@@ -1,7 +1,7 @@
-"""Gravity and the Earth's rotation where a recording was made, as far as its settings state them.
+"""Gravity and the Earth's rotation where a recording was made, by its settings.
 
-What is stated has an uncertainty of its own: a latitude without a height leaves gravity open, and a stated
-value of gravity is often one copied from a table.
+A stated value has an uncertainty of its own: a latitude without a height leaves gravity uncertain, and a stated
+value of gravity is often copied from a table.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ ROUNDED_SD = 1e-3
 """m/s^2; uncertainty of a value stated to three digits behind the point."""
 
 CONTRADICTION = 4.0
-"""Standard deviations by which a stated value may differ from that of the latitude."""
+"""Standard deviations by which a stated value may differ from the one by the latitude."""
 
 _TEXTBOOK = {"9.80665", "9.8066", "9.8067", "9.807", "9.806"}
 _FREE_AIR = 3.086e-6  # 1/s^2, change of gravity with height
 
 
 def site_of(recording: Recording) -> tuple[Site, list[DataWarning]]:
-    """Return gravity and Earth rate where the recording was made, and what to say of them."""
+    """Return gravity and Earth rate where the recording was made, and the warnings about them."""
     table = recording.settings.site
     rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
     value, sd, warnings = _gravity(table)
@@ -46,7 +46,7 @@ def site_of(recording: Recording) -> tuple[Site, list[DataWarning]]:
 
 
 def _gravity(table: SiteTable) -> tuple[float, float, list[DataWarning]]:
-    """Return gravity, its standard deviation, and what to say of it."""
+    """Return gravity, its standard deviation, and the warnings about it."""
     by_latitude = _by_latitude(table)
     if table.gravity is None:
         if by_latitude is None:
@@ -58,11 +58,11 @@ def _gravity(table: SiteTable) -> tuple[float, float, list[DataWarning]]:
     normal, normal_sd = by_latitude
     difference = table.gravity - normal
     if abs(difference) > CONTRADICTION * math.hypot(sd, normal_sd):
-        said = (
+        message = (
             f"gravity is stated as {table.gravity:g} m/s^2, but the latitude gives {normal:.4f} +- {normal_sd:.1g}; a "
             f"standard deviation of {abs(difference):.2g} m/s^2 is used: correct one of the two in recording.toml"
         )
-        return table.gravity, abs(difference), [DataWarning("site", said)]
+        return table.gravity, abs(difference), [DataWarning("site", message)]
     if sd <= normal_sd:
         return table.gravity, sd, []
     return normal, normal_sd, _textbook_warning(table, instead=normal)
@@ -88,12 +88,12 @@ def _stated_sd(gravity: float) -> float:
 
 
 def _textbook_warning(table: SiteTable, instead: float | None = None) -> list[DataWarning]:
-    """Return what to say of a stated value that is no measurement."""
+    """Return the warning about a stated value that is not a measurement."""
     if table.gravity_sd is not None or table.gravity is None or _stated_sd(table.gravity) < UNKNOWN_SD:
         return []
     used = (
         f"a standard deviation of {UNKNOWN_SD} m/s^2 is used" if instead is None
         else f"{instead:.4f} m/s^2, from the latitude, is used"
     )  # fmt: skip
-    said = f"the stated gravity {table.gravity:g} m/s^2 looks like a textbook value, not one of this place; {used}"
-    return [DataWarning("site", f"{said} (site.gravity_sd states how well it is known)")]
+    message = f"the stated gravity {table.gravity:g} m/s^2 looks like a textbook value, not one of this place; {used}"
+    return [DataWarning("site", f"{message} (site.gravity_sd states its standard deviation)")]

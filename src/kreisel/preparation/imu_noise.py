@@ -1,4 +1,4 @@
-"""The IMU's readings with their noise: as stated, by grade, or as the readings show it."""
+"""The IMU's readings with their noise: as stated, by grade, or estimated from the readings."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ _MIN_NOISE_SHARE, _MOTION_NOISE = 0.7, 20.0
 
 
 def imu_noise_of(recording: Recording) -> ImuNoise:
-    """Return the IMU's noise: as given, by grade, or as it shows in the readings."""
+    """Return the IMU's noise: as given, by grade, or estimated from the readings."""
     table, imu, sheet = recording.settings.imu, recording.imu, recording.datasheet
     grade = GRADES.get(table.grade or "")
     gyro = table.gyro_noise_density or (grade.gyro_noise_density if grade else None)
     accel = table.accel_noise_density or (grade.accel_noise_density if grade else None)
     if sheet is not None and gyro is None and accel is None:
         gyro, accel = sheet.gyro_noise_density, sheet.accel_noise_density
-    shown_gyro, shown_accel = (
+    observed_gyro, observed_accel = (
         np.maximum(np.median([high_frequency_density(p, imu.interval) for p in excerpt(values)], axis=0), least)
         for values, least in ((imu.rates, 1e-7), (imu.accelerations, 1e-6))
     )
     given = table.gyro_noise_density is not None or grade is not None
     return ImuNoise(
-        gyro=np.full(3, gyro) if gyro and given else np.maximum(shown_gyro, gyro or 0.0),
-        accel=np.full(3, accel) if accel and given else np.maximum(shown_accel, accel or 0.0),
-        gyro_bounds=_bounds(gyro, shown_gyro),
-        accel_bounds=_bounds(accel, shown_accel),
+        gyro=np.full(3, gyro) if gyro and given else np.maximum(observed_gyro, gyro or 0.0),
+        accel=np.full(3, accel) if accel and given else np.maximum(observed_accel, accel or 0.0),
+        gyro_bounds=_bounds(gyro, observed_gyro),
+        accel_bounds=_bounds(accel, observed_accel),
         gyro_walk=_walk(None if sheet is None else sheet.gyro_random_walk, grade, "gyro"),
         accel_walk=_walk(None if sheet is None else sheet.accel_random_walk, grade, "accel"),
         given=given,
         gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
         accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
-        gyro_scatter=min(gyro or np.inf, float(np.sqrt(np.mean(shown_gyro**2)))) * imu.interval**-0.5,
+        gyro_scatter=min(gyro or np.inf, float(np.sqrt(np.mean(observed_gyro**2)))) * imu.interval**-0.5,
     )
 
 
@@ -56,8 +56,8 @@ def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "ac
     return equivalent_walk(grade.accel_bias_instability, grade.accel_random_walk)
 
 
-def _bounds(stated: float | None, shown: Array) -> tuple[float, float]:
-    size = float(np.sqrt(np.mean(shown**2)))
+def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:
+    size = float(np.sqrt(np.mean(observed**2)))
     low = stated or _MIN_NOISE_SHARE * size
     return low, max(low, _MOTION_NOISE * size)
 
@@ -69,14 +69,19 @@ def readings_of(recording: Recording, noise: ImuNoise, order: int) -> Readings:
     edges = [0, *(int(k) + 1 for k in cuts), imu.stamps_ns.size]
     segments = tuple((a, b - 1) for a, b in pairwise(edges) if b - a >= 20)
     if not segments:
-        raise RecordingError("no unbroken stretch of 20 samples or more", file=imu.source)
-    bends = [_usual_bend(imu, values) for values in (imu.rates, imu.accelerations)]
+        raise RecordingError("no segment of 20 samples or more without a gap", file=imu.source)
+    curvatures = [_usual_curvature(imu, values) for values in (imu.rates, imu.accelerations)]
     return Readings(
-        imu.seconds, imu.rates, imu.accelerations, segments, order, np.array([noise.gyro**2, noise.accel**2, *bends])
+        imu.seconds,
+        imu.rates,
+        imu.accelerations,
+        segments,
+        order,
+        np.array([noise.gyro**2, noise.accel**2, *curvatures]),
     )
 
 
-def _usual_bend(imu: ImuSamples, values: Array) -> Array:
+def _usual_curvature(imu: ImuSamples, values: Array) -> Array:
     """Return the size of the second derivative the readings usually have, (3,)."""
     size = [np.percentile(np.abs(np.diff(part, n=2, axis=0)), 90, axis=0) for part in excerpt(values)]
     return np.asarray(np.median(size, axis=0) / imu.interval**2)

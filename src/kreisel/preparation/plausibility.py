@@ -1,4 +1,4 @@
-"""Faults that show in the start values: wrong units, mirrored triads, clocks out of step, too poor a motion."""
+"""Faults that are visible in the start values: wrong units, mirrored triads, clocks that drift, a motion too poor."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from kreisel.synchronization.clock import MAX_SKEW
 from kreisel.synchronization.conventions import better_reading
 
 MAX_SENSITIVITY_SD = 0.15
-"""Standard deviation of a gyro's sensitivity from which the motion is too poor to go on with."""
+"""Standard deviation of a gyro's sensitivity above which the motion is too poor."""
 
 MIN_SENSITIVITY = 0.02
-"""Least stretch of the gyros' cross-coupling matrix; one of zero is an axis about which nothing turned."""
+"""Least singular value of the gyros' cross-coupling matrix; zero means an axis without rotation."""
 
 MAX_TURN = 30.0
-"""Degrees the accelerometers' axes may be turned against the gyros' before columns must be in disorder."""
+"""Degrees the accelerometers' axes may be turned against the gyros'; beyond it, columns are in the wrong order."""
 
 MIN_AGREEMENT = 0.6
-"""Agreement of the predicted accelerations and those of the positions; 0 for two that have nothing in common."""
+"""Agreement of the predicted accelerations and those of the positions; 0 for unrelated ones."""
 
 MIN_ACCELERATION = 0.08
-"""m/s^2; standard deviation of accelerations below which agreement says nothing."""
+"""m/s^2; standard deviation of accelerations below which the agreement has no meaning."""
 
 MAX_CLOCK_DRIFT = 0.004
-"""Seconds the clocks may drift apart and back between parts of a recording, beyond their uncertainty."""
+"""Seconds by which the clocks of a part of a recording may depart from their common relation, beyond uncertainty."""
 
 MAX_SCALE = 1.06
-"""Factor between the positions and what the accelerometers feel, gravity being their measure, that is let pass."""
+"""Largest accepted factor between the motion by the positions and by the accelerometers, scaled by gravity."""
 
 _LENGTHS = {"mm": 1e3, "cm": 100.0, "in": 39.37, "ft": 3.281, "km": 1e-3}
 _RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0, "rad s^-1": 1.0 / 57.2958}
 
 
 def check_start_values(preparation: Preparation) -> None:
-    """Raise an error if the start values show wrong units, a mirrored triad or too poor a motion.
+    """Raise an error if the start values show wrong units, a mirrored triad or a motion that is too poor.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def _check_gyros(preparation: Preparation) -> None:
     size = float(np.cbrt(abs(np.linalg.det(fit.K_omega))))
     for unit, factor in _RATES.items():
         if 0.7 < size * factor < 1.4 and (factor > 1.0 or imu.units.rate is not None):
-            said = f"the gyros read {1.0 / size:.3g} times the reference's rates"
-            raise wrong_unit(imu, said, "rate", 1.0 / factor, unit)
+            evidence = f"the gyros read {1.0 / size:.3g} times the reference's rates"
+            raise wrong_unit(imu, evidence, "rate", 1.0 / factor, unit)
     interval = imu.interval
     if 0.7 < size * interval < 1.4:
         raise RecordingError(
@@ -77,22 +77,22 @@ def _check_gyros(preparation: Preparation) -> None:
     if uncertainty.max() > MAX_SENSITIVITY_SD or singular[-1] < MIN_SENSITIVITY < singular[0] < 2.5:
         axis = "xyz"[int(np.argmax(uncertainty if uncertainty.max() > MAX_SENSITIVITY_SD else np.abs(axes[-1])))]
         raise ExcitationError(
-            f"{preparation.reference.source}: the motion is too poor: it tells the sensitivity of the gyro w_{axis} to "
-            f"{100 * max(uncertainty.max(), 1.0 - singular[-1]):.0f} % only, expected "
+            f"{preparation.reference.source}: the motion is too poor: it determines the sensitivity of the gyro "
+            f"w_{axis} to {100 * max(uncertainty.max(), 1.0 - singular[-1]):.0f} % only, expected "
             f"{100 * MAX_SENSITIVITY_SD:.0f} % or better. Turn about all three axes"
         )
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
-            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; factors unlike "
-            "each other speak for poses of another run, or for a gyro that does not work",
+            f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; different "
+            "factors indicate poses of another run, or a gyro that does not work",
             file=source,
             line=line,
         )
     if np.linalg.det(fit.K_omega) < 0.0:
         raise RecordingError(
             "the gyro axes form a left-handed triad (the determinant of their cross-coupling is negative): one axis, "
-            "or all three, have the wrong sign, or two columns are swapped; put signs and order of the columns right",
+            "or all three, have the wrong sign, or two columns are swapped; correct signs and order of the columns",
             file=source,
             line=line,
         )
@@ -100,7 +100,7 @@ def _check_gyros(preparation: Preparation) -> None:
 
 def _check_clocks(preparation: Preparation) -> None:
     fit, source = preparation.rate_fit, preparation.reference.source
-    # stamps rounded to a unit are off by that much here and there, and not at random
+    # stamps rounded to a unit have errors of that size, and these are not random
     limit = max(MAX_CLOCK_DRIFT, 2.0 * 12.0**0.5 * preparation.noise.stamp)
     tau, shift, sd = fit.clock_drift.T
     known = (sd < 0.5 * limit) & np.isfinite(shift)
@@ -109,9 +109,9 @@ def _check_clocks(preparation: Preparation) -> None:
     if bad.any():
         k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
         raise SynchronizationError(
-            f"{source}: the clocks do not keep step: {tau[k]:.0f} s after the first pose they are {1e3 * off[k]:+.0f} "
-            f"ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole. Samples were lost without a gap in "
-            "their stamps, or a clock was set; split the recording there"
+            f"{source}: the clocks do not run evenly: {tau[k]:.0f} s after the first pose they are "
+            f"{1e3 * off[k]:+.0f} ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole recording. Samples "
+            "were lost without a gap in their stamps, or a clock was set; split the recording there"
         )
     if abs(fit.clock.skew) > MAX_SKEW + 5.0 * fit.clock.skew_sd:
         raise SynchronizationError(
@@ -129,7 +129,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
         reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
         if reading is not None:
             raise RecordingError(
-                "accelerations of the positions and of the IMU agree only where the quaternions are read "
+                "accelerations of the positions and of the IMU agree only if the quaternions are read "
                 f"{reading}; correct the file",
                 file=reference.source,
             )
@@ -138,7 +138,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     _check_lengths(reference, fit)
     if not agreed:
         raise RecordingError(
-            "accelerations of the positions and of the IMU, seen with the orientations, agree by "
+            "accelerations of the positions and of the IMU, rotated by the orientations, agree by "
             f"{100 * max(fit.agreement, 0.0):.0f} %, expected {100 * MIN_AGREEMENT:.0f} % or more: check that "
             "positions and orientations are of the same body, run and frame, and that all three accelerometers work",
             file=reference.source,
@@ -156,28 +156,29 @@ def _angle(F: Array) -> float:
 
 
 def _disorder(preparation: Preparation, F: Array) -> RecordingError:
-    """Return the error for accelerometers whose axes are not the gyros', but for a few degrees."""
+    """Return the error for accelerometers whose axes differ from the gyros' by more than a few degrees."""
     source = preparation.recording.imu.source
     if np.trace(F) < -2.6:
         what = (
-            "the accelerometers move against the reference: they give gravity instead of specific force, or the "
-            "reference's frames are left-handed. Change the sign of all three; at rest upward must read +9.8"
+            "the accelerometers have the opposite sign of the reference: they give gravity instead of specific force, "
+            "or the reference's frames are left-handed. Change the sign of all three; at standstill the axis that "
+            "points upward must read +9.8"
         )
     elif np.linalg.det(F) < 0.0:
         what = (
-            f"the accelerometers form a left-handed triad against the gyros ({_order(F)}); put signs and order of "
-            "their columns right"
+            f"the accelerometers form a left-handed triad against the gyros ({_order(F)}); correct signs and order "
+            "of their columns"
         )
     else:
         what = (
-            f"the accelerometers' axes are turned by {_angle(F):.0f} deg against the gyros' ({_order(F)}); put the "
+            f"the accelerometers' axes are turned by {_angle(F):.0f} deg against the gyros' ({_order(F)}); write the "
             "columns of both in the same order, with the same signs"
         )
     return RecordingError(what, file=source, line=1 if is_table(source) else None)
 
 
 def _order(F: Array) -> str:
-    """Return in words which reading stands along which of the gyros' axes."""
+    """Return as text which reading lies along which of the gyros' axes."""
     names = []
     for row, axis in zip(F, "xyz", strict=True):
         j = int(np.argmax(np.abs(row)))
@@ -186,12 +187,12 @@ def _order(F: Array) -> str:
 
 
 def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
-    """Raise an error if the positions are in another unit than metres, as gravity tells."""
+    """Raise an error if the positions are in another unit than metres, by comparison with gravity."""
     low, high = fit.scale
     if low < MAX_SCALE and high > 1.0 / MAX_SCALE:
         return
     scale = low if low >= MAX_SCALE else high
-    evidence = f"the positions move {scale:.4g} times as far as the accelerometers feel"
+    evidence = f"the positions move {scale:.4g} times as far as the accelerometers measure"
     for unit, factor in _LENGTHS.items():
         if 0.8 < scale / factor < 1.25:
             raise wrong_unit(reference, evidence, "length", 1.0 / factor, unit)

@@ -1,4 +1,4 @@
-"""What is known once a recording is prepared, before the filter runs."""
+"""What is known after the preparation of a recording, before the filter runs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from kreisel.synchronization.results import Correlation, RateFit
 class ImuNoise:
     """Noise of the IMU, SI: densities (3,), random walks and prior deviations of its offsets.
 
-    `gyro_bounds` and `accel_bounds` hold the densities the data may move it between: from what the maker
-    says to well above what the readings' own scatter shows, for errors that grow with the motion. `gyro_scatter` is
-    the noise of a single reading, rad/s.
+    `gyro_bounds` and `accel_bounds` are the densities between which the data may change it: from the maker's figure
+    to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
+    a single reading, rad/s.
     """
 
     gyro: Array
@@ -37,7 +37,7 @@ class ImuNoise:
 
 @dataclass(frozen=True)
 class AccelerationWindows:
-    """Accelerations over windows, as readings predict them and as the reference shows them.
+    """Accelerations over windows, by the readings (predicted) and by the reference.
 
     Attributes
     ----------
@@ -63,13 +63,13 @@ class AccelerometerFit:
     K_a, k_a0, lever_arm, gravity
         (3, 3), (3,), (3,), (3,); SI, gravity in r.
     motion_slope
-        How reference accelerations scale with predicted ones, gravity taken off: about 1.
+        Factor between reference accelerations and predicted ones, without gravity: about 1.
     residual_sd
-        What is left in a window, m/s^2.
+        Standard deviation of the residual in a window, m/s^2.
     K_a_sd, k_a0_sd, lever_arm_sd, tilt_sd
         Standard deviations of the fit; that of gravity's direction in rad.
     windows
-        What it was fitted to.
+        The data of the fit.
     """
 
     K_a: Array
@@ -87,7 +87,7 @@ class AccelerometerFit:
 
 @dataclass(frozen=True)
 class Preparation:
-    """All that comes before the filter."""
+    """Results of all steps before the filter."""
 
     recording: Recording
     reference: ReferencePoses

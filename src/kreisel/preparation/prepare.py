@@ -1,4 +1,4 @@
-"""From a recording to all that comes before the filter: clocks, noise, standstill, start values, the robot."""
+"""Preparation of a recording for the filter: clocks, noise, standstill, start values, the robot."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     imu, reference = recording.imu, recording.reference
     if reference is None:
         raise RecordingError(
-            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference beside imu0",
+            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0",
             file=recording.path,
         )
     imu_noise = imu_noise_of(recording)
@@ -73,36 +73,40 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
 
 def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:
     if reference.quaternions is None:
-        return [DataWarning("reference", "positions only: b takes the gyros' axes, as far as they are square")]
+        return [DataWarning("reference", "positions only: the axes of b are the gyros' axes, made orthogonal")]
     if reference.positions is None:
-        return [DataWarning("reference", "orientations only: accelerometers are seen at standstills, and between them")]
+        message = "orientations only: the accelerometers are calibrated by standstills and the motion between them"
+        return [DataWarning("reference", message)]
     return []
 
 
 def _overlap_warning(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[DataWarning]:
-    """Return what to say where the two have little time in common, as where one began late or its clock leapt."""
+    """Return the warning that the two have little time in common, e.g. if one started late or its clock jumped."""
     first, last = clock.imu_time(reference.seconds[[0, -1]])
     end = float(imu.seconds[-1])
     common, shorter = min(float(last), end) - max(float(first), 0.0), min(float(last - first), end)
     if common > _MIN_COMMON_SHARE * shorter:
         return []
-    said = f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; no more is used"
-    return [DataWarning("overlap", said)]
+    message = (
+        f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; "
+        "only this time is used"
+    )
+    return [DataWarning("overlap", message)]
 
 
 def _standstill_warning(outside: OutsideStandstill | None) -> list[DataWarning]:
     if outside is None:
         return []
-    said = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's first value"
-    return [DataWarning("standstill", said)]
+    message = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's start value"
+    return [DataWarning("standstill", message)]
 
 
 def _stamp_warning(noise: ReferenceNoise) -> list[DataWarning]:
     if noise.stamp == 0.0:
         return []
     step = noise.stamp * 12**0.5 * 1e3
-    said = f"the reference's stamps are rounded to {step:.0f} ms; taken as noise along the motion"
-    return [DataWarning("stamps", said)]
+    message = f"the reference's stamps are rounded to {step:.0f} ms; this is treated as noise along the motion"
+    return [DataWarning("stamps", message)]
 
 
 def _accelerometers(
@@ -115,7 +119,7 @@ def _accelerometers(
     within = fit.clock.imu_time(reference.seconds[[0, -1]])
     intervals = [(standstill.start, standstill.stop) for standstill in standstills]
     found = None
-    # without orientations, attitude and accelerometers need each other
+    # without orientations, attitude and accelerometers depend on each other
     for _ in range(_ROUNDS_WITHOUT_ATTITUDE if reference.quaternions is None else 1):
         windows = [
             acceleration_windows(signal, fit, tau, q, p, intervals)
@@ -126,12 +130,12 @@ def _accelerometers(
                 f"{reference.source}: too few poses where IMU and reference overlap; record both all the time"
             )
         found = fit_accelerometers(joined(windows), fit, gravity, positions=positions)
-    assert found is not None  # noqa: S101 - for the type checker; it went round once
+    assert found is not None  # noqa: S101 - for the type checker; the loop runs at least once
     return found
 
 
 def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
-    """Return what is known of the gyros without attitudes: their mean at the quietest moment."""
+    """Return what is known of the gyros without attitudes: their mean in the quietest second."""
     still = quietest_second(imu)
     return RateFit(
         K_omega=np.eye(3),

@@ -1,4 +1,4 @@
-"""How good the reference is assumed to be before the filter runs."""
+"""Assumed noise of the reference before the filter runs."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def assumed_noise(settings: RecordingSettings, reference: ReferencePoses) -> Ref
 
 
 def stamp_resolution(reference: ReferencePoses) -> float:
-    """Return the step to which the reference's stamps were rounded, s; 0 where none shows.
+    """Return the step to which the reference's stamps were rounded, s; 0 where there is no such step.
 
     Stamps that are all multiples of a millisecond or more, while poses come at uneven steps of several
-    such units, were rounded: the true moment lies anywhere within.
+    such units, were rounded: the true time lies anywhere within the step.
     """
     steps = np.diff(reference.stamps_ns)
     unit = int(np.gcd.reduce(steps))

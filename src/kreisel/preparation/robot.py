@@ -1,4 +1,4 @@
-"""The robot of a recording as part of the problem, and what is assumed of its errors."""
+"""The robot of a recording as part of the problem, and the assumptions about its errors."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from kreisel.robot.kinematics import parse_arm
 from kreisel.units import DEG
 
 LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
-"""m and rad; how far a joint's placement is from the model, where the user does not say."""
+"""m and rad; standard deviations of a joint's placement from the model, where the user states none."""
 
 _GEAR_SD = 2e-4
 _SAG_SD = 5e-4
-"""rad; eccentricity, and sag under the largest torque met."""
+"""rad; eccentricity, and sag under the largest torque of the motion."""
 
 _MAX_WITHOUT = 0.01
-"""Share of poses that may lie beyond the joint angles' ends."""
+"""Share of poses that may lie before or after the joint angles."""
 
 
 def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[DataWarning]]:
-    """Return the robot of a recording, or None and why it cannot be used.
+    """Return the robot of a recording, or None and the warning why it cannot be used.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     if joints is None:
         return None, []
     if recording.urdf is None:
-        said = "joint angles are there, but no robot.urdf: with it, the robot's own errors would be estimated too"
-        return None, [DataWarning("robot", f"{said}; they are taken for noise")]
+        message = "there are joint angles, but no robot.urdf: with it, the robot's own errors would be estimated too"
+        return None, [DataWarning("robot", f"{message}; they are treated as noise")]
     try:
         kinematics.pinocchio()
     except RobotError as error:
-        return None, [DataWarning("robot", f"{error}; without it, the robot's geometric errors are taken for noise")]
+        return None, [DataWarning("robot", f"{error}; without it, the robot's geometric errors are treated as noise")]
     arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
     if joints.angles.shape[1] != len(arm.joints):
         raise RobotError(
@@ -50,8 +50,11 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     stamps = reference.stamps_ns
     without = (stamps < joints.stamps_ns[0]) | (stamps > joints.stamps_ns[-1])
     if float(without.mean()) > _MAX_WITHOUT:
-        said = f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles"
-        return None, [DataWarning("robot", f"{said}; the robot's errors are taken for noise: record both all the time")]
+        message = (
+            f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles; the robot's "
+            "errors are treated as noise: record both all the time"
+        )
+        return None, [DataWarning("robot", message)]
     warnings: list[DataWarning] = []
     angles = angles_at(joints, stamps)
     far = distance(arm, angles, reference)
@@ -62,8 +65,8 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         return None, [
             DataWarning(
                 "robot",
-                f"reported poses stand {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
-                f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are taken for noise. "
+                f"reported poses differ by {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
+                f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are treated as noise. "
                 "Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
             )
         ]

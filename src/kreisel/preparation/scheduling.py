@@ -18,7 +18,7 @@ def schedule_updates(
     Parameters
     ----------
     t_pose
-        IMU seconds of every pose, as far as known.
+        IMU seconds of every pose, by the clocks known so far.
     tau
         Reference seconds of every pose.
     """

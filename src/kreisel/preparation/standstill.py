@@ -13,16 +13,16 @@ from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization.clock import Clock
 
 MIN_SECONDS = 0.2
-"""Seconds a standstill must last, margins taken off."""
+"""Least duration of a standstill without the margins, s."""
 
 MARGIN = 0.15
 """Seconds left out at either end, where the arm still swings and its reported pose still settles."""
 
 _CREEP = 2.0
-"""Speed at a standstill, in errors at standstill per second: that of the velocity a standstill is counted with."""
+"""Largest speed at a standstill, in errors at standstill per second; the filter assumes such an error of velocity."""
 
 _SMOOTHED = 0.1
-"""Seconds over which poses are averaged to see them creep."""
+"""Seconds over which poses are averaged to detect slow motion."""
 
 _WINDOW = 0.2
 _STEPS = 10
@@ -33,12 +33,12 @@ _NEVER_STILL = (0.06, 0.8)
 def find_standstills(
     stillness: ImuStillness, reference: ReferencePoses, clock: Clock, noise: ReferenceNoise
 ) -> tuple[Standstill, ...]:
-    """Return the stretches in which neither reference nor IMU moves.
+    """Return the intervals in which neither reference nor IMU moves.
 
     Notes
     -----
     The IMU's threshold lies three times above the quietest tenth of its windows, within bounds: a machine
-    that never standstills has no quiet windows at that level and the reference decides.
+    that never stands still has no quiet windows at that level, and the reference decides.
     """
     t, still = stillness.seconds, stillness.still
     starts, stops = runs(still & ~_reference_moving(reference, clock, t, noise))
@@ -80,7 +80,7 @@ def imu_stillness(imu: ImuSamples) -> ImuStillness:
 
 def _spread(values: Array, step: int) -> Array:
     """Return the standard deviation within windows of `_STEPS` steps, one step apart, all axes together."""
-    usual = values[: min(len(values), CHUNK)].mean(axis=0)  # squares of what is far from zero leave no digits
+    usual = values[: min(len(values), CHUNK)].mean(axis=0)  # squares of values far from zero would lose digits
     steps = len(values) // step
     sums = np.zeros((steps + 1, 4))
     for part in chunks(steps):
@@ -95,8 +95,8 @@ def _spread(values: Array, step: int) -> Array:
 def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, noise: ReferenceNoise) -> Mask:
     """Return for IMU times whether the reference moves, by its displacement over a third of a second.
 
-    Both ends are means over `_SMOOTHED` seconds, for a slow move begins and ends with speeds that single poses do
-    not show; taken for a standstill, it would be counted as one with velocity zero.
+    Both ends are means over `_SMOOTHED` seconds, because a slow move begins and ends with speeds that single poses do
+    not show. Taken as a standstill, it would enter the filter with a velocity of zero.
     """
     tau = reference.seconds
     stride = max(1, round(0.3 / reference.interval))
@@ -123,7 +123,7 @@ def _faster(x: Array, stride: int, width: int, span: Array, limit: tuple[float, 
     Parameters
     ----------
     limit
-        Error at stillness, and the speed that is motion however noisy the values are.
+        Error at standstill, and the speed that always counts as motion, whatever the noise of the values.
     """
     smooth = running_mean(x, width)
     left = np.linalg.norm(x - smooth, axis=1)

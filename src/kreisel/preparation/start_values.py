@@ -1,8 +1,8 @@
-"""What is known of the parameters before the filter runs: the values it starts from, and the prior.
+"""What is known of the parameters before the filter runs: the start values, and the prior.
 
-The two differ. The filter starts near the least squares fits, so that the model is nearly linear between there and
-the result; that start is taken out of the result again (`filtering.prior_exchange`), for the fits have seen the same
-data. The prior is what an unknown IMU on an unknown mount may be, and what the user states.
+The two differ. The filter starts near the least squares fits, so that the model is nearly linear between start and
+result. The information of the start is removed from the result again (`filtering.prior_exchange`), because the fits
+use the same data. The prior describes an unknown IMU on an unknown mount, and what the user states.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from kreisel.synchronization.clock import MAX_SKEW
 from kreisel.units import DEG
 
 WIDENING = 20.0
-"""Deviations the filter starts with, in those of the least squares fits, which neglect what lasts in time."""
+"""Start deviations of the filter over those of the least squares fits, which neglect correlation in time."""
 
 _CROSS_COUPLING_SD = 0.05
 _NON_ORTHOGONALITY = 0.015
 _TURN = 0.2
-"""rad; how far the mount found from the rates may be off."""
+"""rad; standard deviation of the mount found from the rates."""
 
 _NORTH_SD = 0.7
-EARTH_SD = 3**-0.5  # of each part of a vector of unit length and unknown direction
+EARTH_SD = 3**-0.5  # of each component of a vector of unit length and unknown direction
 _POLYNOMIAL_SD = (0.02, 0.005)
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 
 _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
-"""rad/s and m/s^2; offsets of any IMU at all."""
+"""rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""
 
 _LEVER_ARM_SD, _TILT_SD, _CLOCK_SD = 0.2, 0.3, 1.0
-"""m, rad and s; lever arms, tilt of the reference against the fit's, offset of the clocks against the fit's."""
+"""m, rad and s; lever arms, tilt of the reference against the fit, offset of the clocks against the fit."""
 
 
 def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
@@ -58,14 +58,14 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
         gyro_offset = np.where(better, -preparation.outside_standstill.rate, gyro_offset)
         gyro_offset_sd = np.where(better, standstill_sd, gyro_offset_sd)
     accel_offset, accel_offset_sd = _with_stated(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
-    # Accelerometers the motion hardly shows start as the gyros are mounted.
+    # Accelerometers that are hardly observable start with the gyros' mounting.
     mount = nominal_parameters(preparation, order).sensors.K_a
     K_a_sd = WIDENING * force.K_a_sd
     K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
     k_w[0], k_a[0] = gyro_offset, accel_offset
     if order > 1:
-        # the fits know no polynomials: what those add to the readings is an error of theirs
+        # the fits have no polynomials: what these add to the readings is an error of the fits
         gyro_offset_sd = np.maximum(gyro_offset_sd, np.minimum(noise.gyro_offset_sd or np.inf, _BENT_GYRO))
         accel_offset_sd = np.maximum(accel_offset_sd, np.minimum(noise.accel_offset_sd or np.inf, _BENT_ACCEL))
     least = 1e-3 if order == 1 else _BENT_CROSS_COUPLING
@@ -77,7 +77,7 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
     if preparation.reference.quaternions is None:
         K_omega_covariance = _without_turn(K_omega_covariance)
     K_a, K_a_covariance = _nearly_orthogonal(K_a, np.clip(K_a_sd, least, _CROSS_COUPLING_SD))
-    # without positions, what all three accelerometers are away from b shows nowhere
+    # without positions, a lever arm common to all three accelerometers is not observable
     arm = force.lever_arm if preparation.reference.positions is not None else np.zeros(3)
     start = CellParameters(
         SensorParameters(K_omega, k_w, K_a, k_a, np.tile(arm, (3, 1))),
@@ -91,7 +91,7 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
         "alignment": np.full(2, np.clip(WIDENING * force.tilt_sd, max(1e-4, turned), 0.05)),
         "time_offset": np.array([max(WIDENING * fit.clock.start_sd, 1e-3)]),
         "time_skew": np.array([max(WIDENING * fit.clock.skew_sd, 1e-6)]),
-        **_same_from_the_start(preparation, order),
+        **_deviations_without_fit(preparation, order),
     }
     covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
     covariance |= {"gyro_cross_coupling": K_omega_covariance, "accel_cross_coupling": K_a_covariance}
@@ -101,7 +101,7 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
 def stated_prior(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
     """Return what is known of the parameters before any look at the data, and its covariance for each group.
 
-    The mount, the direction of gravity and the clocks are unknown: their prior lies, wide, about what was found.
+    The mount, the direction of gravity and the clocks are unknown: their prior is wide, with the fits as its centre.
     """
     fit, noise, site = preparation.rate_fit, preparation.imu_noise, preparation.site
     R = nearest_rotation(fit.K_omega)
@@ -124,7 +124,7 @@ def stated_prior(preparation: Preparation, order: int) -> tuple[CellParameters, 
         "alignment": np.full(2, _TILT_SD),
         "time_offset": np.array([_CLOCK_SD]),
         "time_skew": np.array([MAX_SKEW]),
-        **_same_from_the_start(preparation, order),
+        **_deviations_without_fit(preparation, order),
     }
     covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
     turn = _TURN if preparation.reference.quaternions is not None else 1e-6
@@ -136,7 +136,7 @@ def stated_prior(preparation: Preparation, order: int) -> tuple[CellParameters, 
 def nominal_parameters(preparation: Preparation, order: int) -> CellParameters:
     """Return the parameters of a faultless IMU on the mount found.
 
-    A mount within three degrees of one along the axes is taken for that: brackets are built so.
+    A mount within three degrees of one along the axes is assumed to be along the axes, because brackets are built so.
     """
     R = nearest_rotation(preparation.rate_fit.K_omega)
     along = np.round(R)
@@ -158,8 +158,8 @@ def nominal_parameters(preparation: Preparation, order: int) -> CellParameters:
     )
 
 
-def _same_from_the_start(preparation: Preparation, order: int) -> dict[str, Array]:
-    """Return deviations of groups no fit has looked at."""
+def _deviations_without_fit(preparation: Preparation, order: int) -> dict[str, Array]:
+    """Return deviations of groups that no fit estimates."""
     site = preparation.site
     gyro_bend, accel_bend = _POLYNOMIAL_SD
     return {
@@ -178,7 +178,7 @@ def _of_robot(preparation: Preparation) -> dict[str, Array]:
 
 
 def _turned_by_robot(robot: RobotModel | None) -> float:
-    """Return how far a robot's errors may turn its tool, rad: the least squares fits take them for noise."""
+    """Return how far a robot's errors may turn its tool, rad: the least squares fits treat them as noise."""
     if robot is None:
         return 0.0
     angles = np.diag(robot.covariance["robot_placement"]).reshape(-1, 6)[:, 3:]
@@ -188,7 +188,7 @@ def _turned_by_robot(robot: RobotModel | None) -> float:
 def _cross_coupling_prior(R: Array, turn: float) -> Array:
     """Return the covariance (9, 9) of the entries of K = R (1 + E) about R.
 
-    Scale errors stand along the diagonal of E; the mean of a pair of couplings is non-orthogonality, half their
+    Scale errors are on the diagonal of E; the mean of a pair of couplings is non-orthogonality, half their
     difference a turn of standard deviation `turn`, rad.
     """
     P = np.zeros((9, 9))
@@ -203,11 +203,11 @@ def _cross_coupling_prior(R: Array, turn: float) -> Array:
 
 
 def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
-    """Return a cross-coupling matrix and its covariance (9, 9) once it is known that triads are nearly square.
+    """Return a cross-coupling matrix and its covariance (9, 9), given that triads are nearly orthogonal.
 
     The mean of the two couplings between a pair of axes, seen along the mount, is their non-orthogonality:
     three observations of zero with the deviation `_NON_ORTHOGONALITY`. They matter only where the motion
-    says less.
+    determines it less well.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _nearly_orthogonal(K: Array, deviation: Array) -> tuple[Array, Array]:
 
 
 def _without_turn(P: Array) -> Array:
-    """Return the covariance (9, 9) of a cross-coupling matrix near one once it is known not to turn b."""
+    """Return the covariance (9, 9) of a cross-coupling matrix near one, given that it does not turn b."""
     H = np.array([skew(e).ravel() for e in np.eye(3)]) / 2.0
     S = H @ P @ H.T + 1e-6**2 * np.eye(3)
     gain = np.linalg.solve(S, H @ P).T
@@ -236,10 +236,10 @@ def _without_turn(P: Array) -> Array:
     return np.asarray(0.5 * (P + P.T) + 1e-18 * np.eye(9))
 
 
-def _with_stated(value: Array, value_sd: Array, stated_sd: float | None, widest: float) -> tuple[Array, Array]:
-    """Return an offset and its deviation: what is stated, centred at zero, or the fit where that says more."""
-    widened = np.minimum(WIDENING * value_sd, widest)
+def _with_stated(value: Array, value_sd: Array, stated_sd: float | None, largest: float) -> tuple[Array, Array]:
+    """Return an offset and its deviation: the stated ones, centred at zero, or the fit's where they are smaller."""
+    inflated = np.minimum(WIDENING * value_sd, largest)
     if stated_sd is None:
-        return value, widened
-    better = widened < stated_sd
-    return np.where(better, value, 0.0), np.where(better, widened, stated_sd)
+        return value, inflated
+    better = inflated < stated_sd
+    return np.where(better, value, 0.0), np.where(better, inflated, stated_sd)

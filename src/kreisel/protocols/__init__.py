@@ -1,1 +1,1 @@
-"""Bytes to records and back: what robots and IMUs say on the wire. No sockets and no clock."""
+"""Decoding and encoding of the bytes that robots and IMUs send and receive. No sockets and no clock."""

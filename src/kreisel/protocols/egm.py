@@ -1,8 +1,8 @@
-"""ABB Externally Guided Motion: protobuf messages over UDP, every 4 ms, the controller first.
+"""ABB Externally Guided Motion: protobuf messages over UDP, every 4 ms; the controller sends first.
 
-`EGMStreamStart` streams without motion, and nothing is answered here, so that nothing can move the robot. Of an
-`EgmRobot` message the fields read are: header (1): seqno 1, tm 2 (ms); feedBack (2): joints 1 (degrees), cartesian 2:
-pos 1 (mm), orient 2 (u0 .. u3), time 4: sec 1, usec 2. What is not read is skipped.
+`EGMStreamStart` streams without motion, and kreisel sends no answers, so that nothing can move the robot. The fields
+read of an `EgmRobot` message are: header (1): seqno 1, tm 2 (ms); feedBack (2): joints 1 (degrees), cartesian 2:
+pos 1 (mm), orient 2 (u0 .. u3), time 4: sec 1, usec 2. All others are skipped.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _DATA = 2  # MSGTYPE_DATA
 
 
 def decode(datagram: bytes) -> RobotSample:
-    """Return the pose an `EgmRobot` message feeds back; the stamp is that of the feedback, or else of the header.
+    """Return the pose in an `EgmRobot` message's feedback; the stamp is the feedback's, or else the header's.
 
     Raises
     ------
     ProtocolError
-        If it is cut, no such message, or says impossible things.
+        If it is cut, not such a message, or has impossible values.
     """
     message = _fields(datagram)
     header, feedback = _fields(_inner(message, 1)), _fields(_inner(message, 2))
@@ -54,7 +54,7 @@ def decode(datagram: bytes) -> RobotSample:
 
 
 def encode(sample: RobotSample, number: int) -> bytes:
-    """Return the `EgmRobot` message that feeds a pose back: the simulator's side."""
+    """Return the `EgmRobot` message with a pose as feedback (simulator's side)."""
     seconds, rest = divmod(sample.stamp_ns, 1_000_000_000)
     parts = [_field(1, b"".join(_double(1, angle / _DEGREE) for angle in sample.joints))]
     if sample.position is not None and sample.quaternion is not None:
@@ -88,7 +88,7 @@ def _walk(data: bytes) -> Iterator[tuple[int, int | float | bytes]]:
         if kind == _BYTES:
             size, at = _varint(data, at)
         elif not size:
-            raise ProtocolError(_NAME, f"byte {at} of {len(data)} begins a field of kind {kind}, which no message has")
+            raise ProtocolError(_NAME, f"byte {at} of {len(data)} begins a field of kind {kind}, expected 0, 1, 2 or 5")
         if at + size > len(data):
             raise ProtocolError(_NAME, f"message cut at byte {at}: expected {size} more bytes, got {len(data) - at}")
         part = data[at : at + size]
@@ -110,7 +110,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def _inner(fields: dict[int, list[int | float | bytes]], number: int) -> bytes:
-    """Return the last message of a number within another; empty where there is none."""
+    """Return the last inner message with a field number; empty if there is none."""
     value = fields.get(number, [b""])[-1]
     if not isinstance(value, bytes):
         raise ProtocolError(_NAME, f"field {number} is a number, expected a message")
@@ -120,7 +120,7 @@ def _inner(fields: dict[int, list[int | float | bytes]], number: int) -> bytes:
 def _whole(fields: dict[int, list[int | float | bytes]], number: int) -> int:
     value = fields.get(number, [0])[-1]
     if not isinstance(value, int):
-        raise ProtocolError(_NAME, f"field {number} is no whole number")
+        raise ProtocolError(_NAME, f"field {number} is not a whole number")
     return value
 
 
@@ -128,12 +128,12 @@ def _doubles(data: bytes, numbers: tuple[int, ...], what: str) -> tuple[float, .
     fields = _fields(data)
     values = tuple(fields.get(number, [0.0])[-1] for number in numbers)
     if not all(isinstance(value, float) for value in values):
-        raise ProtocolError(_NAME, f"the {what} is not made of doubles")
+        raise ProtocolError(_NAME, f"the {what} does not consist of doubles")
     return finite(tuple(float(value) for value in values), _NAME, f"the {what}")
 
 
 def _joints(data: bytes) -> tuple[float, ...]:
-    """Return joint angles in degrees: repeated doubles, one by one or packed."""
+    """Return joint angles in degrees: repeated doubles, single or packed."""
     values: list[float] = []
     for value in _fields(data).get(1, []):
         if isinstance(value, float):
@@ -141,7 +141,7 @@ def _joints(data: bytes) -> tuple[float, ...]:
         elif isinstance(value, bytes) and len(value) % 8 == 0:
             values += struct.unpack(f"<{len(value) // 8}d", value)
         else:
-            raise ProtocolError(_NAME, "joint angles are not made of doubles")
+            raise ProtocolError(_NAME, "the joint angles do not consist of doubles")
     return finite(tuple(values), _NAME, "a joint angle")
 
 

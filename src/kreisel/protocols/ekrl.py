@@ -1,8 +1,8 @@
 """Telegrams between a PC and kreisel's program on a KUKA controller: XML over EthernetKRL (TCP), or a serial line.
 
-Moves go one way, ``<Kreisel><Move>…</Move></Kreisel>`` or ``<Kreisel><Stop>…``, and states the other, ``<Robot>…``.
-Angles are degrees, lengths mm, A, B, C intrinsic turns about z, y', x'', times ms of a timer of the program. Elements,
-not attributes, carry the values: so EthernetKRL and a format of CREAD can both take them apart.
+The PC sends moves and stops, ``<Kreisel><Move>…</Move></Kreisel>`` or ``<Kreisel><Stop>…``; the controller sends
+states, ``<Robot>…``. Angles are degrees, lengths mm, A, B, C intrinsic rotations about z, y', x'', times ms of a timer
+of the program. Values are in elements, not in attributes, so that both EthernetKRL and a format of CREAD can read them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from kreisel.protocols.rsi import parse_xml
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
 MAX_BYTES = 4096
-"""Bytes a telegram may have."""
+"""Largest number of bytes of a telegram."""
 
 _NAME = "EthernetKRL"
 _DEGREE = math.pi / 180.0
@@ -31,7 +31,7 @@ _MAX_NUMBER = 2**31 - 1
 
 
 class Doing(IntEnum):
-    """What the program does, or did last."""
+    """What the program is doing, or did last."""
 
     ARRIVED = 0
     MOVING = 1
@@ -41,7 +41,7 @@ class Doing(IntEnum):
 
 @dataclass(frozen=True)
 class Move:
-    """A move to joint angles, rad, at a share of the axes' full speed; its number comes back in the states."""
+    """A move to joint angles, rad, at a share of the axes' full speed; the states refer to its number."""
 
     number: int
     target: tuple[float, ...]
@@ -50,7 +50,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Stop:
-    """Come to rest where you are."""
+    """A stop at the present position."""
 
     number: int
 
@@ -60,7 +60,7 @@ Command = Move | Stop
 
 @dataclass(frozen=True)
 class State:
-    """What the program does, with the number of the command it is about, and where the arm stands meanwhile."""
+    """What the program is doing, the number of the command it refers to, and the present pose of the arm."""
 
     number: int
     doing: Doing
@@ -76,12 +76,12 @@ def encode(command: Command) -> bytes:
 
 
 def decode(telegram: bytes) -> Command:
-    """Return the command of a telegram: the controller's side.
+    """Return the command of a telegram (controller's side).
 
     Raises
     ------
     ProtocolError
-        If it is none, or says impossible things.
+        If it is invalid, or has impossible values.
     """
     root = parse_xml(telegram, _NAME, "Kreisel")
     parts = [part.tag for part in root]
@@ -97,7 +97,7 @@ def decode(telegram: bytes) -> Command:
 
 
 def encode_state(state: State) -> bytes:
-    """Return the telegram of a state: the controller's side."""
+    """Return the telegram of a state (controller's side)."""
     sample = state.sample
     parts = [f"<Robot><Id>{state.number}</Id><Do>{int(state.doing)}</Do><T>{round(sample.stamp_ns * 1e-6)}</T>"]
     values = dict(zip(_AXES, (angle / _DEGREE for angle in sample.joints), strict=False))
@@ -109,12 +109,12 @@ def encode_state(state: State) -> bytes:
 
 
 def decode_state(telegram: bytes) -> State:
-    """Return the state a telegram tells.
+    """Return the state in a telegram.
 
     Raises
     ------
     ProtocolError
-        If it is none, or says impossible things.
+        If it is invalid, or has impossible values.
     """
     root = parse_xml(telegram, _NAME, "Robot")
     doing = _whole(root, "Do", max(Doing))
@@ -131,17 +131,17 @@ Content = TypeVar("Content")
 
 
 class Splitter:
-    """Telegrams out of a byte stream, however it is cut; what stands between them is counted.
+    """Splits a byte stream into telegrams, in chunks of any size; bytes between telegrams are counted.
 
     Parameters
     ----------
     root
-        Name of the element a telegram is: `Robot` as a PC reads it, `Kreisel` as a controller does.
+        Name of a telegram's root element: `Robot` for a PC, `Kreisel` for a controller.
 
     Attributes
     ----------
     skipped
-        Bytes that belong to no telegram.
+        Number of bytes that belong to no telegram.
     """
 
     def __init__(self, root: str) -> None:
@@ -150,7 +150,7 @@ class Splitter:
         self._buffer = bytearray()
 
     def receive(self, data: bytes) -> list[bytes]:
-        """Return the telegrams that are whole by now."""
+        """Return the telegrams that are now complete."""
         self._buffer += data
         return list(self._whole())
 

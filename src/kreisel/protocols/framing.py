@@ -1,4 +1,4 @@
-"""Messages that begin with their length, out of a byte stream."""
+"""Splitting a byte stream into messages that begin with their length."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from kreisel.errors import ProtocolError
 
 
 class Splitter:
-    """Messages with a head of two numbers, one of them a length; however the stream is cut.
+    """Splits a stream into messages whose head is two numbers, one of them a length; chunks of any size.
 
     Parameters
     ----------
     protocol
-        Its name, for errors.
+        The protocol's name, for errors.
     head
         The head's layout, as for `struct`.
     length
-        Which of the two numbers is the length; the other tells messages apart.
+        Index of the number that is the length; the other number identifies the message.
     least, most
-        Bytes a message may have.
+        Smallest and largest number of bytes of a message.
     whole
-        Whether the length counts the head.
+        Whether the length includes the head.
     """
 
     def __init__(self, protocol: str, head: str, *, length: int, least: int, most: int, whole: bool) -> None:
@@ -31,12 +31,12 @@ class Splitter:
         self._buffer = bytearray()
 
     def receive(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Return the other number and the content of the messages that are whole by now.
+        """Return the other number and the content of the messages that are now complete.
 
         Raises
         ------
         ProtocolError
-            If a length is impossible: the stream is then out of step, and must be opened anew.
+            If a length is impossible: the position in the stream is then lost, and the connection must be opened again.
         """
         self._buffer += data
         messages, at = [], 0

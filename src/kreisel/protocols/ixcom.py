@@ -1,8 +1,8 @@
 """iXCOM, the protocol of iMAR's inertial systems: frames over TCP.
 
-A frame is the sync byte 0x7E, a header of 16 bytes with it (message, counter, length, GPS week, seconds and
-microseconds of the week, little-endian), the payload, a status word and a CRC-16 (polynomial 0x1021, start 0) of all
-before it. IMURAW carries 3 x float32 acceleration, m/s^2, and 3 x float32 angular rate, rad/s.
+A frame is a header of 16 bytes (sync byte 0x7E, message, counter, length, GPS week, seconds and microseconds of the
+week, little-endian), the payload, a status word and a CRC-16 (polynomial 0x1021, start 0) of all bytes before it.
+IMURAW carries 3 x float32 acceleration, m/s^2, and 3 x float32 angular rate, rad/s.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CHANNEL = 5
 """Command that opens (1) or closes (0) a channel."""
 
 LOG = 0
-"""Command that adds a stream of messages to the channel, every so many samples."""
+"""Command that adds a periodic message to the channel; its period is a number of samples."""
 
 _NAME = "iXCOM"
 _HEADER = struct.Struct("<BBBBHHII")
@@ -33,7 +33,7 @@ _WEEK = 7 * 24 * 3600
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame: its kind, payload, and the device's time."""
+    """One frame: its message type, payload, and the device's time."""
 
     message: int
     payload: bytes
@@ -42,14 +42,14 @@ class Frame:
 
 
 class Decoder:
-    """Frames out of a byte stream, however it is cut; what is no frame is skipped and counted.
+    """Decodes the frames of a byte stream in chunks of any size; bytes outside frames are skipped and counted.
 
     Attributes
     ----------
     skipped
-        Bytes that belonged to no frame.
+        Number of bytes that belong to no frame.
     missing
-        Frames the counter shows to be lost.
+        Number of lost frames, by the counter.
     """
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class Decoder:
         self._counter: dict[int, int] = {}
 
     def receive(self, data: bytes) -> list[Frame]:
-        """Return the frames that are whole by now."""
+        """Return the frames that are now complete."""
         self._buffer += data
         frames = []
         buffer, at = self._buffer, 0
@@ -106,7 +106,7 @@ def sample(frame: Frame) -> ImuSample:
     Raises
     ------
     ProtocolError
-        If the payload is of another length, or not finite.
+        If the payload has another length, or is not finite.
     """
     if len(frame.payload) != _IMU.size:
         raise ProtocolError(_NAME, f"IMURAW of {len(frame.payload)} bytes, expected {_IMU.size}")
@@ -122,7 +122,7 @@ def check_response(frame: Frame) -> None:
     Raises
     ------
     ProtocolError
-        With the device's number and text.
+        With the device's response number and text.
     """
     if len(frame.payload) < 4:
         raise ProtocolError(_NAME, f"response of {len(frame.payload)} bytes, expected 4 or more")
@@ -153,12 +153,12 @@ def open_channel(channel: int, counter: int = 0) -> bytes:
 
 
 def add_log(message: int, divider: int, counter: int = 1) -> bytes:
-    """Return the command that has a message sent with every so many samples."""
+    """Return the command that requests a message once per `divider` samples."""
     return encode(COMMAND, _LOG.pack(LOG, 0, message, 0, 0, divider), 0, counter)
 
 
 def wanted_log(frame: Frame) -> tuple[int, int] | None:
-    """Return message and divider a command asks for, or None where it asks for something else: the simulator's side."""
+    """Return the requested message and divider, or None for any other command (simulator's side)."""
     if frame.message != COMMAND or len(frame.payload) != _LOG.size:
         return None
     command, _, message, _, action, divider = _LOG.unpack(frame.payload)
@@ -166,7 +166,7 @@ def wanted_log(frame: Frame) -> tuple[int, int] | None:
 
 
 def respond(number: int, text: str, counter: int) -> bytes:
-    """Return a response: the simulator's side."""
+    """Return a response (simulator's side)."""
     content = text.encode("latin-1", "replace")
     return encode(RESPONSE, struct.pack("<HH", number, len(content)) + content, 0, counter)
 

@@ -1,8 +1,8 @@
-"""Readings of an IMU as lines of text, columns divided by commas, over TCP or a serial line.
+"""Readings of an IMU as lines of text, columns separated by commas, over TCP or a serial line.
 
-Which columns there are is told as in the header of `imu0/data.csv`, for instance
-``t [ms],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z``, by the user or by a first line that begins with ``#``. A unit holds for
-the columns behind it until another is named. Columns of other names are skipped.
+The user, or a first line that begins with ``#``, names the columns as in the header of `imu0/data.csv`, for example
+``t [ms],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z``. A unit applies to its column and those after it, until another unit is
+named. Columns with other names are skipped.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, checked_stamp, finite
 
 MAX_BYTES = 4096
-"""Bytes a line may have."""
+"""Largest number of bytes of a line."""
 
 COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
@@ -30,7 +30,7 @@ _CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
 
 @dataclass(frozen=True)
 class Columns:
-    """Where stamp, rates and accelerations stand in a line, and what they are multiplied by."""
+    """Positions of stamp, rates and accelerations in a line, and the factors to SI units."""
 
     count: int
     stamp: int
@@ -40,12 +40,12 @@ class Columns:
 
     @classmethod
     def parse(cls, text: str) -> Columns:
-        """Return the columns a header names.
+        """Return the columns that a header names.
 
         Raises
         ------
         ProtocolError
-            If one of the seven is missing, or has a unit nobody knows.
+            If one of the seven columns is missing, or has an unknown unit.
         """
         cells = text.lstrip("#").split(",")
         places: dict[str, tuple[int, float]] = {}
@@ -77,12 +77,12 @@ def _factor(units: dict[str, float] | dict[str, int], unit: str, name: str) -> f
 
 
 class Decoder:
-    """Lines out of a byte stream; a first one that may be cut is skipped.
+    """Decodes the lines of a byte stream; an incomplete first line is skipped.
 
     Parameters
     ----------
     columns
-        As the user says; without, they are taken from a line that begins with ``#``.
+        The user's; None to take them from a line that begins with ``#``.
     """
 
     def __init__(self, columns: Columns | None = None) -> None:
@@ -91,7 +91,7 @@ class Decoder:
         self._begun = False
 
     def receive(self, data: bytes) -> list[ImuSample | ProtocolError]:
-        """Return the readings of the lines that are whole by now, and an error for each line that is none."""
+        """Return the readings of the lines that are now complete, and an error for each invalid line."""
         self._buffer += data
         *lines, rest = self._buffer.split(b"\n")
         out: list[ImuSample | ProtocolError] = []
@@ -120,7 +120,7 @@ class Decoder:
         if not text:
             return None
         if self.columns is None:
-            raise ProtocolError(_NAME, "no header has come; name the columns, such as '?columns=" + COLUMNS + "'")
+            raise ProtocolError(_NAME, "no header received; name the columns, for example '?columns=" + COLUMNS + "'")
         return decode(text, self.columns)
 
 
@@ -130,7 +130,7 @@ def decode(text: str, columns: Columns) -> ImuSample:
     Raises
     ------
     ProtocolError
-        If it has another number of columns, or something in it is no number.
+        If the number of columns is wrong, or a value is not a number.
     """
     cells = text.split(",")
     if len(cells) != columns.count:

@@ -1,7 +1,7 @@
-"""KUKA Robot Sensor Interface: one XML telegram a UDP datagram, every 4 or 12 ms, the controller first.
+"""KUKA Robot Sensor Interface: one XML telegram in each UDP datagram, every 4 or 12 ms; the controller sends first.
 
-Lengths are mm, angles degrees; A, B, C are intrinsic turns about z, y', x''. IPOC is the controller's time in ms, and
-is given back in the answer. In ONLYSEND mode nothing is answered, and nothing can move the robot.
+Lengths are mm, angles degrees; A, B, C are intrinsic rotations about z, y', x''. IPOC is the controller's time in ms;
+the answer returns it. In ONLYSEND mode no answer is sent, and nothing can move the robot.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from kreisel.markup import screened
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
 MAX_BYTES = 8192
-"""Bytes a telegram may have; the controller's own limit is lower."""
+"""Largest number of bytes of a telegram; the controller's own limit is lower."""
 
 _NAME = "RSI"
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
@@ -25,18 +25,18 @@ _DELAY = re.compile(rb'<Delay\s+D="(\d{1,9})"')
 
 
 def decode(datagram: bytes) -> RobotSample:
-    """Return the pose a controller's telegram tells: `RIst`, and joint angles, `AIPos`, as far as they are in it.
+    """Return the pose (`RIst`) and the joint angles (`AIPos`) in a controller's telegram; one of them may be missing.
 
     Raises
     ------
     ProtocolError
-        If it is no such telegram, or says impossible things.
+        If it is not such a telegram, or has impossible values.
     """
     robot = parse_xml(datagram, _NAME, "Rob")
     frame = _numbers(robot, "RIst", _FRAME)
     axes = _numbers(robot, "AIPos", tuple(f"A{k}" for k in range(1, 7)))
     if not frame and not axes:
-        raise ProtocolError(_NAME, "the telegram has neither RIst nor AIPos; send one of them in the RSI configuration")
+        raise ProtocolError(_NAME, "the telegram has neither RIst nor AIPos; add one of them to the RSI configuration")
     position = quaternion = None
     if frame:
         position = (frame[0] * 1e-3, frame[1] * 1e-3, frame[2] * 1e-3)
@@ -48,16 +48,16 @@ def decode(datagram: bytes) -> RobotSample:
 
 
 def late_answers(datagram: bytes) -> int:
-    """Return how many answers the controller has missed so far, 0 where it does not say.
+    """Return how many answers the controller has missed so far, 0 if it does not report that.
 
-    After so many as its configuration allows it stops the robot.
+    It stops the robot after the number that its configuration allows.
     """
     found = _DELAY.search(datagram, 0, MAX_BYTES)
     return 0 if found is None else int(found.group(1))
 
 
 def encode(sample: RobotSample, late: int = 0) -> bytes:
-    """Return the controller's telegram that tells a pose, and how many answers came late: the simulator's side."""
+    """Return the controller's telegram with a pose and the number of late answers (simulator's side)."""
     parts = ['<Rob TYPE="KUKA">']
     if sample.position is not None and sample.quaternion is not None:
         values = (*(1e3 * x for x in sample.position), *(angle / _DEGREE for angle in to_abc(sample.quaternion)))
@@ -71,12 +71,12 @@ def encode(sample: RobotSample, late: int = 0) -> bytes:
 
 
 def encode_answer(datagram: bytes) -> bytes:
-    """Return the answer to a controller's telegram that leaves the path as it is, with the IPOC given back.
+    """Return the answer to a controller's telegram: no path correction, and the telegram's IPOC.
 
     Raises
     ------
     ProtocolError
-        If it is no telegram of a controller.
+        If it is not a telegram of a controller.
     """
     ipoc = ipoc_of(parse_xml(datagram, _NAME, "Rob"))
     return (
@@ -85,24 +85,24 @@ def encode_answer(datagram: bytes) -> bytes:
 
 
 def decode_answer(datagram: bytes) -> int:
-    """Return the IPOC an answer gives back: the simulator's side.
+    """Return the IPOC in an answer (simulator's side).
 
     Raises
     ------
     ProtocolError
-        If it is no answer.
+        If it is not an answer.
     """
     return ipoc_of(parse_xml(datagram, _NAME, "Sen"))
 
 
 def parse_xml(data: bytes, protocol: str, root: str) -> ElementTree.Element:
-    """Return the root of a telegram, which has a certain name.
+    """Return the root element of a telegram; its name must be `root`.
 
     Raises
     ------
     ProtocolError
-        If it is too long, not well-formed, of another name, or declares a document type: that is how XML is made to
-        grow without bounds.
+        If it is too long, not well-formed, has another name, or declares a document type: entities of such a
+        declaration can make XML grow without bounds.
     """
     if len(data) > MAX_BYTES:
         raise ProtocolError(protocol, f"telegram of {len(data)} bytes, expected {MAX_BYTES} at most")
@@ -127,7 +127,7 @@ def ipoc_of(telegram: ElementTree.Element) -> int:
     Raises
     ------
     ProtocolError
-        If there is none, or it is no whole number.
+        If there is none, or it is not a whole number.
     """
     text = (telegram.findtext("IPOC") or "").strip()
     if not (text.isascii() and text.isdigit()) or len(text) > 19:
@@ -136,7 +136,7 @@ def ipoc_of(telegram: ElementTree.Element) -> int:
 
 
 def _numbers(telegram: ElementTree.Element, tag: str, names: tuple[str, ...]) -> tuple[float, ...]:
-    """Return the numbers of an element's attributes; none where the element is missing."""
+    """Return the numbers in an element's attributes; empty if the element is missing."""
     element = telegram.find(tag)
     if element is None:
         return ()
@@ -146,5 +146,5 @@ def _numbers(telegram: ElementTree.Element, tag: str, names: tuple[str, ...]) ->
     try:
         values = tuple(float(element.attrib[name]) for name in names)
     except ValueError as error:
-        raise ProtocolError(_NAME, f"<{tag}> holds what is no number: {dict(element.attrib)}") from error
+        raise ProtocolError(_NAME, f"<{tag}> holds a value that is not a number: {dict(element.attrib)}") from error
     return finite(values, _NAME, f"<{tag}>")

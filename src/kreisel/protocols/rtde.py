@@ -1,8 +1,8 @@
-"""Universal Robots' Real-Time Data Exchange: packages over TCP, big-endian, their size first.
+"""Universal Robots' Real-Time Data Exchange: packages over TCP, big-endian, that begin with their size.
 
-A client asks for protocol version 2, names the fields it wants and how often, starts, and is then sent data packages.
-Nothing the client sends can move the robot. Poses are m and a rotation vector; stamps are seconds since the controller
-was started.
+A client requests protocol version 2, then the fields and their frequency, then the start; the controller then sends
+data packages. Nothing the client sends can move the robot. Poses are m and a rotation vector; stamps are seconds since
+the controller was started.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import Quadruple, RobotSample, Triple, checked_stamp, finite
 
 FIELDS = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_TCP_pose": "VECTOR6D"}
-"""What the client needs."""
+"""Fields the client needs."""
 
 STATES = ("safety_status", "safety_mode", "robot_mode", "runtime_state")
-"""What the client asks for besides; controllers of older software do not have all of them."""
+"""Further fields the client asks for; controllers with older software do not have all of them."""
 
 SAFETY = {
     3: "protective stop", 4: "recovery mode", 5: "safeguard stop", 6: "system emergency stop",
@@ -41,7 +41,7 @@ PLAYING = (2, 5)
 """Runtime states in which a program runs: playing, resuming."""
 
 MAX_BYTES = 4096
-"""Bytes a package may have."""
+"""Largest number of bytes of a package."""
 
 _NAME = "RTDE"
 _RUNNING = 7
@@ -65,7 +65,7 @@ def package(kind: int, payload: bytes = b"") -> bytes:
 
 
 class State(Enum):
-    """How far a client has come."""
+    """What a client waits for, or that it runs."""
 
     VERSION = auto()
     OUTPUTS = auto()
@@ -79,7 +79,7 @@ class Client:
     Parameters
     ----------
     frequency
-        Packages a second wanted; a controller gives its own rate at most.
+        Requested packages a second; a controller sends at its own rate at most.
     """
 
     def __init__(self, frequency: float) -> None:
@@ -100,7 +100,7 @@ class Client:
         Raises
         ------
         ProtocolError
-            If the controller refuses, or the stream is out of step.
+            If the controller refuses, or the position in the stream is lost.
         """
         samples, answer, texts = [], b"", []
         for kind, payload in self._splitter.receive(data):
@@ -134,12 +134,12 @@ class Client:
         return package(_OUTPUTS, struct.pack(">d", self._frequency) + ",".join((*FIELDS, *self._states)).encode())
 
     def _take_types(self, payload: bytes) -> bool:
-        """Take the types of the fields asked for; return whether to start, or ask again without what is not there."""
+        """Take the types of the requested fields; return True to start, False to ask again without missing fields."""
         types = payload[1:].decode("ascii", "replace").split(",")
         needed, others = types[: len(FIELDS)], types[len(FIELDS) :]
         if not payload or needed != list(FIELDS.values()):
             given = dict(zip(FIELDS, needed, strict=False))
-            raise ProtocolError(_NAME, f"the controller gives {given}, expected {FIELDS}")
+            raise ProtocolError(_NAME, f"the controller sends {given}, expected {FIELDS}")
         whole = len(others) == len(self._states)
         found = tuple(name for name, kind in zip(self._states, others, strict=False) if whole and kind in _INTEGERS)
         if found != self._states:
@@ -158,9 +158,7 @@ class Client:
         if abs(values[0]) > 2.0**31:
             raise ProtocolError(_NAME, f"the time stamp {values[0]:g} s is impossible")
         if max(map(abs, values[10:13])) > 4.0 * math.pi:
-            raise ProtocolError(
-                _NAME, f"the rotation vector {values[10:13]} is longer than a turn, expected pi at most"
-            )
+            raise ProtocolError(_NAME, f"the rotation vector {values[10:13]} is longer than 4 pi, expected pi at most")
         stamp_ns = checked_stamp(round(values[0] * 1e9), _NAME)
         states = dict(zip(self._states, fields[13:], strict=True))
         runtime = states.get("runtime_state")
@@ -172,12 +170,12 @@ class Client:
 
 
 def blocked(states: dict[str, int]) -> str:
-    """Return the state in which the arm must not or cannot move, in words; empty where there is none.
+    """Return the state in which the arm must not or cannot move, in words; empty if there is none.
 
     Parameters
     ----------
     states
-        Values of `STATES`, as far as the controller reports them.
+        Values of those of `STATES` that the controller reports.
     """
     for name in ("safety_status", "safety_mode"):
         value = states.get(name, 0)
@@ -188,16 +186,16 @@ def blocked(states: dict[str, int]) -> str:
 
 
 class Server:
-    """The controller's side of one connection: the simulator.
+    """The controller's side of one connection (simulator).
 
     Attributes
     ----------
     fields
-        Names asked for; the values of those it does not know are zero.
+        Names of the requested fields; unknown ones have the value zero.
     streaming
-        Whether data are to be sent.
+        Whether data are sent.
     frequency
-        Packages a second asked for.
+        Requested packages a second.
     """
 
     _RECIPE = 1
@@ -210,12 +208,12 @@ class Server:
         self._splitter = _splitter()
 
     def receive(self, data: bytes) -> bytes:
-        """Return what to answer.
+        """Return the answer.
 
         Raises
         ------
         ProtocolError
-            If the stream is out of step.
+            If the position in the stream is lost.
         """
         return b"".join(self._answer(kind, payload) for kind, payload in self._splitter.receive(data))
 
@@ -299,7 +297,7 @@ def from_rotation_vector(theta: tuple[float, ...]) -> Quadruple:
 
 
 def to_rotation_vector(q: Quadruple) -> Triple:
-    """Return the rotation vector of a unit quaternion, at most pi long."""
+    """Return the rotation vector of a unit quaternion; its length is at most pi."""
     w, x, y, z = q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     length = math.sqrt(x * x + y * y + z * z)
     k = 2.0 if length < 1e-12 else 2.0 * math.atan2(length, w) / length
@@ -307,12 +305,12 @@ def to_rotation_vector(q: Quadruple) -> Triple:
 
 
 def _names(payload: bytes) -> list[str]:
-    """Return names divided by commas; clients in use end with one."""
+    """Return names separated by commas; some clients add a comma at the end."""
     return [name for name in payload.decode("ascii", "replace").split(",") if name]
 
 
 def _text(payload: bytes) -> str:
-    """Return a message of the controller: text, source and level."""
+    """Return the text of a controller's message, which holds text, source and level."""
     if not payload:
         return "an empty message"
     return payload[1 : 1 + payload[0]].decode("latin-1") or "an empty message"

@@ -1,4 +1,4 @@
-"""What the protocols bring: one reading of an IMU, one pose of a robot, on the device's own clock."""
+"""Samples that the protocols decode: one reading of an IMU, one pose of a robot, on the device's own clock."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
 
 LAST_STAMP_NS = 2**31 * 10**9 - 1
-"""Stamps beyond do not fit the header of a recorded message."""
+"""Largest stamp; larger ones do not fit into the header of a recorded message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +25,16 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class RobotSample:
-    """Position (m) and attitude q_rb of the tool, and joint angles (rad); None or empty where they are not said.
+    """Position (m) and attitude q_rb of the tool, and joint angles (rad); None or empty if not reported.
 
     Attributes
     ----------
     blocked
-        State of the controller in which the arm must not or cannot move, in words; empty where it reports none.
+        State of the controller in which the arm must not or cannot move, in words; empty if it reports none.
     running
-        Whether the controller runs a program; None where it does not report that.
+        Whether the controller runs a program; None if not reported.
     holds
-        Whether the controller runs a program or has paused one, which it may go on with; None as before.
+        Whether the controller runs a program, or has paused one that it may continue; None if not reported.
     """
 
     stamp_ns: int
@@ -47,7 +47,7 @@ class RobotSample:
 
 
 def checked_stamp(stamp_ns: int, protocol: str) -> int:
-    """Return a stamp that can be recorded.
+    """Return the stamp, checked to be recordable.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def checked_stamp(stamp_ns: int, protocol: str) -> int:
 
 
 def finite(values: tuple[float, ...], protocol: str, what: str) -> tuple[float, ...]:
-    """Return values that are finite.
+    """Return the values, checked to be finite.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""What a Universal Robots controller sends on its script ports, 30001 and 30002: its state, about ten times a second.
+"""State messages of a Universal Robots controller on its script ports, 30001 and 30002, about ten times a second.
 
-Packages, big-endian: size u32, kind u8; kind 16 is the robot's state, made of parts with the same head. Part 0 is the
-robot's mode: time u64, then single bytes: connected, enabled, power on, emergency stopped, protective stopped, program
-running, program paused. Everything else is skipped.
+Packages, big-endian: size u32, kind u8; kind 16 is the robot's state, which consists of parts with the same head.
+Part 0 is the robot's mode: time u64, then single bytes: connected, enabled, power on, emergency stopped, protective
+stopped, program running, program paused. All other packages and parts are skipped.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from kreisel.errors import ProtocolError
 from kreisel.protocols.framing import Splitter
 
 MAX_BYTES = 1 << 20
-"""Bytes a package may have."""
+"""Largest number of bytes of a package."""
 
 _HEAD = struct.Struct(">IB")
 _STATE, _MODE = 16, 0
@@ -22,7 +22,7 @@ _FLAGS = struct.Struct(">Q7B")
 
 
 class Client:
-    """The client's side of one connection: it reads only. Bytes that are no packages end its reading, not an error."""
+    """The client's side of one connection: it reads only. Bytes that are not packages end its reading without error."""
 
     def __init__(self) -> None:
         self._splitter: Splitter | None = Splitter(
@@ -30,12 +30,12 @@ class Client:
         )
 
     def receive(self, data: bytes) -> str:
-        """Return the state in which the arm must not move that the newest bytes report; empty where there is none."""
+        """Return the reported state in which the arm must not move, from the newest bytes; empty if there is none."""
         if self._splitter is None:
             return ""
         try:
             packages = self._splitter.receive(data)
-        except ProtocolError:  # another interface, or a controller of another kind: RTDE reports the state as well
+        except ProtocolError:  # another interface or controller; RTDE reports the state as well
             self._splitter = None
             return ""
         found = [flags for kind, content in packages if kind == _STATE for flags in _flags(content)]
@@ -43,7 +43,7 @@ class Client:
 
 
 def _flags(content: bytes) -> Iterator[tuple[int, ...]]:
-    """Yield the bytes of the parts that tell the robot's mode."""
+    """Yield the flags of the parts that report the robot's mode."""
     at = 0
     while at + _HEAD.size <= len(content):
         size, kind = _HEAD.unpack_from(content, at)
@@ -62,7 +62,7 @@ def _blocked(flags: tuple[int, ...]) -> str:
 
 
 def encode_state(time_us: int, *, emergency: bool = False, protective: bool = False) -> bytes:
-    """Return the package of a state: the simulator's side."""
+    """Return the package of a state (simulator's side)."""
     flags = _FLAGS.pack(time_us, 1, 1, 1, emergency, protective, 0, 0)
     part = _HEAD.pack(_HEAD.size + len(flags), _MODE) + flags
     return _HEAD.pack(_HEAD.size + len(part), _STATE) + part

@@ -1,4 +1,4 @@
-"""Lines of URScript that move a Universal Robots arm, and the simulator's reading of them."""
+"""Lines of URScript that move a Universal Robots arm, and the decoder that the simulator uses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class JointMove:
 
 @dataclass(frozen=True)
 class Stop:
-    """Come to rest where you are, with a deceleration in rad/s^2."""
+    """A stop at the present position, with a deceleration in rad/s^2."""
 
     deceleration: float = 4.0
 
@@ -46,7 +46,7 @@ def decode(line: bytes) -> Command:
     Raises
     ------
     ProtocolError
-        If it is none of those above.
+        If it is neither a move nor a stop.
     """
     text = line[:MAX_BYTES].decode("ascii", "replace").strip()
     move = _MOVE.fullmatch(text)

@@ -1,7 +1,7 @@
-"""KUKAVARPROXY: single variables of a KUKA controller read and written over TCP, big-endian.
+"""KUKAVARPROXY: reading and writing single variables of a KUKA controller over TCP, big-endian.
 
-Request: number u16, length u16, mode u8 (0 read, 1 write), length of name u16, name, and to write length of value u16,
-value. Answer: number, length, mode, length of value, value, three bytes that end in 1 where it went well.
+Request: number u16, length u16, mode u8 (0 read, 1 write), length of name u16, name; for writing also length of value
+u16, value. Answer: number, length, mode, length of value, value, three bytes, the last of which is 1 for success.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _DEGREE = math.pi / 180.0
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request, as the controller's side reads it; `value` is None where it reads."""
+    """A request; `value` is None for reading."""
 
     number: int
     name: str
@@ -35,7 +35,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer."""
+    """An answer; `well` is whether the request succeeded."""
 
     number: int
     value: str
@@ -43,7 +43,7 @@ class Answer:
 
 
 def splitter() -> Splitter:
-    """Return what takes messages out of a byte stream: pairs of number and content."""
+    """Return a splitter of a byte stream into messages: pairs of number and content."""
     return Splitter(_NAME, ">HH", length=1, least=3, most=MAX_BYTES, whole=False)
 
 
@@ -56,7 +56,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """Return the bytes of an answer: the simulator's side."""
+    """Return the bytes of an answer (simulator's side)."""
     content = bytes([READ]) + _string(answer.value) + (b"\x00\x01\x01" if answer.well else b"\x00\x00\x00")
     return _HEAD.pack(answer.number % 2**16, len(content)) + content
 
@@ -67,7 +67,7 @@ def decode_request(number: int, content: bytes) -> Request:
     Raises
     ------
     ProtocolError
-        If it is cut, or of another mode.
+        If it is cut, or has another mode.
     """
     name, rest = _take(content[1:])
     if content[0] == READ and not rest:
@@ -94,7 +94,7 @@ def decode_answer(number: int, content: bytes) -> Answer:
 
 
 def pose(text: str, stamp_ns: int) -> RobotSample:
-    """Return the pose a value of ``$POS_ACT`` or ``$AXIS_ACT`` tells; mm and degrees.
+    """Return the pose in a value of ``$POS_ACT`` or ``$AXIS_ACT``, which is in mm and degrees.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
     try:
         values = {name.upper(): float(number) for name, number in _PAIR.findall(text[:MAX_BYTES])}
     except ValueError as error:
-        raise ProtocolError(_NAME, f"'{text[:60]}' holds what is no number") from error
+        raise ProtocolError(_NAME, f"'{text[:60]}' holds a value that is not a number") from error
     axes = [values.get(f"A{k}") for k in range(1, 7)]
     if None not in axes:
         return RobotSample(stamp_ns, None, None, tuple(float(axis or 0.0) * _DEGREE for axis in axes))
@@ -116,7 +116,7 @@ def pose(text: str, stamp_ns: int) -> RobotSample:
 
 
 def variable(name: str, sample: RobotSample) -> str | None:
-    """Return the text of a variable at a pose, None where there is no such: the simulator's side."""
+    """Return the text of a variable at a pose, None if there is no such variable (simulator's side)."""
     if name == "$AXIS_ACT" and sample.joints:
         axes = ", ".join(f"A{k} {angle / _DEGREE:.5f}" for k, angle in enumerate(sample.joints, start=1))
         return f"{{E6AXIS: {axes}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"

@@ -1,6 +1,6 @@
-"""What can be wrong with a recording's streams by themselves; each fault has its message, with file and line.
+"""Checks of each stream of a recording by itself; each fault has its message, with file and line.
 
-What shows only when reference and IMU are compared (units, conventions, another run's poses) is judged
+Faults that only a comparison of reference and IMU shows (units, conventions, poses of another run) are checked
 in `synchronization` and in `calibration.plausibility`.
 """
 
@@ -28,7 +28,7 @@ __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
 
 def check_streams(recording: Recording) -> Recording:
-    """Return the recording with warnings added, quaternions of unit length, and repeated rows left out.
+    """Return the recording with warnings added, quaternions of unit length, and without repeated rows.
 
     Raises
     ------
@@ -42,17 +42,17 @@ def check_streams(recording: Recording) -> Recording:
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
     warnings = sampling + gap_warnings(imu.stamps_ns, imu.source, LONG_GAP)
-    imu, told = check_imu(imu, moved=reference is not None)
-    warnings += told
+    imu, found = check_imu(imu, moved=reference is not None)
+    warnings += found
     if joints is not None:
         check_joints(joints)
     if reference is not None:
-        reference, told = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
+        reference, found = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
         reference, rounded = with_lateness(reference)
-        warnings += told + rounded
+        warnings += found + rounded
     if joints is not None:
-        joints, told = joints_in_radians(replace(recording, reference=reference))
-        warnings += told
+        joints, found = joints_in_radians(replace(recording, reference=reference))
+        warnings += found
         if reference is not None:
             warnings += joint_stamp_warnings(joints, reference)
     return replace(recording, imu=imu, reference=reference, joints=joints).with_warnings(*warnings)

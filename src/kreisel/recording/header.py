@@ -1,4 +1,4 @@
-"""Units of the columns of a table: those that are read, and what a header states of a stream."""
+"""Units of the columns of a table: those that are read, and those that a header states."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ UNITS: dict[str, dict[str, float]] = {
     "quaternion": {"": 1.0, "-": 1.0, "1": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
 }  # fmt: skip
-"""What one of each unit is in SI, by quantity; of time in nanoseconds. The first is the one taken without any."""
+"""Size of each unit in SI, by quantity; time in nanoseconds. The first unit is used where none is stated."""
 
 
 @dataclass(frozen=True)
 class HeaderUnits:
-    """Units a table's header states, each None where it states none, or where there is no header.
+    """Units that a table's header states, each None where it states none, or where there is no header.
 
     Attributes
     ----------
     time, rate, acceleration, length, angle
-        One of `UNITS` of that quantity.
+        One of the `UNITS` of that quantity.
     """
 
     time: str | None = None
@@ -39,15 +39,15 @@ class HeaderUnits:
     angle: str | None = None
 
     def size(self, quantity: str) -> float:
-        """Return what numbers of a quantity were multiplied by to be in SI, or in nanoseconds."""
+        """Return the factor that converted the numbers of a quantity to SI, or to nanoseconds."""
         stated = getattr(self, quantity)
         return 1.0 if stated is None else UNITS[quantity][stated]
 
 
 NO_UNITS = HeaderUnits()
-"""Of what is in SI, as messages of bags are."""
+"""Units of a stream that is in SI, as the messages of bags are."""
 
 
 def named(quantity: str, size: float) -> str | None:
-    """Return the unit of a quantity that has a size in SI, None where there is no such."""
+    """Return the unit of a quantity that has this size in SI, None where there is none."""
     return next((unit for unit, own in UNITS[quantity].items() if abs(own / size - 1.0) < 1e-3), None)

@@ -1,4 +1,4 @@
-"""What can be wrong with joint angles: degrees that are read as radians, and stamps that are not the poses' own."""
+"""Checks of joint angles: degrees that are read as radians, and stamps that differ from those of the poses."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from kreisel.robot.kinematics import Arm, parse_arm
 from kreisel.units import DEG
 
 SAME_FRAME = (5e-3, 5e-3)
-"""m and rad; reported poses this near to the nominal kinematics are of the same base and tool frame."""
+"""m and rad; reported poses this near to the nominal kinematics have the same base and tool frame."""
 
 _SAME_STAMP = 0.01
-"""Share of the joint angles' interval by which a pose's stamp may differ, as where one of them was rounded."""
+"""Share of the joint angles' interval by which a pose's stamp may differ, because one of them may be rounded."""
 
 _WHOLE_TURNS = 4.0 * np.pi
-"""rad; angles that only axes without end reach."""
+"""rad; angles that only axes of unlimited range reach."""
 
 _MARGIN = 0.5
-"""rad; how far beyond a joint's limits an angle cannot be."""
+"""rad; an angle cannot be farther than this beyond a joint's limits."""
 
 
 def check_joints(joints: JointAngles) -> None:
@@ -44,33 +44,33 @@ def check_joints(joints: JointAngles) -> None:
 
 
 def joint_stamp_warnings(joints: JointAngles, reference: ReferencePoses) -> list[DataWarning]:
-    """Return what to say of poses whose stamp no joint angles have: they are interpolated there."""
+    """Return the warning about poses at whose stamps there are no joint angles: they are interpolated there."""
     _, same = _nearest(joints.stamps_ns, reference.stamps_ns)
     missing = int(np.sum(~same))
     if not missing:
         return []
-    said = f"{missing} of {reference.stamps_ns.size} poses have no joint angles of the same stamp; interpolated there"
-    return [DataWarning("joints", f"{joints.source.parent.name}: {said}")]
+    text = f"{missing} of {reference.stamps_ns.size} poses have no joint angles of the same stamp; interpolated there"
+    return [DataWarning("joints", f"{joints.source.parent.name}: {text}")]
 
 
 def angles_at(joints: JointAngles, stamps: Stamps) -> Array:
-    """Return the joint angles at stamps (m,), (m, joints): those of the same instant, else interpolated ones."""
+    """Return the joint angles at stamps (m,), (m, joints): those of the same moment, otherwise interpolated ones."""
     nearest, same = _nearest(joints.stamps_ns, stamps)
     between = np.column_stack([np.interp(stamps, joints.stamps_ns, column) for column in joints.angles.T])
     return np.where(same[:, None], joints.angles[nearest], between)
 
 
 def _nearest(own: Stamps, stamps: Stamps) -> tuple[Indices, Mask]:
-    """Return the index of the nearest of one's own stamps, and whether it is the same instant."""
+    """Return the index of the nearest of the own stamps, and whether it is of the same moment."""
     right = np.clip(np.searchsorted(own, stamps), 1, own.size - 1)
     nearest = np.where(stamps - own[right - 1] < own[right] - stamps, right - 1, right)
     return nearest, np.asarray(np.abs(own[nearest] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
 
 
 def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarning]]:
-    """Return the joint angles, converted where the poses prove that they are degrees without a unit.
+    """Return the joint angles, converted where no unit is stated and the poses prove that they are degrees.
 
-    They are compared with the poses only if some are beyond a full turn, or a joint's limits; smaller ones are judged
+    They are compared with the poses only if some are beyond a full turn, or a joint's limits; smaller ones are checked
     where the robot's errors are estimated.
 
     Raises
@@ -82,7 +82,7 @@ def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarni
     assert joints is not None  # noqa: S101 - for the type checker; the caller looked
     arm = None
     if recording.urdf is not None and float(np.abs(joints.angles).max()) > np.pi:
-        with suppress(RobotError):  # what is wrong with it is said where it is needed
+        with suppress(RobotError):  # the error is raised where the description is needed
             arm = parse_arm(recording.urdf, recording.settings.robot.tcp)
         if arm is not None and len(arm.joints) != joints.angles.shape[1]:
             arm = None
@@ -98,9 +98,11 @@ def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarni
 
 
 def _look_like_degrees(joints: JointAngles, arm: Arm | None) -> bool:
-    """Return whether several angles are beyond two turns, or one is, and beyond its limits, which fit degrees.
+    """Return whether joint angles look like degrees.
 
-    Several may be where the unit is stated, or a message of ROS has it: wheels and turntables turn without end.
+    They do where several joints go beyond two turns, or where one does, exceeds its limits, and all are within their
+    limits as degrees. Several may go beyond where the unit is stated, or is fixed as in a ROS message, because wheels
+    and turntables have no limits.
     """
     low, high = joints.angles.min(axis=0), joints.angles.max(axis=0)
     far = np.maximum(-low, high) > _WHOLE_TURNS
@@ -114,7 +116,7 @@ def _look_like_degrees(joints: JointAngles, arm: Arm | None) -> bool:
 
 
 def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[DataWarning]]:
-    """Return angles that are degrees in radians, and what to say of it.
+    """Return joint angles in degrees converted to radians, and the warning about it.
 
     Raises
     ------
@@ -124,8 +126,8 @@ def in_degrees(joints: JointAngles) -> tuple[JointAngles, list[DataWarning]]:
     if joints.units.angle is not None:
         raise looks_like_degrees(joints, "the poses fit the joint angles as degrees")
     where = "write q_1 [deg] into the header" if is_table(joints.source) else "ROS messages are in rad: convert them"
-    said = f"joint angles are in degrees, as the poses show, and were converted; {where}"
-    return replace(joints, angles=DEG * joints.angles), [DataWarning("joints", f"{joints.source.parent.name}: {said}")]
+    text = f"joint angles are in degrees, as the poses show, and were converted; {where}"
+    return replace(joints, angles=DEG * joints.angles), [DataWarning("joints", f"{joints.source.parent.name}: {text}")]
 
 
 def looks_like_degrees(joints: JointAngles, evidence: str) -> RecordingError:
@@ -153,5 +155,5 @@ def distance(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float,
 
 
 def near(far: tuple[float, float]) -> bool:
-    """Return whether reported poses are of the same base and tool frame as the kinematics."""
+    """Return whether reported poses have the same base and tool frame as the kinematics."""
     return all(d <= limit for d, limit in zip(far, SAME_FRAME, strict=True))

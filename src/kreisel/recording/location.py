@@ -1,4 +1,4 @@
-"""Where in a stream a fault lies, in the words of what it came from: lines of a table, messages of a bag."""
+"""The place of a fault in a stream, as a line of a table or a message of a bag."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from kreisel.recording.header import HeaderUnits, named
 
 
 class Stream(Protocol):
-    """Part of a recording: the file it came from, and the units its header states."""
+    """Part of a recording: the file it came from, and the units that its header states."""
 
     @property
     def source(self) -> Path:
@@ -18,7 +18,7 @@ class Stream(Protocol):
 
     @property
     def units(self) -> HeaderUnits:
-        """What the file's header states."""
+        """Units that the file's header states."""
 
 
 def is_table(source: Path) -> bool:
@@ -41,9 +41,9 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
     Parameters
     ----------
     factor
-        What the numbers, as read into SI, must be multiplied by to be right.
+        Factor by which the numbers, as read into SI, must be multiplied to be right.
     otherwise
-        The unit they seem to be in, where it is none that a header may state.
+        The unit they seem to be in, where a header may not state it.
     """
     source, stated = stream.source, getattr(stream.units, quantity)
     si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
@@ -64,7 +64,7 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
 
 
 def rows(source: Path) -> str:
-    """Return what the rows of a stream are called: rows of a table, messages of a bag."""
+    """Return the word for the rows of a stream: rows of a table, messages of a bag."""
     return "rows" if is_table(source) else "messages"
 
 
@@ -74,7 +74,7 @@ def at(source: Path, row: int) -> str:
 
 
 def line_of(source: Path, row: int) -> int:
-    """Return the line a row of a table stands in; empty lines and comments are no rows."""
+    """Return the line that a row of a table is in; empty lines and comments are not rows."""
     try:
         with source.open(encoding="utf-8-sig") as file:
             next(file, None)

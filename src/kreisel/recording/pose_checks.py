@@ -1,4 +1,4 @@
-"""What can be wrong with reference poses by themselves: length of quaternions, leaps, stalls, units."""
+"""Checks of reference poses by themselves: length of quaternions, jumps, stalls, units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
 from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
 MAX_OUTLIERS = 0.1
-"""Share of poses that may jump away and back before the reference is refused."""
+"""Share of poses that may jump away and back; with more, the reference is an error."""
 
 _LONG_FREEZE = 8
 _MAX_IN_A_ROW = 3
@@ -21,12 +21,12 @@ _FAST = 20.0
 
 
 def stamped_poses(reference: ReferencePoses) -> Stamped:
-    """Return the poses' stamps, with the rates at which poses come."""
+    """Return the poses' stamps, with the rates that are usual for poses."""
     return Stamped(reference.stamps_ns, reference.source, "poses", 0.5, 20e3, reference.units.time)
 
 
 def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[DataWarning]]:
-    """Return the poses with unit quaternions, without stale ones and outliers, and what to say of them.
+    """Return the poses with unit quaternions, without repeated poses and outliers, and the warnings about them.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
         if not keep.all():
             reference, kept = reference.part(keep), kept[keep]
     _check_frozen(reference, kept)
-    _check_leaps(reference, kept)
+    _check_jumps(reference, kept)
     _check_metres(reference)
     long = gaps(reference.stamps_ns, 1.0)
     if long.size:
@@ -67,7 +67,7 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
 
 def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> ReferencePoses:
     source, q = reference.source, reference.quaternions
-    assert q is not None  # noqa: S101 - for the type checker; the caller looked
+    assert q is not None  # noqa: S101 - for the type checker; the caller checked
     norm = np.sqrt(np.einsum("ij,ij->i", q, q))
     bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
     if bad.size:
@@ -76,7 +76,7 @@ def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> Refer
         if norm[k] < 1e-3:
             raise fault(
                 source,
-                f"a quaternion of zeros here{more}, as where tracking was lost; delete these {rows(source)} "
+                f"a quaternion of zeros here{more}, as is written where tracking was lost; delete these {rows(source)} "
                 "(a gap is bridged)",
                 k,
             )
@@ -92,7 +92,7 @@ def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> Refer
         warnings.append(
             DataWarning(
                 "quaternions",
-                f"{flips} changes of sign between neighbours; q and -q are the same turn, so nothing is lost",
+                f"{flips} changes of sign between neighbours; q and -q are the same rotation, so nothing is lost",
             )
         )
     return reference.with_quaternions(q)
@@ -117,7 +117,7 @@ class _Steps:
         return cls(shift, turn)
 
     def usual(self, share: float) -> tuple[float, float]:
-        """Return a percentile of those steps that are none of zero."""
+        """Return a percentile of the steps that are not zero."""
         return _percentile(self.shift, share), _percentile(self.turn, share)
 
     def above(self, shift: float, turn: float) -> Mask:
@@ -125,7 +125,7 @@ class _Steps:
         return np.asarray((self.shift > shift) | (self.turn > turn))
 
     def text(self, k: int) -> str:
-        """Return a step in words."""
+        """Return the text for a step."""
         return f"{self.shift[k]:.3g} m and {np.degrees(self.turn[k]):.3g} deg"
 
 
@@ -135,7 +135,7 @@ def _percentile(values: Array, share: float) -> float:
 
 
 def _stalls(reference: ReferencePoses) -> tuple[Indices, Indices]:
-    """Return first and last of the poses in stretches where all numbers repeat, without one at the end."""
+    """Return first and last poses of the runs in which all numbers repeat, without a run at the end."""
     parts = [part for part in (reference.positions, reference.quaternions) if part is not None]
     same = np.all([(part[1:] == part[:-1]).all(axis=1) for part in parts], axis=0)
     starts, stops = runs(same)
@@ -144,7 +144,7 @@ def _stalls(reference: ReferencePoses) -> tuple[Indices, Indices]:
 
 
 def _check_frozen(reference: ReferencePoses, kept: Indices) -> None:
-    """Raise an error where the poses stand still and then leap: a robot starts gently."""
+    """Raise an error where the poses repeat and then jump: a robot starts gradually."""
     steps = _Steps.of(reference)
     shift, turn = steps.usual(90.0)
     starts, stops = _stalls(reference)
@@ -153,7 +153,7 @@ def _check_frozen(reference: ReferencePoses, kept: Indices) -> None:
         k = int(np.flatnonzero(frozen)[0])
         raise fault(
             reference.source,
-            f"the pose is frozen for {stops[k] - starts[k] + 1} {rows(reference.source)}, then leaps by "
+            f"the pose is frozen for {stops[k] - starts[k] + 1} {rows(reference.source)}, then jumps by "
             f"{steps.text(int(stops[k]))}{and_more(int(frozen.sum()) - 1, 'places')}: tracking was lost; delete these "
             f"{rows(reference.source)} (a gap is bridged)",
             int(kept[starts[k] + 1]),
@@ -167,13 +167,13 @@ def _in_time(reference: ReferencePoses) -> Mask:
 
 
 def _fresh(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
-    """Return the mask of the poses that do not merely repeat the one before while the body moves."""
+    """Return the mask of the poses that do not only repeat the one before while the body moves."""
     steps = _Steps.of(reference)
     starts, stops = _stalls(reference)
     stale = (stops - starts < _LONG_FREEZE) & steps.above(*steps.usual(50.0))[stops]
     keep = first_of_each(kept.size, starts[stale], stops[stale])
     if np.sum(~keep) > 0.1 * kept.size:
-        # rests are logged as often as motion: thin them alike, for one rate throughout
+        # standstills are logged as often as motion: thin both alike, so that the rate is the same everywhere
         every = round(float(np.mean(stops[stale] - starts[stale]))) + 1
         for start, stop in zip(starts[~stale], stops[~stale], strict=True):
             keep[start : stop + 1] &= np.arange(stop + 1 - start) % every == 0
@@ -189,12 +189,12 @@ def _fresh(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]
 
 
 def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
-    """Return the mask without up to three poses in a row that jump away from those around, which agree.
+    """Return the mask without up to three poses in a row that jump away from their neighbours, which agree.
 
     Raises
     ------
     RecordingError
-        If they are too many for single faults.
+        If there are too many of them.
     """
     steps = _Steps.of(reference)
     shift, turn = steps.usual(25.0)
@@ -215,8 +215,8 @@ def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning])
     if out.size > MAX_OUTLIERS * keep.size:
         raise fault(
             reference.source,
-            f"{out.size} of {keep.size} poses jump away from those around (here by {steps.text(int(out[0]) - 1)}): "
-            "markers lost or swapped, or another body's poses among them; record the reference again",
+            f"{out.size} of {keep.size} poses jump away from their neighbours (here by {steps.text(int(out[0]) - 1)}): "
+            "markers were lost or swapped, or poses of another body are among them; record the reference again",
             int(kept[out[0]]),
         )
     warnings.append(
@@ -230,17 +230,17 @@ def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning])
     return keep
 
 
-def _check_leaps(reference: ReferencePoses, kept: Indices) -> None:
-    """Raise an error where the pose leaps and stays there: another run, swapped markers, a frame reset."""
+def _check_jumps(reference: ReferencePoses, kept: Indices) -> None:
+    """Raise an error where the pose jumps and stays there: another run, swapped markers, a frame set anew."""
     steps = _Steps.of(reference)
     shift, turn = steps.usual(90.0)
-    leaps = steps.above(max(0.25, _FAST * shift), max(0.7, _FAST * turn)) & _in_time(reference)
-    where = np.flatnonzero(leaps)
+    jumps = steps.above(max(0.25, _FAST * shift), max(0.7, _FAST * turn)) & _in_time(reference)
+    where = np.flatnonzero(jumps)
     if where.size:
         k = int(where[0])
         raise fault(
             reference.source,
-            f"the pose leaps by {steps.text(k)} from one to the next{and_more(where.size - 1, 'places')}: poses of "
+            f"the pose jumps by {steps.text(k)} from one to the next{and_more(where.size - 1, 'places')}: poses of "
             "another run, swapped markers, or a frame set anew; split the recording here",
             int(kept[k + 1]),
         )

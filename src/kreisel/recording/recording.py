@@ -16,17 +16,17 @@ from kreisel.recording.settings import RecordingSettings
 Stamps = NDArray[np.int64]
 
 CHUNK = 1 << 17
-"""Rows looked at together where a recording is worked through piece by piece, for want of memory for all."""
+"""Rows of one chunk of a long recording, which does not fit into memory at once."""
 
 
 def chunks(size: int) -> list[slice]:
-    """Return slices of `CHUNK` rows one behind the other; a short rest is taken into the last."""
+    """Return consecutive slices of `CHUNK` rows; a short remainder is added to the last."""
     starts = range(0, max(size - CHUNK // 4, 1), CHUNK)
     return [slice(start, size if start == starts[-1] else start + CHUNK) for start in starts]
 
 
 def excerpt(values: Array, most: int = 4) -> list[Array]:
-    """Return a few pieces of rows (n, …), spread evenly: enough for what is usual."""
+    """Return a few chunks of rows (n, …), spread evenly: enough for usual values such as medians."""
     all_of_them = chunks(len(values))
     chosen = np.unique(np.round(np.linspace(0, len(all_of_them) - 1, most)).astype(int))
     return [values[all_of_them[i]] for i in chosen]
@@ -43,7 +43,7 @@ def angles_over(q: Array, stride: int) -> Array:
 
 @dataclass(frozen=True)
 class DataWarning:
-    """Something a reader of the result should know about the recording; `subject` is what it is about."""
+    """Something to know about the recording; `subject` is what the message is about."""
 
     subject: str
     message: str
@@ -60,13 +60,13 @@ class ImuSamples:
     ----------
     stamps_ns : (n,)
     rates, accelerations : (n, 3)
-        rad/s and m/s^2, as read: not corrected in any way.
+        rad/s and m/s^2, as read, without corrections.
     source
         The file they came from, for messages.
     units
-        What its header states.
+        Units that its header states.
     lateness
-        How far stamps that were put right may all be late, s; 0 where they are as recorded.
+        By how much corrected stamps may all be late, s; 0 where they are as recorded.
     """
 
     stamps_ns: Stamps
@@ -99,7 +99,7 @@ class ReferencePoses:
     quaternions : (m, 4) or None
         q_rb, scalar first, unit length.
     lateness
-        How far stamps that were rounded may all be late, s; 0 where they are exact.
+        By how much rounded stamps may all be late, s; 0 where they are exact.
     """
 
     name: str
@@ -125,7 +125,7 @@ class ReferencePoses:
         return replace(self, quaternions=quaternions)
 
     def part(self, keep: slice | NDArray[np.bool_]) -> ReferencePoses:
-        """Return the poses a slice or a mask selects."""
+        """Return the poses that a slice or a mask selects."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[keep],
@@ -146,7 +146,7 @@ class JointAngles:
 
 @dataclass(frozen=True)
 class Datasheet:
-    """Noise figures that came with the recording but not from its user (EuRoC's sensor.yaml), SI.
+    """Noise figures that a recording contains but its user did not state (EuRoC's sensor.yaml), SI.
 
     Densities per root hertz; random walks of the offsets, unit per second and root hertz.
     """
@@ -159,7 +159,7 @@ class Datasheet:
 
 @dataclass(frozen=True)
 class Recording:
-    """All that one run of the cell left behind; `urdf` is the robot's description, its text."""
+    """All data of one run of the cell; `urdf` is the text of the robot's description."""
 
     path: Path
     imu: ImuSamples
@@ -172,7 +172,7 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """The recording's name: that of its folder or file."""
+        """Name of the recording's folder or file."""
         return self.path.resolve().name
 
     def with_warnings(self, *warnings: DataWarning) -> Recording:

@@ -1,7 +1,7 @@
-"""Regular sampling behind irregular stamps: an IMU's own timer, seen through a computer that stamps late.
+"""Regular sampling restored from irregular stamps, for example where a computer stamps an IMU's samples late.
 
-A sensor with a timer of its own samples evenly; the stamps that reach the file scatter, come late, or in bursts.
-A straight line through the stamps of each unbroken part is then nearer to the moments of sampling than any single
+A sensor with its own timer samples evenly; the stamps in the file scatter, are late, or come in bursts.
+A straight line through the stamps of each segment is then nearer to the moments of sampling than any single
 stamp. Where the readings show that the samples were taken when the stamps say, nothing is changed.
 """
 
@@ -17,31 +17,31 @@ from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
 
 EXACT = 2e-3
-"""Scatter of the stamps, in sampling intervals, below which they are taken as they are."""
+"""Scatter of the stamps, in sampling intervals, below which they are not changed."""
 
 MIN_PART = 100
-"""Samples without which no line is fitted."""
+"""Samples needed to fit a line."""
 
 _BREAK = 0.05
-"""Seconds (and five intervals) without samples that end an unbroken part."""
+"""Seconds (and five intervals) without samples that end a segment."""
 
 _BLOCK = 2.0
-"""Seconds over which stamps are averaged to see whether they follow a straight line."""
+"""Seconds over which stamps are averaged to check whether they follow a straight line."""
 
 _STRAIGHT = 2e-4
-"""s; what these averages may leave a straight line by, their scatter apart."""
+"""s; by how much these averages may deviate from a straight line, besides their scatter."""
 
 _COARSE_NS = 50_000
 """ns; stamps rounded more finely than this are exact."""
 
 _MAX_SEARCHED = 2_000_000
-_LAG = 16  # samples over which the interval is measured: few enough to miss none of them, mostly
+_LAG = 16  # samples over which the interval is measured: few enough that usually none of them is missing
 _TRUE_STAMPS = 0.5
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Numbers (n,) of the samples of a part, first and interval of the line through their stamps, s."""
+    """Numbers (n,) of the samples of a segment, first and interval of the line through their stamps, s."""
 
     number: Stamps
     first: float
@@ -54,7 +54,7 @@ class _Line:
 
 
 def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
-    """Return the samples with the stamps of regular sampling, where there is such a thing, and what was found."""
+    """Return the samples with stamps of regular sampling, if they were sampled regularly, and the warnings about it."""
     stamps = imu.stamps_ns
     if stamps.size < MIN_PART:
         return imu, []
@@ -80,45 +80,45 @@ def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     if np.any(np.diff(ns) <= 0):
         return imu, []
     lost = sum(int(line.number[-1]) + 1 - line.number.size for _, line in lines)
-    # on which side of the line the moments of sampling lie, and how far, the stamps do not tell
+    # the stamps do not show on which side of the line the moments of sampling are, nor how far away
     return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_warning(imu, interval, late, lost)]
 
 
 def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
-    """Return poses with the lateness that comes from rounded stamps, where they are rounded, and what was found.
+    """Return poses with the lateness that comes from rounded stamps, if they are rounded, and the warning about it.
 
-    Few poses are used, at even times: they may all be rounded alike.
+    Few poses are used, at even times: all may be rounded in the same direction.
     """
     stamps = poses.stamps_ns
     if stamps.size < MIN_PART:
         return poses, []
-    grain = int(np.gcd.reduce(np.diff(stamps)))
+    step = int(np.gcd.reduce(np.diff(stamps)))
     seconds, number = (stamps - stamps[0]) * 1e-9, np.arange(stamps.size)
     late = seconds - np.polyval(np.polyfit(number, seconds, 1), number)
     rounding = float(np.std(late))
-    if grain < _COARSE_NS or rounding < 0.05e-9 * grain or np.abs(late).max() > 0.6e-9 * grain:
+    if step < _COARSE_NS or rounding < 0.05e-9 * step or np.abs(late).max() > 0.6e-9 * step:
         return poses, []
-    said = (
-        f"{poses.source.parent.name}: stamps are rounded to {1e-6 * grain:.4g} ms; the standard deviation of the time "
-        f"offset contains {1e3 * rounding:.2g} ms for that"
+    text = (
+        f"{poses.source.parent.name}: stamps are rounded to {1e-6 * step:.4g} ms; the standard deviation of the time "
+        f"offset includes {1e3 * rounding:.2g} ms because of that"
     )
-    return replace(poses, lateness=rounding), [DataWarning("stamps", said)]
+    return replace(poses, lateness=rounding), [DataWarning("stamps", text)]
 
 
 def _warning(imu: ImuSamples, interval: float, late: Array, lost: int) -> DataWarning:
-    """Return what to say of stamps that were replaced."""
+    """Return the warning about stamps that were replaced."""
     largest = float(late[np.argmax(np.abs(late))])
-    said = (
+    text = (
         f"{imu.source.parent.name}: sampled every {1e3 * interval:.5g} ms; stamps scatter about that by "
         f"{1e3 * float(np.std(late)):.2g} ms (up to {1e3 * abs(largest):.2g} ms {'late' if largest > 0 else 'early'})"
     )
     if lost:
-        said += f", {lost} sample{'s are' if lost > 1 else ' is'} missing"
-    return DataWarning("stamps", f"{said}; a straight line through them is used instead")
+        text += f", {lost} sample{'s are' if lost > 1 else ' is'} missing"
+    return DataWarning("stamps", f"{text}; a straight line through them is used instead")
 
 
 def _even(seconds: Array) -> bool:
-    """Return whether stamps are as even as can be, but for missing samples."""
+    """Return whether stamps are even except at missing samples."""
     steps = np.diff(seconds)
     usual = float(np.median(steps))
     if usual <= 0.0:
@@ -128,13 +128,13 @@ def _even(seconds: Array) -> bool:
 
 
 def _repeated_rows(imu: ImuSamples) -> bool:
-    """Return whether a stamp stands twice with the same readings: a row that was written twice."""
+    """Return whether a stamp occurs twice with the same readings: a row that was written twice."""
     same = np.flatnonzero(np.diff(imu.stamps_ns) == 0)
     return bool(same.size and (imu.rates[same + 1] == imu.rates[same]).all(axis=1).any())
 
 
 def _fitted(t: Array) -> _Line | None:
-    """Return the line through the stamps of an unbroken part, or None where they follow none."""
+    """Return the line through the stamps of a segment, or None where they do not follow a line."""
     interval = float(np.median(t[_LAG:] - t[:-_LAG])) / _LAG
     if interval <= 0.0:
         return None
@@ -150,10 +150,10 @@ def _fitted(t: Array) -> _Line | None:
 
 
 def _by_envelope(t: Array, interval: float) -> Stamps | None:
-    """Return numbers of samples whose stamps may be late by several intervals, where some are missing.
+    """Return numbers of samples whose stamps may be late by several intervals, where some samples are missing.
 
-    What is late comes back to the line; after a missing sample all stamps stay an interval later. So the earliest of
-    the stamps to come tells how many are missing.
+    Late stamps return to the line; after a missing sample all stamps are one interval later. So the earliest of
+    the following stamps shows how many samples are missing.
     """
     if t.size > _MAX_SEARCHED:
         return None
@@ -174,7 +174,7 @@ def _by_envelope(t: Array, interval: float) -> Stamps | None:
 
 
 def _earliest_ahead(offset: Array, window: int) -> Array:
-    """Return the least of every value and those that follow within a window, (n,)."""
+    """Return the minimum of every value and those that follow within a window, (n,)."""
     padded = np.concatenate([offset, np.full(window - 1, offset[-window:].min())])
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, window).min(axis=1))
 
@@ -200,14 +200,14 @@ def _robust_line(t: Array, number: Stamps, interval: float) -> _Line:
 
 
 def _straight(left: Array, interval: float) -> bool:
-    """Return whether what stamps leave of a line has no course of its own over seconds."""
+    """Return whether the residuals of stamps from a line have no trend over seconds."""
     size = max(20, round(_BLOCK / interval))
     count = left.size // size
     if count < 2:
         return _spread(left) < 0.5 * interval
     blocks = left[: count * size].reshape(count, size)
     middle = np.median(blocks, axis=1)
-    # the median of so many scattered values is itself uncertain; a few blocks may hold a stall
+    # the median of so many scattered values is itself uncertain; a few blocks may contain a stall
     uncertain = 1.25 * _spread(left) / size**0.5
     away = np.abs(middle - np.median(middle))
     most, all_of_them = _STRAIGHT + 3.0 * uncertain, 4.0 * _STRAIGHT + 8.0 * uncertain
@@ -222,8 +222,8 @@ def _spread(left: Array) -> float:
 def _samples_follow_stamps(imu: ImuSamples, lines: list[tuple[slice, _Line]]) -> bool:
     """Return whether the readings show that samples were taken when the stamps say, unevenly.
 
-    A reading is compared with what its neighbours give for its place in an even series. Had it been taken beside
-    that place, by as much as its stamp says, it would be off by the slope of the signal times that.
+    A reading is compared with the value that its neighbours give for its place in an even series. If it was taken
+    earlier or later, as its stamp says, it differs by the slope of the signal times that time difference.
     """
     products = squares = 0.0
     for part, line in lines:
@@ -234,7 +234,7 @@ def _samples_follow_stamps(imu: ImuSamples, lines: list[tuple[slice, _Line]]) ->
         if even.size < MIN_PART:
             continue
         for channel in imu.rates[part].T:
-            off, moved = (_beside_neighbours(x, even) for x in (channel, late))
+            off, moved = (_off_neighbours(x, even) for x in (channel, late))
             slope = (channel[even + 1] - channel[even - 1]) / (2.0 * line.interval)
             expected = slope * moved
             clear = np.abs(expected) > np.percentile(np.abs(expected), 50)
@@ -243,6 +243,6 @@ def _samples_follow_stamps(imu: ImuSamples, lines: list[tuple[slice, _Line]]) ->
     return squares > 0.0 and products / squares > _TRUE_STAMPS
 
 
-def _beside_neighbours(x: Array, at: Stamps) -> Array:
-    """Return how far values lie from the cubic through two neighbours on either side."""
+def _off_neighbours(x: Array, at: Stamps) -> Array:
+    """Return the distances of values from the cubic through two neighbours on either side."""
     return np.asarray(x[at] - (4.0 * (x[at - 1] + x[at + 1]) - x[at - 2] - x[at + 2]) / 6.0)

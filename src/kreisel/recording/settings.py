@@ -1,4 +1,4 @@
-"""`recording.toml`: what the user knows about the cell. Every key is optional, none is guessed at."""
+"""`recording.toml`: what the user knows about the cell. Every key is optional; kreisel guesses none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kreisel.inertial.noise import GRADES
 
 
 def _between(low: float, high: float) -> Any:
-    """Return the bounds of a figure: far outside of what there is, to catch one in another unit."""
+    """Return the bounds of a figure: far beyond real values, to catch a figure in another unit."""
     return Field(ge=low, le=high, allow_inf_nan=False)
 
 
@@ -44,7 +44,7 @@ class ImuTable(_Table):
 
 
 class SiteTable(_Table):
-    """Where on Earth the cell stands."""
+    """Where on Earth the cell is."""
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
     height_m: Annotated[float, Field(ge=-500.0, le=9000.0)] | None = None
@@ -53,7 +53,7 @@ class SiteTable(_Table):
 
 
 class ReferenceTable(_Table):
-    """What kind of reference it is and how good its poses are (standard deviations)."""
+    """Kind of the reference and accuracy of its poses (standard deviations)."""
 
     kind: Literal["robot", "mocap"] | None = None
     position_sd: Metres | None = None
@@ -63,7 +63,7 @@ class ReferenceTable(_Table):
 
 
 class RobotTable(_Table):
-    """The robot's kinematics and how far the real one may be from them (standard deviations)."""
+    """The robot's kinematics and how far the real robot may be from them (standard deviations)."""
 
     urdf: str | None = None
     tcp: str | None = None
@@ -100,7 +100,7 @@ def read_settings(path: Path) -> RecordingSettings:
         content = tomllib.loads(read_text(path))
     except OSError as error:
         raise RecordingError(
-            f"cannot be read: {error.strerror}; mend it, or remove it and take the defaults", file=path
+            f"cannot be read: {error.strerror}; repair it, or remove it to use the defaults", file=path
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"not UTF-8 text (byte {error.start}); save it in UTF-8", file=path) from error
@@ -117,7 +117,7 @@ def read_settings(path: Path) -> RecordingSettings:
             if key not in _TABLES[name].model_fields:
                 raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[name].model_fields), file=path)
     try:
-        # strict: "0.001" and true are no numbers
+        # strict: "0.001" and true are not numbers
         return RecordingSettings.model_validate(content, strict=True)
     except ValidationError as error:
         raise RecordingError(f"{what_is_wrong(error)}; units are SI", file=path) from error

@@ -1,4 +1,4 @@
-"""What can be wrong with the stamps of a stream: order, doubles, unit, bursts and gaps."""
+"""Checks of the stamps of a stream: order, duplicates, unit, bursts and gaps."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from kreisel.recording.location import and_more, at, fault, is_table, rows
 from kreisel.recording.recording import DataWarning, Stamps
 
 MIN_SECONDS = 5.0
-"""Seconds of recording below which nothing is tried."""
+"""Seconds of recording needed for a calibration."""
 
 LONG_GAP = 0.05
-"""Seconds without IMU samples up to which the motion is bridged, at least five sampling intervals."""
+"""Longest gap in s between IMU samples across which the motion is bridged, at least five sampling intervals."""
 
-_MIN_DURATION, _MAX_DURATION = 1.0, 1e7  # seconds a recording may last in any unit that is proposed
+_MIN_DURATION, _MAX_DURATION = 1.0, 1e7  # s; a unit is proposed only if the recording lasts as long as this in it
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Indices, Indices]:
-    """Return where the stretches of true values begin, and where they have ended."""
+    """Return the first index of each run of true values, and the index after its last."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
@@ -36,7 +36,7 @@ def gaps(stamps_ns: Stamps, longest: float) -> NDArray[np.int64]:
 
 
 def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
-    """Raise an error unless stamps ascend, each alone, without a leap.
+    """Raise an error unless stamps ascend without duplicates and without a jump.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
     """
     if stamps.size < 10:
         raise RecordingError(
-            f"holds {stamps.size} {what} {rows(source)}; too few for anything: record longer", file=source
+            f"holds {stamps.size} {what} {rows(source)}; expected 10 or more: record longer", file=source
         )
     distance = np.abs(stamps - np.median(stamps))
-    if distance.max() > 4e18:  # differences of 64 bit integers would run over
+    if distance.max() > 4e18:  # differences of 64 bit integers would overflow
         k = int(np.argmax(distance))
-        raise fault(source, f"the stamp {stamps[k]} ns is out of all proportion; repair or delete the row", k)
+        raise fault(source, f"the stamp {stamps[k]} ns is far from all others; repair or delete the row", k)
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
     if back.size:
@@ -70,14 +70,14 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
     if same.size > 0.2 * steps.size:
         raise fault(
             source,
-            f"{same.size} of {stamps.size} stamps repeat the one before: they have lost their last digits, as where "
+            f"{same.size} of {stamps.size} stamps repeat the one before: they have lost their last digits, as when "
             "seconds or milliseconds were rounded; write them with all digits",
             int(same[0]) + 1,
         )
     if same.size:
         raise fault(
             source,
-            f"the stamp {stamps[same[0]]} stands twice{and_more(same.size - 1, rows(source))}; delete the duplicates",
+            f"the stamp {stamps[same[0]]} occurs twice{and_more(same.size - 1, rows(source))}; delete the duplicates",
             int(same[0]) + 1,
         )
     usual = float(np.median(steps))
@@ -86,7 +86,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
         k = int(far[0])
         raise fault(
             source,
-            f"stamps leap by {steps[k] * 1e-9:.6g} s here (usual step {usual * 1e-9:.4g} s): "
+            f"stamps jump by {steps[k] * 1e-9:.6g} s here (usual step {usual * 1e-9:.4g} s): "
             "the clock was set during the recording; split the recording here",
             k + 1,
         )
@@ -94,7 +94,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
 
 @dataclass(frozen=True)
 class Stamped:
-    """Stamps of a stream with what is known of it.
+    """Stamps of a stream, with their source, unit and usual rates.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Stamped:
 
     @property
     def seconds(self) -> float:
-        """From the first to the last stamp, as read."""
+        """Seconds from the first to the last stamp, as read."""
         return float(self.stamps[-1] - self.stamps[0]) * 1e-9
 
     @property
@@ -138,12 +138,12 @@ class Stamped:
 
 
 def check_rate(stream: Stamped, other: Stamped | None = None) -> None:
-    """Raise an error if stamps come at a rate that no such device has.
+    """Raise an error if stamps have a rate that no such device has.
 
     Parameters
     ----------
     other
-        The stream recorded beside it, as evidence of the unit.
+        The stream recorded with it, as evidence of the unit.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def check_rate(stream: Stamped, other: Stamped | None = None) -> None:
     if lost > 0.5 * steps.size and np.count_nonzero(short) > 0.02 * steps.size:
         raise RecordingError(
             f"stamps come in bursts: the usual step is {usual * 1e-6:.4g} ms, the mean {np.mean(steps) * 1e-6:.4g} ms. "
-            "They seem to be times of arrival; record the sensor's own stamps, or look for lost samples",
+            "They seem to be times of arrival; record the sensor's own stamps, or check for lost samples",
             file=stream.source,
         )
     if not stream.comes_at_such_a_rate():
@@ -168,7 +168,7 @@ def check_rate(stream: Stamped, other: Stamped | None = None) -> None:
 
 
 def check_duration(stream: Stamped, other: Stamped | None = None) -> None:
-    """Raise an error if a stream is too short to be used, or far from as long as the one recorded beside it.
+    """Raise an error if a stream is too short to be used, or far shorter or longer than the one recorded with it.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def check_duration(stream: Stamped, other: Stamped | None = None) -> None:
 
 
 def _fitting_units(stream: Stamped, other: Stamped | None) -> list[str]:
-    """Return the units in which a stream's rate, its duration, and that of the stream beside it all are possible."""
+    """Return the units in which a stream's rate, its duration, and that of the other stream are all possible."""
     if other is not None and (other.stamps.size < 10 or other.seconds <= 0.0 or not other.comes_at_such_a_rate()):
         other = None  # its own unit is in question
     fitting = []
@@ -206,20 +206,20 @@ def _fitting_units(stream: Stamped, other: Stamped | None) -> list[str]:
 
 
 def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
-    """Return what to do about stamps of a wrong unit: the end of a sentence."""
+    """Return the remedy for stamps of a wrong unit: the end of a sentence."""
     fitting = _fitting_units(stream, other)
     units = " or ".join(f"[{unit}]" for unit in fitting)
     if not fitting:
-        beside = "" if other is None else f" and {other.name}"
-        return f"; no unit of stamps fits their rate, their duration{beside}: look how the stamps are made"
+        also = "" if other is None else f" and {other.name}"
+        return f"; no unit of stamps fits their rate, their duration{also}: check how the stamps are made"
     if not is_table(stream.source):
         return f"; they look like {units}: write seconds and nanoseconds into the messages' headers"
-    says = "" if stream.unit is None else f"the header says [{stream.unit}], but "
-    return f"; {says}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
+    stated = "" if stream.unit is None else f"the header says [{stream.unit}], but "
+    return f"; {stated}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
 
 
 def gap_warnings(stamps: Stamps, source: Path, longest: float) -> list[DataWarning]:
-    """Return what to say of missing samples: those bridged in one sentence, each long gap in one."""
+    """Return the warnings about missing samples: one for all bridged gaps, one for each long gap."""
     steps = np.diff(stamps) * 1e-9
     usual = float(np.median(steps))
     long = gaps(stamps, longest)

@@ -1,1 +1,1 @@
-"""HTML reports: of one calibration in five sections, and of several devices. One file each, nothing fetched."""
+"""HTML reports: of one calibration in five sections, and of several devices. Each is one file that works offline."""

@@ -1,4 +1,4 @@
-"""What the report shows, taken out of a calibration's outcome: numbers in the units they are shown in."""
+"""The data of the report, taken from a calibration's outcome, in the units of the report."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EXCERPT = 8.0
 """Seconds of the recording shown raw and corrected."""
 
 MAX_MARKERS = 2000
-"""Markers of one kind in a figure; more of them only slow a browser down."""
+"""Largest number of markers of one kind in a figure; more of them make a browser slow."""
 
 _MARGIN = 50
 _HISTOGRAM_EDGES = np.linspace(-5.0, 5.0, 41)
@@ -40,7 +40,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class ClockStep:
-    """A step on the way to the time relation: start of the reference in IMU seconds, and skew."""
+    """A step of finding the time relation: start of the reference in IMU seconds, and skew."""
 
     name: str
     start: float
@@ -49,7 +49,7 @@ class ClockStep:
 
 @dataclass(frozen=True)
 class Excitation:
-    """Readings as they came (deg/s, m/s^2), standstills (k, 2) and rejected updates in IMU seconds.
+    """Raw readings (deg/s, m/s^2), standstills (k, 2) and rejected updates in IMU seconds.
 
     `gyro_rate` and `reference_rate` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
     """
@@ -86,7 +86,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Innovations at every update: position (u, 3) mm, attitude (u, 3) mrad, and what they say.
+    """Innovations at every update: position (u, 3) mm, attitude (u, 3) mrad, and their statistics.
 
     The histogram's densities belong to the bins between `edges`; `normal` is the unit normal's at `steps`.
     """
@@ -109,9 +109,9 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Change:
-    """What the calibration changes in the readings of one triad over a excerpt.
+    """Change of the readings of one triad by the calibration over an excerpt.
 
-    raw (turned by the nominal mount) and corrected in deg/s or m/s^2; their difference, and its rms by
+    raw (rotated by the nominal mount) and corrected in deg/s or m/s^2; their difference, and its rms by
     cause, in deg/s or mg.
     """
 
@@ -123,7 +123,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Difference:
-    """The change of rates and of specific forces over a telling excerpt, in IMU seconds."""
+    """The change of rates and of specific forces over the excerpt with the most rotation, in IMU seconds."""
 
     start: float
     stop: float
@@ -133,7 +133,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Track:
-    """An estimate and its standard deviation over the updates, and what is reported in the end."""
+    """An estimate and its standard deviation over the updates, and the reported values."""
 
     axis: str
     seconds: Single
@@ -147,7 +147,7 @@ class Track:
 class Uncertainty:
     """Tracks by quantity, three axes each or one alone; prior and posterior; correlations (n, n).
 
-    `names` and `groups` say to which parameter a row of the others belongs. Tracks of lever arms and time
+    `names` and `groups` state to which parameter a row of the others belongs. Tracks of lever arms and time
     offset are less the reported value; those of offsets are biases, -k_0.
     """
 
@@ -349,7 +349,7 @@ def _kind(name: str, h: History, which: Mask) -> Kind:
 
 
 def _density(whitened: Array) -> Array | None:
-    """Return the histogram's densities, the outermost bins holding what lies beyond; None for too few."""
+    """Return the histogram's densities, the outermost bins with all values beyond; None for too few values."""
     values = whitened[np.isfinite(whitened)]
     if values.size < 30:
         return None
@@ -387,7 +387,7 @@ def _difference(outcome: Outcome, excerpt: slice) -> Difference:
 
 
 def _parts(raw: Array, K: Array, k: Array, mount: Array, corrected: Array) -> dict[str, Array]:
-    """Return the parts the correction consists of, (n, 3) each; their sum is corrected less mounted raw."""
+    """Return the parts of the correction, (n, 3) each; their sum is corrected less raw rotated by the mount."""
     curved = polynomial(raw, k) - raw - k[0]
     parts = {
         "offset": np.broadcast_to(K @ k[0], raw.shape),
@@ -472,11 +472,11 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
 
 
 def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
-    """Return estimates over time (u, n), led to the reported values.
+    """Return estimates over time (u, n), shifted so that they end at the reported values.
 
-    The reported values carry the stated prior instead of what the run began with, by the whole covariance. Here,
-    where only standard deviations are kept, the line is led there as the share of the beginning in each parameter
-    falls to its last one.
+    The reported values contain the stated prior instead of the belief the run started with, by the whole covariance.
+    Over time only standard deviations are kept. The line therefore approaches the reported value in proportion to the
+    decrease of the start's share in each parameter.
     """
     problem, run = outcome.problem, outcome.estimate.run
     moved = values.copy()
@@ -493,7 +493,7 @@ def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
 def _scales(K: Array, deviation: Array, correlation: Array) -> tuple[Array, Array]:
     """Return scale errors and standard deviations (u, 3), ppm, of matrices K (u, 9).
 
-    The correlations (9, 9) are those of the end, taken to have held all along.
+    The correlations (9, 9) are the final ones, assumed at all times.
     """
     matrices = K.reshape(-1, 3, 3)
     rows = np.linalg.inv(matrices)

@@ -26,7 +26,7 @@ _BOUNDS = (0.1, 0.01)
 
 @dataclass(frozen=True)
 class Device:
-    """One device: its name, its errors group by group, how its offsets came in, their truth, and its own report."""
+    """One device: its name, its errors by group, the convergence of its offsets, their truth, and its own report."""
 
     name: str
     errors: dict[str, GroupError]
@@ -68,7 +68,7 @@ def error_table(devices: Sequence[Device]) -> Table:
 
 
 def time_table(devices: Sequence[Device]) -> Table:
-    """Return when the accelerometers' offsets were within the bounds for good."""
+    """Return the time after which the accelerometers' offsets stay within the bounds."""
 
     def cell(device: Device, bound: float) -> str:
         seconds = device.convergence.time_within(bound * MG, device.true_offset)
@@ -114,7 +114,7 @@ def offset_figure(devices: Sequence[Device]) -> Figure:
         "offsets",
         "Accelerometer offsets (corrections, k_a0) while the filter runs",
         "As figure 4 of Fox and Janocha (2005): estimates with bands of two standard deviations, truth dotted. The "
-        "filter begins knowing the grade alone. Good: bands close in on the truth and hold it.",
+        "filter starts with the grade of the device only. Good: the bands become narrow and contain the truth.",
         plots.plot(data, layout),
         shape="wide",
     )
@@ -141,9 +141,9 @@ def error_figure(devices: Sequence[Device]) -> Figure:
     layout["yaxis"] = {**layout["yaxis"], **plots.logarithmic(float(low), float(high))}
     return Figure(
         "errors",
-        "How fast they come in",
+        "Speed of convergence",
         "Largest of the three errors (lines), largest standard deviation (dotted); dashed: 0.1 mg, the paper's, and "
-        "0.01 mg. Good: the lines run along their dotted companions.",
+        "0.01 mg. Good: each line follows its dotted line.",
         plots.plot(data, layout),
         shape="wide",
     )

@@ -1,4 +1,4 @@
-"""The report's figures, each with a caption that says what a good one looks like."""
+"""The report's figures, each with a caption that describes a good one."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _SETTLED = 6.0
 def excitation_figures(e: Excitation) -> list[Figure]:
     """Return the figures of section 1."""
     count = e.rejected.size
-    aside = f" Rejected updates: {count}, marked by crosses at the top." if count else " No update was rejected."
+    note = f" Rejected updates: {count}, marked by crosses at the top." if count else " No update was rejected."
     figures = [
         Figure(
             "rates",
             "Angular rates",
             "Raw gyro readings; standstills are shaded. Good: all three axes turn strongly between any two standstills."
-            + aside,
+            + note,
             _over_time(e.rates, "Angular rate (deg/s)", e),
             link="excitation",
             shape="wide",
@@ -40,8 +40,8 @@ def excitation_figures(e: Excitation) -> list[Figure]:
         Figure(
             "accelerations",
             "Accelerations",
-            "Raw accelerometer readings. Good: gravity visits every axis in both directions from one standstill to the "
-            "next, and there is motion in between." + aside,
+            "Raw accelerometer readings. Good: over the standstills gravity acts along every axis in both directions, "
+            "and there is motion in between." + note,
             _over_time(e.forces, "Acceleration (m/s²)", e),
             link="excitation",
             shape="wide",
@@ -52,8 +52,8 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             Figure(
                 "synchronisation",
                 "Time relation",
-                "Length of the angular rate by the gyros and by the reference, brought onto one clock, over a telling "
-                "stretch. Good: the two lie on each other, peaks at the same moments.",
+                "Norm of the angular rate by the gyros and by the reference, on one clock, over the excerpt with the "
+                "most rotation. Good: the two curves coincide, with peaks at the same times.",
                 plots.plot(
                     [plots.line(e.gyro_rate, "gyros", "x"), plots.line(e.reference_rate, "reference", "y", dash="dot")],
                     plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
@@ -71,7 +71,7 @@ def residual_figures(r: Residuals) -> list[Figure]:
             f"innovations-{name}",
             f"Innovations of {name}",
             f"Reference less predicted {name} at every update. Good: a structureless band about zero, narrower at "
-            "standstill than on the path; slow waves mean errors the model does not know.",
+            "standstill than on the path; slow waves mean errors that are not modelled.",
             _innovations(r, values, f"Innovation of {name} ({unit})"),
             link="residuals",
         )
@@ -92,14 +92,14 @@ def residual_figures(r: Residuals) -> list[Figure]:
             "histogram",
             "Whitened innovations",
             "How often innovations of each size occur, each divided by its expected deviation. Good: the steps follow "
-            "the unit normal's curve; what exceeds five deviations is counted in the outermost bins.",
+            "the unit normal's curve; values beyond five deviations are counted in the outermost bins.",
             _histogram(r),
         ),
         Figure(
             "autocorrelation",
             "Autocorrelation of whitened innovations",
             "Mean over the three axes, updates on the path. Good: within the 95 % band of white noise; "
-            "a slow decay means errors that last over several updates, which the standard deviations then allow for.",
+            "a slow decay means errors that last over several updates; the standard deviations are inflated for them.",
             _autocorrelation(r),
             shape="wide",
         ),
@@ -113,30 +113,30 @@ def difference_figures(d: Difference) -> list[Figure]:
         Figure(
             "rates-corrected",
             "Angular rate, raw and corrected",
-            f"From {where}, raw readings turned by the nominal mount. Good: the two hardly differ by eye.",
+            f"From {where}, raw readings rotated by the nominal mount. Good: the two curves look nearly the same.",
             _raw_and_corrected(d.rates, "Angular rate (deg/s)"),
             link="difference",
         ),
         Figure(
             "rates-difference",
             "Angular rate, corrected less raw",
-            "What the calibration changes. Good: it follows the rates themselves (scale and misalignment) above a "
-            "constant (offset), and nothing jumps.",
+            "Change by the calibration. Good: a constant (offset) with a share that follows the rates themselves "
+            "(scale and misalignment), without jumps.",
             _axes_plot(d.rates.difference, "Change of angular rate (deg/s)"),
             link="difference",
         ),
         Figure(
             "forces-corrected",
             "Specific force, raw and corrected",
-            f"From {where}, raw readings turned by the nominal mount. Good: the two hardly differ by eye, unless the "
-            "accelerometers sit far from the origin of b.",
+            f"From {where}, raw readings rotated by the nominal mount. Good: the two curves look nearly the same, "
+            "unless the accelerometers are far from the origin of b.",
             _raw_and_corrected(d.forces, "Specific force (m/s²)"),
             link="difference",
         ),
         Figure(
             "forces-difference",
             "Specific force, corrected less raw",
-            "What the calibration changes. Good: a constant (offset) with a share that follows the motion; noise here "
+            "Change by the calibration. Good: a constant (offset) with a share that follows the motion; noise here "
             "comes from the lever arms, which need the rates' derivative.",
             _axes_plot(d.forces.difference, "Change of specific force (mg)"),
             link="difference",
@@ -190,7 +190,7 @@ def track_figures(u: Uncertainty) -> list[Figure]:
 def _track_caption(group: str) -> str:
     text = (
         "Line: estimate after each update; band: two standard deviations either way; dotted: the value reported. "
-        "Good: the band narrows quickly and the line stays within what it was before."
+        "Good: the band narrows quickly and the line stays within the earlier, wider band."
     )
     if group == "accel_offset":
         return text + " This is figure 4 of Fox and Janocha (2005), with its uncertainty."
@@ -203,8 +203,8 @@ def matrix_figure(u: Uncertainty) -> Figure:
         "correlations",
         "Correlations of the estimates",
         "Correlation coefficients of all estimated parameters. Good: faint off the diagonal; a strong colour "
-        "there is a pair this motion can hardly tell apart. φ is the tilt, n north in the level plane, t₀ and s the "
-        "clocks' offset and skew.",
+        "there is a pair that this motion can hardly distinguish. φ is the tilt, n north in the level plane, t₀ and s "
+        "the clocks' offset and skew.",
         _matrix(u),
         shape="square",
     )
@@ -216,9 +216,8 @@ def drift_figures(unseen: Unseen) -> list[Figure]:
         Figure(
             f"drift-{name}",
             f"Drift of {name} on unseen data",
-            f"Error free navigation gathers from one update to the next, after {unseen.trained_until:.0f} s, which the "
-            "parameters used here have not reference_rate. Good: calibrated lies well below nominal, down at the "
-            "reference's noise.",
+            f"Error of free navigation from one update to the next, after {unseen.trained_until:.0f} s; this "
+            "calibration did not use these data. Good: calibrated lies well below nominal, near the reference's noise.",
             _drift(getattr(unseen.nominal, name), getattr(unseen.calibrated, name), f"Drift of {name} ({unit})"),
             link="drift",
         )
@@ -285,13 +284,13 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
                 for i in range(3)
             ]
     if (~r.used).any():
-        seconds, aside = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
-        data.append({**plots.markers(seconds, aside, "rejected", "alert", symbol="x", size=6)})
+        seconds, rejected = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
+        data.append({**plots.markers(seconds, rejected, "rejected", "alert", symbol="x", size=6)})
     layout = plots.layout_of(_TIME, title)
     usual = np.abs(values[r.used])
     usual = usual[np.isfinite(usual)]
     if usual.size:
-        # one wild innovation must not flatten all others; a double click shows it
+        # one very large innovation must not set the scale for all others; a double click shows it
         limit = 1.15 * min(float(usual.max()), 3.0 * float(np.percentile(usual, 98)))
         layout["yaxis"]["range"] = [-limit, limit]
     return plots.plot(data, layout)
@@ -405,7 +404,7 @@ def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Plot]:
 
 
 def _settled_range(tracks: Sequence[Track]) -> tuple[float, float]:
-    """Return a range that holds the bands from where they are within a few times the last one's width."""
+    """Return a range that contains the bands, from where they are within a few times the last one's width."""
     low, high = np.inf, -np.inf
     for track in tracks:
         narrow = np.flatnonzero(track.deviation <= _SETTLED * track.deviation[-1])

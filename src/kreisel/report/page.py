@@ -1,4 +1,4 @@
-"""The page itself: one HTML file that needs nothing but a browser."""
+"""The page itself: one HTML file that needs only a browser."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_report(
     Parameters
     ----------
     cross, injection
-        Validations; the report says which are missing.
+        Validations; the report names the missing ones.
     """
     Path(path).write_text(render(extract(outcome, cross, injection)), encoding="utf-8")
 

@@ -1,8 +1,8 @@
-"""What plotly's plots are made of: plain dictionaries, arrays in base64, colours by name.
+"""Elements of plotly's plots: plain dictionaries, arrays in base64, colours by name.
 
 A colour is written ``@name`` or ``@name/opacity``; the page replaces it by that of the light or the dark
-palette. Building dictionaries instead of plotly's own objects keeps a report under a second; a test hands
-them to plotly's validation.
+palette. With dictionaries instead of plotly's own objects a report takes less than a second; a test checks
+them with plotly's validation.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PALETTES: dict[str, dict[str, str]] = {
         "ground": "24,28,33",
     },
 }
-"""Red, green and blue of every named colour; x, y, z after Okabe and Ito, whom the colour-blind can tell apart."""
+"""Red, green and blue of every named colour; x, y, z after Okabe and Ito: colour-blind people can distinguish them."""
 
 
 def packed(values: NDArray[Any]) -> Plot:
@@ -151,7 +151,7 @@ def area(x: Sequence[float], low: Sequence[float], high: Sequence[float], name: 
 
 
 def logarithmic(low: float, high: float) -> Plot:
-    """Return what makes an axis logarithmic from 10^low to 10^high, with ticks that read as numbers."""
+    """Return the settings of a logarithmic axis from 10^low to 10^high, with numbers as ticks."""
     low, high = low - 0.15, high + 0.15
     decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
     digits = (1, 2, 5) if high - low < 1.6 else (1,)
@@ -180,7 +180,7 @@ def remark(text: str) -> Plot:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: where it goes, what it is, and what a good one looks like.
+    """A figure: its name, its title, its caption and its plot.
 
     `link` names figures whose time axes move together; `shape` is empty for half the width, "wide" for
     all of it, "square" for as much as a square takes.

@@ -28,14 +28,14 @@ def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str]
     """
     figures = [_scores(scores)] if scores else []
     table = Table(
-        "Error against what the calibration says of it", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=2
+        "Error and the calibration's standard deviation", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=2
     )
     page = fill("study.html", figures, title=title, lead=lead, table_of_groups=table, facts=facts, figures=figures)
     path.write_text(page, encoding="utf-8")
 
 
 def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
-    """Return the distribution of scores: share within so many standard deviations, against the normal one."""
+    """Return the distribution of scores: share within so many standard deviations, with the normal one."""
     x = np.linspace(0.0, 4.0, 81)
     data: list[Plot] = []
     for i, (name, values) in enumerate(scores):
@@ -44,16 +44,16 @@ def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
         curve = Curve(x.astype(np.float32), share.astype(np.float32))
         dash = ("solid", "dash", "dot")[i // 3 % 3]
         data.append(plots.line(curve, name, "xyz"[i % 3], dash=dash, hovertemplate="%{y:.3f} within %{x:.2f} sd"))
-    # error function by its series in numpy's own terms: share of a normal variable within x
+    # share of a normal variable within x, by numerical integration
     fine = np.linspace(0.0, 4.0, 4001)
     density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * fine**2)
     normal = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
-    data.append(plots.line(Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "honest",
+    data.append(plots.line(Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "expected",
                            "muted", width=2.0, hovertemplate=None, hoverinfo="skip"))  # fmt: skip
     return Figure(
         "scores",
         "Share of errors within so many standard deviations",
-        "Good: every line runs along the grey one. Above it deviations are too large, below it too small.",
+        "Good: every line follows the grey one. Above it standard deviations are too large, below it too small.",
         plots.plot(data, plots.layout_of("standard deviations", "share of errors", height=360)),
         shape="wide",
     )

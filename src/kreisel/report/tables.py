@@ -1,4 +1,4 @@
-"""Tables of the report: numbers as text, rounded to what their standard deviations carry."""
+"""Tables of the report: numbers as text, rounded by their standard deviations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ UNITS: dict[str, tuple[str, float]] = {group.name: (group.unit, group.size) for 
 
 @dataclass(frozen=True)
 class Row:
-    """Cells of a row, the first its title; `weak` where the motion does not bear the numbers out.
+    """Cells of a row, the first its title; `weak` where the numbers are not observable or not good.
 
     `bar` is a share from 0 to 1 drawn behind the last cell.
     """
@@ -43,7 +43,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: what it says, its columns, its rows.
+    """A table: its title, its columns, its rows.
 
     The first `text` columns are not numbers; `broad` tables turn their rows into blocks on a narrow screen.
     """
@@ -87,7 +87,7 @@ def _minus(text: str) -> str:
 
 @dataclass(frozen=True)
 class Support:
-    """Which parameters were estimated, and which of them the motion shows."""
+    """Which parameters were estimated, and which of them are observable."""
 
     fixed: tuple[str, ...]
     held: tuple[str, ...]
@@ -108,27 +108,27 @@ class Support:
         )
 
     def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
-        """Return whether the motion shows a quantity that depends on groups, or on a part of one."""
+        """Return whether a quantity that depends on groups, or on a part of one, is observable."""
         for group, word in ((g, w) for g in groups for w, those in self._not_estimated() if g in those):
             return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
         names = [name for group in groups for name in parameter_names(group, self.order)[part]]
-        shown = sum(name not in self.unobservable for name in names)
-        if shown == len(names):
+        observable = sum(name not in self.unobservable for name in names)
+        if observable == len(names):
             return "yes"
-        return "no" if shown == 0 else f"in part ({shown} of {len(names)} parameters)"
+        return "no" if observable == 0 else f"in part ({observable} of {len(names)} parameters)"
 
     def _not_estimated(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         return ("fixed", self.fixed), ("held at nominal", self.held)
 
     def of_name(self, name: str) -> str:
-        """Return whether the motion shows one parameter."""
+        """Return whether one parameter is observable."""
         if name in self.not_narrowed:
             return "no"
         return "too weakly" if name in self.unobservable else "yes"
 
 
 def key_table(outcome: Outcome) -> Table:
-    """Return the result in the words and units of data sheets: the sensors' errors."""
+    """Return the result in the terms and units of data sheets: the sensors' errors."""
     calibration, support = outcome.calibration, Support.of(outcome)
     rows = []
     for quantity in QUANTITIES:
@@ -169,7 +169,7 @@ def _timing_rows(timing: Timing, support: Support) -> list[Row]:
 
 
 def unobservable_by_group(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the parameters the motion does not show, as path and the indices or names under it."""
+    """Return the parameters that are not observable, as path and the indices or names under it."""
     found: dict[str, list[str]] = {}
     for name in outcome.observability.unobservable:
         path, bracket, index = name.partition("[")
@@ -215,12 +215,12 @@ def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
 
 
 def nis_table(residuals: Residuals) -> Table:
-    """Return the mean NIS of each kind of update with what it should be."""
+    """Return the mean NIS of each kind of update with the band in which it should lie."""
     rows = []
     for kind in residuals.kinds:
         low, high = kind.mean_bounds
         fits = low <= kind.mean <= high
-        word = "as believed" if fits else "larger" if kind.mean > high else "smaller"
+        word = "as assumed" if fits else "larger" if kind.mean > high else "smaller"
         rows.append(
             Row(
                 (
@@ -240,7 +240,7 @@ def nis_table(residuals: Residuals) -> Table:
 
 
 def noise_table(outcome: Outcome) -> Table:
-    """Return the noise figures finally believed."""
+    """Return the noise figures finally assumed."""
     noise, reference = outcome.problem.noise.reference, outcome.problem.reference
     gyro, accel = imu_density(outcome.problem)
     absent = {"mm": reference.positions is None, "mrad": reference.quaternions is None}
@@ -255,7 +255,7 @@ def noise_table(outcome: Outcome) -> Table:
     ):
         if not absent.get(unit):
             rows.append(Row((title, unit, number(value / size))))
-    return Table("Noise believed in the end", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
+    return Table("Noise finally assumed", ("Source", "Unit", "Standard deviation or density"), tuple(rows), 2)
 
 
 def cause_table(difference: Difference) -> Table:
@@ -266,7 +266,7 @@ def cause_table(difference: Difference) -> Table:
         ("specific force", "mg", difference.forces),
     ):
         rows.extend(_cause_rows(title, unit, change))
-    return Table("Change by cause, rms over the stretch", ("Cause", "Unit", "x", "y", "z"), tuple(rows), 2)
+    return Table("Change by cause, rms over the excerpt", ("Cause", "Unit", "x", "y", "z"), tuple(rows), 2)
 
 
 def _cause_rows(title: str, unit: str, change: Change) -> Iterable[Row]:
@@ -312,7 +312,7 @@ def parameter_table(data: ReportData) -> Table:
 
 
 def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
-    """Return the robot's errors joint by joint, and what they do to its poses; None where none were estimated."""
+    """Return the robot's errors joint by joint, and their effect on its poses; None where none were estimated."""
     robot = outcome.calibration.robot
     if robot is None:
         return None
@@ -338,12 +338,12 @@ def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
         return Row((title, number(1e3 * error.position), number(1e3 * error.orientation)))
 
     poses = Table(
-        "Pose error, rms over the motion's poses, apart from where base and tool frames lie",
+        "Pose error, rms over the motion's poses, without errors of the base and tool frames",
         ("", "Position (mm)", "Orientation (mrad)"),
         (
             row("Expected before", robot.before),
-            row("Taken away by the errors found", robot.found),
-            row("Expected to be left", robot.after),
+            row("Removed by the estimated errors", robot.found),
+            row("Expected to remain", robot.after),
         ),
     )
     return poses, placements
@@ -352,7 +352,7 @@ def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
 def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the groups that were not estimated, each with why."""
     settings = outcome.problem.settings
-    out = [(g, "held at its nominal value: the motion does not show it") for g in outcome.problem.held]
+    out = [(g, "held at its nominal value: not observable") for g in outcome.problem.held]
     at = dict(settings.held_at)
     out += [(g, f"fixed by the user{', at the value given' if g in at else ''}") for g in GROUPS if g in settings.fixed]
     return out

@@ -1,4 +1,4 @@
-"""Templates filled in, with the figures drawn on the page."""
+"""Rendering of templates, with the figures drawn on the page."""
 
 from __future__ import annotations
 
@@ -33,6 +33,6 @@ def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
 
 
 def _script(content: object) -> Markup:
-    """Return JSON that may stand in a script: nothing in it can end the script or begin a comment."""
+    """Return JSON for use within a script: nothing in it can end the script or begin a comment."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

@@ -1,4 +1,4 @@
-"""Curves thin enough to be drawn, with every peak of the full ones."""
+"""Thinned curves for drawing, with every peak of the full ones."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def thinned(x: Array, y: Array, points: int = MAX_POINTS) -> Curve:
     Parameters
     ----------
     x, y : (n,)
-        x ascending. Where it leaps over more than a second, and over what thinning leaves out, the
+        x ascending. Where it jumps by more than a second, and by more than thinning leaves out, the
         curve is interrupted.
     """
     chosen = _extremes(y, points)
@@ -66,5 +66,5 @@ def _longest_step(x: Array, chosen: Indices) -> float:
 
 
 def _interrupted(x: Array, y: Array, longest: float) -> Curve:
-    leaps = np.flatnonzero(np.diff(x) > longest) + 1
-    return Curve(np.insert(x, leaps, np.nan).astype(np.float32), np.insert(y, leaps, np.nan).astype(np.float32))
+    jumps = np.flatnonzero(np.diff(x) > longest) + 1
+    return Curve(np.insert(x, jumps, np.nan).astype(np.float32), np.insert(y, jumps, np.nan).astype(np.float32))

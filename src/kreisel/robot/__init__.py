@@ -1,4 +1,4 @@
-"""Robot arms: their kinematics, and the motions that suit a calibration.
+"""Robot arms: their kinematics, and motions suitable for a calibration.
 
 Needs pinocchio and ruckig, which `pip install kreisel[robot]` brings.
 """

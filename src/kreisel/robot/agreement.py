@@ -1,8 +1,8 @@
-"""Whether the poses a controller reports are those of a model at the reported joint angles, up to base and tool.
+"""Check that the poses a controller reports are those of a model at the reported joint angles, up to base and tool.
 
 The reported pose is base * model * tool, with base and tool constant and unknown. Between two poses of the arm the
-motion of the tool is then the model's, seen from elsewhere: the angle it turns by, and the shift along the axis of that
-turn, are the same. One pose alone determines nothing but the tool for an assumed base.
+motion of the tool is then the model's in other coordinates: the angle of its rotation, and the shift along the axis of
+that rotation, are the same. One pose alone determines only the tool for an assumed base.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
 
 ANGLE = math.radians(1.5)
-"""rad; turns of model and controller that differ by more are those of different robots."""
+"""rad; rotations of model and controller that differ by more are those of different robots."""
 
 SHIFT = 0.025
 """m; the same for shifts: a controller's own calibration changes its poses by centimetres at most."""
 
 APART = math.radians(2.0)
-"""rad; poses are compared once a joint has turned by so much."""
+"""rad; poses are compared once a joint has turned by this angle."""
 
 SLOW = 0.5
 """rad/s; poses of a faster arm are not compared: angles and pose may be of different moments."""
 
-_TURNS = (0.2, 2.9)  # rad; turns between whose axis is well defined
+_TURNS = (0.2, 2.9)  # rad; range of rotation angles for which the axis is well defined
 _MAX_POSES = 60
 _AGAIN = 2  # poses in a row that must disagree
 
 
 class Reported(Protocol):
-    """What a controller reports at a moment: stamp (ns), joint angles (rad), position (m) and attitude of its tool."""
+    """Report of a controller at a moment: stamp (ns), joint angles (rad), position (m) and attitude of its tool."""
 
     @property
     def stamp_ns(self) -> int:
@@ -60,14 +60,14 @@ class Reported(Protocol):
 
 @dataclass(frozen=True)
 class Tool:
-    """The tool that explains one reported pose, for the better of two bases: the model's, or turned by 180 deg about z.
+    """The tool that explains one reported pose, for the better of two bases: the model's, or it turned 180 deg about z.
 
     Attributes
     ----------
     length, angle
         Of the tool, m and rad.
     turned
-        Whether the base is turned.
+        Whether the base is rotated.
     """
 
     length: float
@@ -76,7 +76,7 @@ class Tool:
 
 
 def tool_of(arm: Arm, sample: Reported) -> Tool | None:
-    """Return the tool that explains a reported pose; None where the robot reports no whole pose."""
+    """Return the tool that explains a reported pose; None where the robot does not report position and attitude."""
     if sample.position is None or sample.quaternion is None:
         return None
     (p,), (q,) = kinematics.poses(arm, np.array([sample.joints]))
@@ -90,14 +90,14 @@ def tool_of(arm: Arm, sample: Reported) -> Tool | None:
 
 
 class Agreement:
-    """Poses compared while an arm moves.
+    """Comparison of poses while an arm moves.
 
     Attributes
     ----------
     complaint
-        How model and controller disagree, or None.
+        Message that says how model and controller disagree, or None.
     turned
-        Largest turn between two poses that were compared, rad.
+        Largest rotation between two poses that were compared, rad.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -110,7 +110,7 @@ class Agreement:
         self._wrong = 0
 
     def take(self, sample: Reported) -> None:
-        """Compare a pose with those before, where the arm is slow and has moved on."""
+        """Compare a pose with earlier ones, if the arm is slow and has moved since."""
         before, self._before = self._before, sample
         if before is None or sample.position is None or sample.quaternion is None or self.complaint is not None:
             return

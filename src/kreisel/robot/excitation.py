@@ -1,4 +1,4 @@
-"""Motions that show an IMU's parameters: all six sensors excited between any two rests."""
+"""Motions that make an IMU's parameters observable: all six sensors are excited between any two rests."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Limits, Move, Plan, Planner
 
 _CANDIDATES = 12
-_MAX_RANGE_SHARE = np.pi
-"""Joints that turn further than this both ways are used no further."""
+_MAX_HALF_RANGE = np.pi
+"""rad; larger ranges of joints are used only up to this angle in both directions."""
 
 
 def home(arm: Arm) -> Array:
-    """Return joint angles (joints,) well inside the ranges, wrist bent, from which motion begins."""
+    """Return joint angles (joints,) well inside the ranges, wrist bent, where the motion begins."""
     low, high = _ranges(arm, 1.0)
     q = 0.5 * (low + high)
     return np.where(high - low > 4.0, 0.3, q)
@@ -35,8 +35,8 @@ def random_plan(
 ) -> Plan:
     """Return random moves and rests that fill `seconds`.
 
-    Each target is the best of a dozen drawn from the middle `range_share` of the joints' ranges: the one
-    that turns most about the axes, and changes gravity most along the axes, that had least so far.
+    Each target is the best of a dozen drawn from the middle `range_share` of the joints' ranges: the one with
+    the largest rotation about the axes, and the largest change of gravity along the axes, that had least so far.
 
     Raises
     ------
@@ -48,27 +48,27 @@ def random_plan(
     seen = np.zeros(6)
     while planner.seconds < seconds:
         q, before = planner.angles, planner.seconds
-        target = _most_telling(rng, arm, q, low, high, seen)
+        target = _best_target(rng, arm, q, low, high, seen)
         planner.go(Move(target, float(rest * rng.uniform(0.8, 1.2)), float(rng.uniform(0.7, 1.0))))
-        seen += _shown(arm, q, target)
+        seen += _excitation(arm, q, target)
         if (took := planner.seconds - before) > seconds:
             raise RobotError(f"a single move takes {took:.0f} s, longer than the recording of {seconds:.0f} s")
     return planner.plan()
 
 
 def _ranges(arm: Arm, share: float) -> tuple[Array, Array]:
-    low, high = np.maximum(arm.lower, -_MAX_RANGE_SHARE), np.minimum(arm.upper, _MAX_RANGE_SHARE)
+    low, high = np.maximum(arm.lower, -_MAX_HALF_RANGE), np.minimum(arm.upper, _MAX_HALF_RANGE)
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     return middle - half, middle + half
 
 
-def _most_telling(rng: np.random.Generator, arm: Arm, q: Array, low: Array, high: Array, seen: Array) -> Array:
+def _best_target(rng: np.random.Generator, arm: Arm, q: Array, low: Array, high: Array, seen: Array) -> Array:
     best, score = q, -np.inf
     for _ in range(_CANDIDATES):
         target = rng.uniform(low, high)
         if not _clear(arm, target):
             continue
-        after = seen + _shown(arm, q, target)
+        after = seen + _excitation(arm, q, target)
         worth = float(np.min(after / np.maximum(seen.mean(), 1.0)) + 0.1 * np.mean(after - seen))
         if worth > score:
             best, score = target, worth
@@ -78,14 +78,14 @@ def _most_telling(rng: np.random.Generator, arm: Arm, q: Array, low: Array, high
 
 
 def _clear(arm: Arm, q: Array) -> bool:
-    """Return whether the tool is well above the floor and away from the base's axis. Links are not looked at."""
+    """Return whether the tool is well above the floor and away from the base's axis. Links are not checked."""
     position, _ = kinematics.poses(arm, q[None])
     far = float(np.linalg.norm(position[0]))
     return bool(position[0, 2] > 0.1 * far and np.hypot(*position[0, :2]) > 0.3 * far)
 
 
-def _shown(arm: Arm, q: Array, target: Array) -> Array:
-    """Return how much a move turns about each axis of the tool, and moves gravity along it, (6,)."""
+def _excitation(arm: Arm, q: Array, target: Array) -> Array:
+    """Return how much a move rotates about each axis of the tool, and changes gravity along it, (6,)."""
     _, quaternions = kinematics.poses(arm, np.linspace(q, target, 5))
     turns = np.abs(log(multiply(conjugate(quaternions[:-1]), quaternions[1:]))).sum(axis=0)
     down = matrix(quaternions)[:, 2, :]

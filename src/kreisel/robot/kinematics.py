@@ -1,4 +1,4 @@
-"""Where an arm's tool stands and how it moves, for given joint angles, by pinocchio."""
+"""Pose and motion of an arm's tool for given joint angles, by pinocchio."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
 
 _ATTEMPTS = 16
-"""Joint angles an inverse is begun from: those asked for, then others drawn from the ranges."""
+"""Number of start values of the inverse: the given joint angles, then others drawn from the ranges."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Arm:
     Attributes
     ----------
     name, joints
-        Of the robot, and of the joints that move the tool, from the base on.
+        Names of the robot and of the joints that move the tool, from the base on.
     urdf
         The description it was read from.
     lower, upper, velocity : (n,)
         Limits of the joints, rad and rad/s.
     model, frame
-        pinocchio's, of the chain alone.
+        pinocchio's, of only this chain.
     """
 
     name: str
@@ -78,7 +78,7 @@ class ToolMotion:
 
 
 def pinocchio() -> Any:
-    """Return the library, or say how to get it."""
+    """Return the library, or raise an error that says how to install it."""
     try:
         import pinocchio as pin
     except ImportError as error:
@@ -87,7 +87,7 @@ def pinocchio() -> Any:
 
 
 def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
-    """Return an arm from a URDF file, or one of `MODELS` by name; meshes are not looked at.
+    """Return an arm from a URDF file, or one of `MODELS` by name; meshes are not read.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = pin.buildReducedModel(model, others, pin.neutral(model))
     if model.nq != model.nv:
-        raise RobotError(f"{source}: joints must each have one angle; {tcp} hangs on others")
+        raise RobotError(f"{source}: each joint must have one angle; {tcp} is attached to others")
     names = tuple(model.names[1:])
     lower, upper = (np.array(limit, dtype=float) for limit in (model.lowerPositionLimit, model.upperPositionLimit))
     return Arm(
@@ -148,7 +148,7 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
 
 
 def _plain(urdf: str, source: str) -> str:
-    """Return the description without meshes, its endless joints with (wide) limits."""
+    """Return the description without meshes, with (wide) limits for its joints of unlimited range."""
     try:
         root = ElementTree.fromstring(screened(urdf))
     except (ElementTree.ParseError, ValueError) as error:
@@ -189,7 +189,7 @@ def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
 
 
 def skeleton(arm: Arm, angles: Array) -> Array:
-    """Return where base, joints and tool stand for one set of joint angles, (joints + 2, 3), in the base's frame."""
+    """Return the positions of base, joints and tool for one set of joint angles, (joints + 2, 3), in the base frame."""
     pin = pinocchio()
     model, data = arm.model, arm.model.createData()
     pin.forwardKinematics(model, data, np.ascontiguousarray(angles, dtype=float))
@@ -211,7 +211,7 @@ def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolM
         placement = pin.updateFramePlacement(model, data, frame)
         p[k], C[k] = placement.translation, placement.rotation
         twist[k, 0] = pin.getFrameVelocity(model, data, frame, local).vector
-        # the acceleration an accelerometer feels; pinocchio's plain one is the spatial vector's
+        # the acceleration of a point, as an accelerometer measures it; pinocchio's default is the spatial vector
         twist[k, 1] = pin.getFrameClassicalAcceleration(model, data, frame, local).vector
     same = _last_changed(everything)
     p, C, twist = p[same], C[same], twist[same]
@@ -220,7 +220,7 @@ def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolM
 
 
 def _changed(rows: Array) -> list[int]:
-    """Return the rows that differ from the one before; an arm at rest need be computed once."""
+    """Return the rows that differ from the one before; an arm at rest needs one computation."""
     changed = np.ones(len(rows), dtype=bool)
     changed[1:] = np.any(rows[1:] != rows[:-1], axis=1)
     return list(np.flatnonzero(changed))
@@ -234,10 +234,10 @@ def _last_changed(rows: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
 
 
 def regressor(arm: Arm, angles: Array) -> Array:
-    """Return what small errors of the placements of joints and tool do to the tool's pose, (n, 6, 6 (joints + 1)).
+    """Return the tool's pose differentiated by small errors of the placements, (n, 6, 6 (joints + 1)).
 
     An error of joint i is a small motion (position, then rotation) of its placement in the frame of the
-    link before, seen from the placement itself; the last six are the same for the tool on the last link.
+    link before, in coordinates of the placement itself; the last six are the same for the tool on the last link.
     Rows: position in the base's frame, rotation as a right perturbation (in the tool's frame).
     """
     pin = pinocchio()
@@ -257,7 +257,7 @@ def regressor(arm: Arm, angles: Array) -> Array:
 
 
 def joint_jacobian(arm: Arm, angles: Array) -> Array:
-    """Return what small changes of the joint angles do to the tool's pose, (n, 6, joints); rows as `regressor`."""
+    """Return the tool's pose differentiated by the joint angles, (n, 6, joints); rows as in `regressor`."""
     pin = pinocchio()
     model, data, frame = arm.model, arm.model.createData(), arm.frame
     J = np.empty((len(angles), 6, model.nv))
@@ -296,7 +296,7 @@ def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array
     Raises
     ------
     RobotError
-        If none are found; says how far the arm comes, or which joint stands in the way.
+        If none are found; the message says how near the arm comes, or which joint is beyond its range.
     """
     rng = np.random.default_rng(0)
     low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
@@ -319,7 +319,7 @@ def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array
 
 
 def _approach(arm: Arm, position: Array, quaternion: Array, start: Array) -> tuple[Array, float, float]:
-    """Return the angles reached from `start` by damped least squares, the error left, and the distance left, m."""
+    """Return the angles reached from `start` by damped least squares, the remaining error, and the distance, m."""
     pin = pinocchio()
     model, data, frame = arm.model, arm.model.createData(), arm.frame
     target = pin.SE3(matrix(quaternion), np.asarray(position, dtype=float))

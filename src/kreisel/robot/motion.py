@@ -17,7 +17,7 @@ from kreisel.robot.kinematics import Arm, check_range
 
 @dataclass(frozen=True)
 class Limits:
-    """What a move may not exceed: joint velocity, acceleration and jerk (joints,), tool speed and acceleration."""
+    """Limits of a move: joint velocity, acceleration and jerk (joints,), tool speed and acceleration."""
 
     velocity: Array
     acceleration: Array
@@ -84,7 +84,7 @@ class Plan:
             # The mean over a window: of a function, the difference of its integral.
             for i, f in enumerate((c.antiderivative(), c, c.derivative())):
                 parts[i].append((f(t + half) - f(t - half)) / self.smoothing)
-        # Differences leave rounding noise at rest, where an arm stands still.
+        # Differences have rounding noise at rest, where an arm stands still.
         q, dq, ddq = (np.column_stack(part) for part in parts)
         still = self.at_rest(t, half)
         q[still] = np.column_stack([c(t[still]) for c in self.joints])
@@ -125,12 +125,12 @@ def plan(
 
 
 class Planner:
-    """Puts moves one after another, each from where the last one ended.
+    """Puts moves one after another; each starts where the last one ended.
 
     Parameters
     ----------
     start, first_rest
-        Joint angles (joints,), rad, and s at rest there.
+        Joint angles (joints,), rad, and the rest there, s.
     smoothing
         Time over which the controller averages its set points, s; no rest is shorter.
     """
@@ -147,7 +147,7 @@ class Planner:
 
     @property
     def angles(self) -> Array:
-        """Where the arm stands at the end, (joints,)."""
+        """Joint angles of the arm at the end, (joints,)."""
         return self._motion.at.copy()
 
     def go(self, move: Move) -> None:
@@ -194,7 +194,7 @@ def _ruckig(start: Array, target: Array, limits: Limits) -> Any:
 
 
 def _tool_peaks(arm: Arm, trajectory: Any) -> tuple[float, float]:
-    """Return the largest speed and acceleration of the tool, looked at forty times along the way."""
+    """Return the largest speed and acceleration of the tool, at forty moments of the move."""
     samples = np.array([trajectory.at_time(t) for t in np.linspace(0.0, trajectory.duration, 40)])
     tool = kinematics.motion(arm, samples[:, 0], samples[:, 1], samples[:, 2])
     return (

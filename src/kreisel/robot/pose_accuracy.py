@@ -1,4 +1,4 @@
-"""How accurate an arm's poses are."""
+"""Accuracy of an arm's poses."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PoseAccuracy:
-    """How far the tool stands from its reported poses, rms over poses: m and rad.
+    """Error of the tool's reported poses, rms over poses: m and rad.
 
-    Apart from where base and tool frame lie: those the user sets, and no IMU sees.
+    Errors of the base and tool frames are left out: the user sets these frames, and an IMU cannot observe them.
     """
 
     position: float

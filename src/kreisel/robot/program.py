@@ -1,4 +1,4 @@
-"""Programs: poses and rests in a file, as an operator writes them down."""
+"""Programs: files of poses and rests that an operator writes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from kreisel.units import DEG
 
 EXAMPLE = """\
 # A program: moves from rest to rest. Targets are joint angles, or poses of the tool in the base's frame.
-start_deg = [0, -90, 90, 0, 30, 0]     # where the arm stands at the beginning
+start_deg = [0, -90, 90, 0, 30, 0]     # joint angles of the arm at the beginning
 
 [[move]]
 joints_deg = [30, -70, 80, 20, 50, 40]
@@ -29,7 +29,7 @@ speed = 0.8                            # share of the limits
 
 [[move]]
 position = [1.5, 0.4, 1.6]             # m
-abc_deg = [20, 70, 10]                 # KUKA's A, B, C: turns about Z, Y', X''
+abc_deg = [20, 70, 10]                 # KUKA's A, B, C: rotations about Z, Y', X''
 rest = 2.0
 """
 
@@ -38,7 +38,7 @@ _KEYS = ("joints_deg", "position", "abc_deg", "rest", "speed")
 
 @dataclass(frozen=True)
 class Program:
-    """Where the arm stands at first (joints,), and the moves it makes."""
+    """Joint angles at the start (joints,), and the moves."""
 
     start: Array
     moves: tuple[Move, ...]
@@ -52,7 +52,7 @@ def read_program(path: Path, arm: Arm) -> Program:
     SettingsError
         If the file cannot be read, or has unknown keys.
     RobotError
-        If a pose is out of reach or range; names the move, the joint and the limit.
+        If a pose is out of reach or range; the message names the move, the joint and the limit.
     """
     try:
         content = tomllib.loads(read_text(path))

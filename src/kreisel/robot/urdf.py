@@ -1,4 +1,4 @@
-"""A robot's description with its errors put in."""
+"""A robot's description with the estimated errors included."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from kreisel.robot.kinematics import Arm, pinocchio
 def calibrated_urdf(arm: Arm, placement: Array) -> str:
     """Return the arm's description with the placements of joints and tool moved by errors (joints + 1, 6).
 
-    Each error moves the origin of its joint; that of the tool moves the fixed joint the tool hangs on, or a
-    new one where it hangs on none. Comments and everything else stay as they are.
+    Each error moves the origin of its joint; the error of the tool moves the fixed joint that the tool is attached
+    to, or a new one where there is none. Comments and everything else are not changed.
     """
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     root = ElementTree.fromstring(screened(arm.urdf), parser=parser)
@@ -42,7 +42,7 @@ def _child(joint: ElementTree.Element) -> str | None:
 
 
 def _move(joint: ElementTree.Element, error: Array) -> None:
-    """Move a joint's origin by a small motion seen from itself."""
+    """Move a joint's origin by a small motion in its own coordinates."""
     pin = pinocchio()
     origin = joint.find("origin")
     if origin is None:

@@ -1,1 +1,1 @@
-"""The virtual cell: motion, readings and poses as they would be recorded, with the truth behind them."""
+"""The virtual cell: simulated motion, readings and poses, with the true values of all parameters."""

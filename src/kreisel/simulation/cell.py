@@ -1,4 +1,4 @@
-"""The virtual cell: an arm moves an IMU, its controller reports poses, and the truth behind both is known."""
+"""The virtual cell: an arm moves an IMU, its controller reports poses, and all true values are known."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Truth:
-    """What a simulated recording was made from.
+    """True values of a simulated recording.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Truth:
     gravity_r, earth_rate_r : (3,)
         In the base's frame.
     arm
-        Errors of the arm, and `actual`, the arm with those of its geometry.
+        Errors of the arm; `actual` is the arm with its geometric errors.
     """
 
     sensors: SensorParameters
@@ -61,21 +61,21 @@ class Truth:
 def simulate(
     cell: Cell, path: Path, progress: Progress | None = None, trial: int | None = None
 ) -> tuple[Truth, Recording]:
-    """Return the recording of a virtual cell, and the truth behind it; nothing is written.
+    """Return the recording of a virtual cell, and its true values; nothing is written.
 
     Parameters
     ----------
     path
         The recording's name.
     trial
-        Number of a trial of a study: its randomness is that child of the cell's seed.
+        Number of a trial of a study: its random numbers come from that child of the cell's seed.
 
     Raises
     ------
     RobotError
         If the arm, or a pose of the program, is not possible.
     """
-    # Independent streams: switching one error on leaves all else as it was.
+    # Independent random streams: switching one error on does not change the others.
     root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
     streams = [np.random.default_rng(child) for child in root.spawn(7)]
     motion_rng, sensor_rng, imu_rng, arm_rng, path_rng, site_rng, jitter_rng = streams
@@ -90,7 +90,7 @@ def simulate(
     say("move the IMU", 0.2)
     imu = _imu(cell, planned, actual, sensors, gravity, earth, imu_rng, path)
     say("report poses", 0.8)
-    if cell.reference.kind == "mocap":  # cameras see the tool itself, and know no motors
+    if cell.reference.kind == "mocap":  # cameras observe the tool itself, not the motors
         seen, faultless = actual, draw_errors(np.random.default_rng(0), actual, Errors.none())
     else:
         seen, faultless = nominal, own
@@ -217,7 +217,7 @@ def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
         site=SiteTable(latitude_deg=cell.site.latitude_deg, height_m=cell.site.height_m),
         reference=ReferenceTable(
             kind=r.kind,
-            # between rests the error of the one passes into that of the other
+            # between two rests the error passes from that of the first to that of the second
             position_sd=sd(np.hypot(errors.path_position_sd, errors.repeatability_position_sd)),
             orientation_sd=sd(np.hypot(errors.path_orientation_sd, errors.repeatability_orientation_sd)),
             standstill_position_sd=sd(errors.repeatability_position_sd),
@@ -228,7 +228,7 @@ def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
 
 
 def write_truth(truth: Truth, file: Path) -> None:
-    """Write the truth beside a recording; no estimator reads it."""
+    """Write the true values next to a recording; no estimator reads them."""
     s = truth.sensors
     document: dict[str, Any] = {
         "gyroscope": {"cross_coupling": s.K_omega.tolist(), "offset": s.k_w[0].tolist()},

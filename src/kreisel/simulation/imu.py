@@ -20,8 +20,8 @@ _MIN_BANDWIDTH = 0.1
 
 
 def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorParameters:
-    """Return the parameters of one device of a grade on its mount."""
-    bend_rng = rng.spawn(1)[0]  # a stream of its own, so that all else is drawn alike
+    """Return the parameters of one device of a grade, mounted on the tool."""
+    bend_rng = rng.spawn(1)[0]  # a separate random stream, so that all other draws stay the same
     order = 2 if imu.quadratic_gyro_sd > 0.0 or imu.quadratic_accel_sd > 0.0 else 1
     mount = matrix(exp(DEG * np.array(imu.mounting_deg)))
     scale_sds = (grade.gyro_scale_sd, grade.accel_scale_sd)
@@ -42,7 +42,7 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
 
 
 def ideal_readings(omega: Array, alpha: Array, force: Array, sensors: SensorParameters) -> tuple[Array, Array]:
-    """Return the raw rates and accelerations (n, 3) a device without noise shows.
+    """Return the raw rates and accelerations (n, 3) of a device without noise.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ def _solve(y: Array, k: Array) -> Array:
 
 
 def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) -> Array:
-    """Return readings (n, 3) as a device of limited bandwidth gives them, with its group delay.
+    """Return the readings (n, 3) of a device of limited bandwidth, with its group delay.
 
     Parameters
     ----------
     bandwidth
         Hz, of a Butterworth low-pass of second order; 0 for none.
     averaged
-        Whether readings are means over the sample before.
+        Whether readings are means over the sampling interval before.
     """
     if bandwidth <= 0.0 and not averaged:
         return values
@@ -109,7 +109,7 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
 def disturbed(
     rng: np.random.Generator, imu: Imu, grade: Grade, rate: float, rates: Array, accelerations: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return the readings (n, 3) with everything a grade adds to them."""
+    """Return the readings (n, 3) with the errors of the settings and the grade: bandwidth, drift, noise, rounding."""
     n = rates.shape[0]
     bandwidth = grade.bandwidth if imu.bandwidth is None else imu.bandwidth
     w = filtered(rates, rate, bandwidth, averaged=imu.averaged)

@@ -1,4 +1,4 @@
-"""A simulated controller: what it reports of an arm that is not quite as it believes."""
+"""A simulated controller: the reports about an arm that differs from the controller's model."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from kreisel.robot.motion import Plan
 from kreisel.simulation.settings import Errors
 
 _FADE = 0.01
-"""m/s of the tool at which half of the path error is there."""
+"""m/s of the tool at which the path error has half of its size."""
 
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """One arm's own errors, drawn once.
+    """Errors of one arm, drawn once.
 
     Attributes
     ----------
     placement : (joints + 1, 6)
         Of joints and tool; see `kinematics.regressor`.
     eccentricity, phase : (joints,)
-        Of the gears, rad: a joint stands amplitude * sin(angle + phase) beyond what its motor shows.
+        Of the gears, rad: a joint is amplitude * sin(angle + phase) beyond its motor's angle.
     compliance, lag : (joints,)
         rad/(N m), and s.
     """
@@ -54,10 +54,10 @@ def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors
 
 
 def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
-    """Return how far elastic joints stand from their motors: angle, rate and acceleration, (n, joints).
+    """Return the deflection of elastic joints from their motors: angle, rate and acceleration, (n, joints).
 
-    Each joint is a damped spring driven by its motor's acceleration, which is taken as linear between
-    the moments t; exact for that.
+    Each joint is a damped spring driven by its motor's acceleration. The solution is exact for an acceleration that is
+    linear between the moments t.
     """
     q, _, ddq = plan.at(t)
     if errors.oscillation_frequency <= 0.0:
@@ -79,10 +79,10 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
 def reported(
     rng: np.random.Generator, nominal: Arm, plan: Plan, t: Array, jitter: Array, own: ArmErrors, errors: Errors
 ) -> tuple[Array, Array, Array]:
-    """Return positions, quaternions and joint angles the controller reports at times t (n,), taken `jitter` later.
+    """Return reported positions, quaternions and joint angles at times t (n,), measured `jitter` later.
 
-    Poses are those of the *nominal* arm at the motors' angles, and carry what is not a function of them:
-    repeatability, and the path's own error.
+    Poses are those of the *nominal* arm at the motors' angles, plus the errors that do not depend on these angles:
+    repeatability and path error.
     """
     motor, rate = motor_angles(nominal, plan, t + jitter, own)
     motor = motor + own.lag * rate
@@ -94,7 +94,7 @@ def reported(
 
 
 def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Array, Array]:
-    """Return the angles and rates the motors show, (n, joints), where the joints follow the plan."""
+    """Return the angles and rates of the motors, (n, joints), for joints that follow the plan."""
     angle, rate, _ = plan.at(t)
     motor = angle - own.eccentricity * np.sin(angle + own.phase)
     if np.any(own.compliance != 0.0):
@@ -103,7 +103,7 @@ def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Ar
 
 
 def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Errors) -> Array:
-    """Return one draw for each rest, and a smooth passage from one to the next, (n, 6)."""
+    """Return one draw for each rest, and a smooth transition from one to the next, (n, 6)."""
     sd = np.repeat([errors.repeatability_position_sd, errors.repeatability_orientation_sd], 3)
     draws = rng.normal(size=(len(plan.rests), 6)) * sd
     k = np.clip(np.searchsorted(plan.rests[:, 0], t, side="right") - 1, 0, len(draws) - 1)
@@ -115,7 +115,7 @@ def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Error
 
 
 def _path(rng: np.random.Generator, plan: Plan, t: Array, p: Array, errors: Errors) -> Array:
-    """Return the path's error, (n, 6): a Gauss-Markov process that fades away at rest."""
+    """Return the path's error, (n, 6): a Gauss-Markov process that fades out at rest."""
     sd = np.repeat([errors.path_position_sd, errors.path_orientation_sd], 3)
     white = rng.normal(size=(len(t), 6))
     if errors.path_correlation_time > 0.0:

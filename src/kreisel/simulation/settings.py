@@ -1,4 +1,4 @@
-"""CELL.toml: everything a virtual cell may be told, with its defaults."""
+"""CELL.toml: all settings of a virtual cell, with their defaults."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def _key(default: Any, text: str, **bounds: Any) -> Any:
 
 
 class Robot(_Table):
-    """The arm as its controller believes it to be."""
+    """The arm as in its controller's model."""
 
-    model: str = _key("kr125", "kr125, ur10e, or a .urdf file (meshes are not looked at)")
+    model: str = _key("kr125", "kr125, ur10e, or a .urdf file (meshes are not read)")
     tcp: str | None = _key(None, "frame of the tool; the last link by default")
 
 
@@ -43,7 +43,7 @@ class Motion(_Table):
 
 
 class Errors(_Table):
-    """What separates the arm from what its controller reports; standard deviations, words of ISO 9283."""
+    """Differences between the arm and the reports of its controller; standard deviations, terms of ISO 9283."""
 
     geometry_length_sd: float = _key(
         3e-4, "AP: placement of every joint and of the tool, each direction, m", ge=0.0, le=0.05
@@ -55,9 +55,11 @@ class Errors(_Table):
     repeatability_orientation_sd: float = _key(1e-4, "RP: one draw for each rest, rad", ge=0.0, le=0.05)
     path_position_sd: float = _key(5e-4, "AT: while moving, m", ge=0.0, le=0.05)
     path_orientation_sd: float = _key(4e-4, "AT: while moving, rad", ge=0.0, le=0.05)
-    path_correlation_time: float = _key(0.15, "AT: how long such an error lasts, s; 0: a new one for each pose", ge=0.0)
+    path_correlation_time: float = _key(
+        0.15, "AT: correlation time of this error, s; 0: a new one for each pose", ge=0.0
+    )
     servo_lag: float = _key(
-        0.0, "AT: joints follow their set points by about this, each differently, s", ge=0.0, le=0.2
+        0.0, "AT: delay of the joints behind their set points, about this, each differently, s", ge=0.0, le=0.2
     )
     oscillation_frequency: float = _key(0.0, "Hz: elastic joints swing after each stop; 0: stiff", ge=0.0, le=100.0)
     oscillation_damping: float = _key(0.05, "share of critical damping of that swing", gt=0.0, lt=1.0)
@@ -78,23 +80,23 @@ class Reference(_Table):
     interval: float = _key(0.012, "s between two poses", gt=0.0005, le=1.0)
     clock_offset: float = _key(0.0371, "t_imu - t_ref at the first pose, s", ge=-100.0, le=100.0)
     clock_drift_ppm: float = _key(0.0, "the IMU's clock against the reference's", ge=-10000.0, le=10000.0)
-    jitter: float = _key(0.0, "s: a pose is taken so much beside its stamp", ge=0.0, le=0.1)
+    jitter: float = _key(0.0, "s: difference between the time of a pose and its stamp", ge=0.0, le=0.1)
     drop_share: float = _key(0.0, "share of poses that are lost", ge=0.0, le=0.9)
 
 
 class Imu(_Table):
-    """The device under test; what its grade says, unless said otherwise here."""
+    """The device under test; values come from its grade unless they are set here."""
 
     grade: str = _key("fog-mems", f"one of {', '.join(sorted(GRADES))}")
     rate: float | None = _key(None, "samples a second", gt=10.0, le=10000.0)
     noise: bool = _key(True, "white noise, bias instability, random walks and rounding of the grade")
-    errors: bool = _key(True, "scale, misalignment and offsets of the grade; without: a faultless device")
+    errors: bool = _key(True, "scale, misalignment and offsets of the grade; false: a device without errors")
     mounting_deg: tuple[float, float, float] = _key((0.0, 0.0, 0.0), "rotation vector of the IMU in the tool's frame")
     lever_arm: tuple[float, float, float] = _key((0.02, 0.03, 0.08), "of the IMU in the tool's frame, m")
     lever_arm_spread: float = _key(0.02, "standard deviation of the accelerometers about it, m", ge=0.0, le=1.0)
     quadratic_gyro_sd: float = _key(0.0, "k_w2, per rad/s", ge=0.0, le=0.1)
     quadratic_accel_sd: float = _key(0.0, "k_a2, per m/s^2", ge=0.0, le=0.01)
-    averaged: bool = _key(False, "readings are means over the sample before, not values at its end")
+    averaged: bool = _key(False, "readings are means over the interval before, not values at its end")
     bandwidth: float | None = _key(None, "Hz: second-order low-pass, with its group delay; 0: none", ge=0.0, le=5000.0)
     drop_share: float = _key(0.0, "share of samples that are lost", ge=0.0, le=0.5)
     gyro_temperature_drift: float = _key(0.0, "change of each gyro offset over the recording, rad/s", ge=-1.0, le=1.0)
@@ -102,12 +104,12 @@ class Imu(_Table):
 
 
 class Site(_Table):
-    """Where on Earth the cell stands, and how."""
+    """Place of the cell on Earth, and its orientation."""
 
     latitude_deg: float = _key(49.2571, "by default Saarbruecken, where the paper was written", ge=-90.0, le=90.0)
     height_m: float = _key(200.0, "above the ellipsoid", ge=-500.0, le=9000.0)
     heading_deg: float = _key(30.0, "the base's x axis, from north to east", ge=-360.0, le=360.0)
-    tilt_sd: float = _key(2e-3, "rad: the base is level only so well", ge=0.0, le=0.5)
+    tilt_sd: float = _key(2e-3, "rad: tilt of the base", ge=0.0, le=0.5)
 
 
 class Cell(_Table):
@@ -124,7 +126,7 @@ class Cell(_Table):
 
 
 def read_cell(path: Path) -> Cell:
-    """Return the cell a TOML file describes; a program or a URDF it names is looked for beside it.
+    """Return the cell that a TOML file describes; paths of a program or a URDF in it are relative to the file.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Monte-Carlo studies of calibrations in the virtual cell: whether they are as good as they say."""
+"""Monte-Carlo studies of calibrations in the virtual cell: whether errors agree with standard deviations."""

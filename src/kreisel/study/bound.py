@@ -1,4 +1,4 @@
-"""The best any estimator can do: the posterior Cramer-Rao bound along the true motion."""
+"""The posterior Cramer-Rao bound along the true motion: the best accuracy of any estimator."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from kreisel.study.truth import judged, true_parameters
 
 @dataclass(frozen=True)
 class Bound:
-    """Smallest possible standard deviations (n,) of the parameters named, SI."""
+    """Smallest possible standard deviations (n,) of the named parameters, SI."""
 
     names: tuple[str, ...]
     deviation: Array
@@ -31,7 +31,7 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     """Return the bound for one trial's motion and parameters.
 
     The motion is simulated without errors and noise; the information of readings and poses, with the
-    noise the cell has, is then gathered by a linearisation about the truth itself. For errors as small
+    noise of the cell, is then computed by a linearisation about the truth itself. For errors as small
     as these the bound is that of the linear problem (Tichavsky, Muravchik and Nehorai 1998, section III).
     """
     compile_kernels()

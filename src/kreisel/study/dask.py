@@ -11,14 +11,14 @@ Result = TypeVar("Result")
 
 _RETRIES = 3
 _ASK_AGAIN, _ALONE = 5.0, 60.0
-"""Seconds after which all trials are looked at anew, and a study without workers is given up."""
+"""Seconds after which all trials are checked again, and after which a study without workers ends with an error."""
 
 
 _KEEP_FREED_MEMORY = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 30,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 25,
 }
-"""The C library of a worker gives nothing back: a third more trials, for every new page is zeroed by the system."""
+"""The C library of a worker keeps freed memory: a third more trials, because the system zeroes every new page."""
 
 
 def dask_map(
@@ -40,7 +40,7 @@ def dask_map(
 
     Notes
     -----
-    A worker that dies takes nothing along: its trials are given to another.
+    If a worker dies, no trial is lost: its trials are given to another one.
     """
     try:
         from dask import config
@@ -67,8 +67,8 @@ def dask_map(
                 alone = 0.0 if client.scheduler_info()["workers"] else alone + _ASK_AGAIN
                 if alone >= _ALONE:
                     raise SettingsError(
-                        f"{len(pending)} trials are left, and no worker is there to take them; "
-                        "do all workers have the same kreisel installed?"
+                        f"{len(pending)} trials are left, and there is no worker for them; "
+                        "check that all workers have the same kreisel installed"
                     ) from None
                 continue
             for future in done:

@@ -1,7 +1,7 @@
-"""Trials of a calibration in the virtual cell, and what many of them say together.
+"""Trials of a calibration in the virtual cell.
 
-How trials are spread over machines is somebody else's business: a map is injected. Trial k depends on
-the cell and on k alone, so that any map gives the same numbers.
+The caller distributes trials over machines. Trial k depends on the cell and on k only, so that any
+distribution gives the same numbers.
 """
 
 from __future__ import annotations

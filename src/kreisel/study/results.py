@@ -1,4 +1,4 @@
-"""Trials on disk: what is there is not run again, and nothing counts twice."""
+"""Trials on disk: a stored trial is not run again, and none counts twice."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _FACTS = ("trial", "nees", "nis_path", "nis_standstill", "accepted", "seconds", 
 class Results:
     """A folder of trials: `study.json`, `trials.csv` (a row each), `parameters.csv` (a row for each parameter).
 
-    A trial counts once its row in `trials.csv` is whole, and that is written last: whatever a killed study
-    left of one is dropped when it goes on.
+    A trial counts if its row in `trials.csv` is complete; this row is written last. Incomplete trials of a
+    killed study are removed when it is resumed.
     """
 
     def __init__(self, folder: Path, cell: Cell, settings: CalibrationSettings) -> None:
@@ -43,7 +43,7 @@ class Results:
         return frozenset(self._trials)
 
     def add(self, trial: Trial) -> None:
-        """Write a trial, unless it is there."""
+        """Write a trial, unless it is stored already."""
         if trial.number in self._trials:
             return
         with (self._folder / "parameters.csv").open("a", encoding="utf-8", newline="") as file:
@@ -83,7 +83,7 @@ class Results:
         return out
 
     def _rewrite(self) -> None:
-        """Drop what a killed study left half done."""
+        """Remove the incomplete trials of a killed study."""
         file = self._folder / "parameters.csv"
         kept: list[list[str]] = []
         if file.is_file():
@@ -95,7 +95,7 @@ class Results:
 
 
 def _whole(file: Path) -> dict[int, dict[str, str]]:
-    """Return the whole rows of a table of trials, by number."""
+    """Return the complete rows of a table of trials, by number."""
     if not file.is_file():
         return {}
     text = file.read_text(encoding="utf-8")

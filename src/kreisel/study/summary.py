@@ -1,4 +1,4 @@
-"""What many trials say together: error over standard deviation, NEES, coverage."""
+"""Summary of many trials: error over standard deviation, NEES, coverage."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ GROUPS = (
     ("timing.offset", "time offset", "ms", 1e3),
     ("timing.skew", "clock ratio", "ppm", 1e6),
 )
-"""Beginning of the parameters' names, title, unit and its inverse."""
+"""Start of the parameters' names, title, unit and its inverse."""
 
 WITHIN = {"68 %": 0.9944579, "95 %": 1.9599640}
-"""Standard deviations either side that hold 68 and 95 % of a normal variable."""
+"""Standard deviations on either side that contain 68 and 95 % of a normal variable."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,10 @@ class Summary:
 
 
 def summarise(trials: Sequence[Trial]) -> Summary | None:
-    """Return the summary of trials, or None if all failed. Rejected ones count: a user would see the verdict."""
+    """Return the summary of trials, or None if all failed.
+
+    Rejected trials are counted. Their errors are left out unless all were rejected, because a user sees the verdict.
+    """
     good = [trial for trial in trials if not trial.failure]
     judged = [trial for trial in good if trial.accepted] or good
     if not good:
@@ -132,7 +135,7 @@ def _group(trials: Sequence[Trial], stem: str, title: str, unit: str, factor: fl
 
 
 def _interval(means: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the root of the mean over trials, by drawing trials anew."""
+    """Return the 95 % interval of the root of the mean over trials, by bootstrap over trials."""
     rng = np.random.default_rng(0)
     drawn = np.sqrt(rng.choice(means, size=(2000, means.size)).mean(axis=1))
     low, high = np.quantile(drawn, [0.025, 0.975])

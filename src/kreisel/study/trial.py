@@ -14,19 +14,19 @@ class Trial:
     Attributes
     ----------
     number
-        Which.
+        Number of the trial.
     names
-        Of the parameters judged.
+        Names of the judged parameters.
     error, deviation : (n,)
-        Estimate less truth, and what the calibration says of it, SI.
+        Estimate less truth, and the calibration's standard deviation, SI.
     nees
-        Error squared, normalised by the covariance of all parameters judged; n is expected.
+        Error squared, normalised by the covariance of all judged parameters; n is expected.
     nis_path, nis_standstill
         Mean normalised innovations squared.
     accepted, seconds
-        Verdict, and how long the calibration took.
+        Verdict, and the duration of the calibration.
     failure
-        What went wrong; empty if nothing did.
+        The error message; empty if there was no error.
     """
 
     number: int

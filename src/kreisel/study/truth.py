@@ -14,7 +14,7 @@ from kreisel.simulation.cell import Truth
 from kreisel.synchronization.clock import Clock
 
 JUDGED = ("gyroscope", "accelerometer", "timing", "alignment.tilt")
-"""Parameters whose names begin so are judged; north and the robot's errors hang on their priors."""
+"""Parameters whose names begin so are judged; north and the robot's errors depend on their priors."""
 
 
 def judged(problem: Problem) -> tuple[Indices, tuple[str, ...]]:
@@ -24,10 +24,10 @@ def judged(problem: Problem) -> tuple[Indices, tuple[str, ...]]:
 
 
 def true_parameters(truth: Truth, recording: Recording, problem: Problem, found: CellParameters) -> CellParameters:
-    """Return the truth in the terms of a problem: its layout, its clock, and north as it was found."""
+    """Return the truth in the terms of a problem: its layout, its clock, and north as estimated."""
     sensors = truth.sensors
     if problem.reference.quaternions is None:
-        # Positions do not show how b is turned: it takes the gyros' axes as far as they are square.
+        # Positions do not determine the orientation of b: its axes are the gyros' axes, made orthogonal.
         C = nearest_rotation(sensors.K_omega).T
         sensors = replace(
             sensors, K_omega=C @ sensors.K_omega, K_a=C @ sensors.K_a, lever_arms=sensors.lever_arms @ C.T
@@ -47,7 +47,7 @@ def true_parameters(truth: Truth, recording: Recording, problem: Problem, found:
 
 
 def _alignment(truth: Truth, found: CellParameters) -> tuple[Array, Array]:
-    """Return q_rn with the true down, reached from the one found by a turn without part about down, and north."""
+    """Return q_rn with the true down, by a rotation of the estimate without a part about down, and north."""
     down = apply(conjugate(found.q_rn), truth.gravity_r)
     turn = from_two_vectors(np.array([0.0, 0.0, 1.0]), down)
     return multiply(found.q_rn, turn), found.north

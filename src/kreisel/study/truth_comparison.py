@@ -1,4 +1,4 @@
-"""A calibration held against the truth of a simulated cell, group by group."""
+"""Comparison of a calibration with the truth of a simulated cell, group by group."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from kreisel.units import DEG_PER_HOUR, MG
 
 @dataclass(frozen=True)
 class GroupError:
-    """Errors of a group of parameters and what the calibration says of them, SI.
+    """Errors of a group of parameters and the calibration's standard deviations of them, SI.
 
     Attributes
     ----------
     title, unit, factor
-        How the group is called, the unit it is shown in, and that unit's inverse.
+        Title of the group, the unit it is shown in, and that unit's inverse.
     error, deviation
         Arrays of the same shape.
     """
@@ -42,9 +42,9 @@ class GroupError:
 
     @property
     def ratio(self) -> float:
-        """Rms of error over standard deviation; 1 is honest."""
-        shown = self.deviation > 0.0
-        return float(np.sqrt(np.mean((self.error[shown] / self.deviation[shown]) ** 2))) if shown.any() else np.nan
+        """Rms of error over standard deviation; 1 is expected."""
+        known = self.deviation > 0.0
+        return float(np.sqrt(np.mean((self.error[known] / self.deviation[known]) ** 2))) if known.any() else np.nan
 
 
 def group_errors(calibration: Calibration, truth: Truth) -> dict[str, GroupError]:

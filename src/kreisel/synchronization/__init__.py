@@ -1,1 +1,1 @@
-"""Bringing reference and IMU onto one clock: correlation of rate norms first, three axes afterwards."""
+"""Synchronisation of reference and IMU: first by correlation of rate norms, then by a fit of all three axes."""

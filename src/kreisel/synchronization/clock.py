@@ -1,4 +1,4 @@
-"""How the reference's clock relates to the IMU's."""
+"""Relation of the reference's clock to the IMU's."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from kreisel.geometry.rotation import Array
 
 MAX_SKEW = 0.012
-"""Clock ratios, less one, are searched up to this, a little over the one per cent promised."""
+"""Largest clock ratio, less one, that is searched; a little over the specified one per cent."""
 
 
 @dataclass(frozen=True)
@@ -44,5 +44,5 @@ class Clock:
         return float(max(abs(self.imu_time(ends) - other.imu_time(ends))))
 
     def offset(self, first_imu_ns: int, first_reference_ns: int) -> float:
-        """Return the offset of the result file: t_imu = t_ref + offset + skew (t_ref - first t_ref), s."""
+        """Return the time offset of the result file: t_imu = t_ref + offset + skew (t_ref - first t_ref), s."""
         return self.start + (first_imu_ns - first_reference_ns) * 1e-9

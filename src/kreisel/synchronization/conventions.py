@@ -1,4 +1,4 @@
-"""Conventions of the reference's orientations, recognised by whether they turn as the gyros say."""
+"""Check of the reference's quaternion convention: its orientations must rotate as the gyros measure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kreisel.synchronization.rate_fit import check_overlap, explained_share
 from kreisel.synchronization.windows import Windows
 
 EXPLAINED = 0.8
-"""Share of the reference's rotation the gyros must explain."""
+"""Share of the reference's rotation that the gyros must explain."""
 
 _MARGIN = 0.2
 _MIN_SHARE = 0.6
@@ -32,16 +32,16 @@ _READINGS: dict[str, Callable[[Array], Array]] = {
 
 
 def check_conventions(readings: Readings, reference: ReferencePoses, clock: Clock) -> None:
-    """Raise an error if the reference's orientations do not turn as the gyros say.
+    """Raise an error if the reference's orientations do not rotate as the gyros measure.
 
-    The correlation of rate norms says nothing of that: a norm is the same in all these conventions.
+    The correlation of rate norms cannot show this: a norm is the same in all these conventions.
 
     Raises
     ------
     RecordingError
-        If they do when read in another convention, which is named.
+        If they do so when read in another convention; the message names it.
     SynchronizationError
-        If they do not at all, or too little of them lies within the IMU's recording.
+        If they do so in no convention, or if too few of them lie within the IMU's recording.
     """
     if reference.quaternions is None:
         return
@@ -56,12 +56,12 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
         names = " or ".join(_most_likely(readings, reference, clock, fitting))
         raise RecordingError(
             f"the quaternions fit the gyros only when read {names} (the gyros then explain "
-            f"{100 * shares[fitting[0]]:.0f} % of the rotation, as they stand {100 * max(usual, 0.0):.0f} %); "
+            f"{100 * shares[fitting[0]]:.0f} % of the rotation, and {100 * max(usual, 0.0):.0f} % as written); "
             "correct the file",
             file=reference.source,
         )
     raise SynchronizationError(
-        f"{reference.source}: the poses turn by similar amounts as the IMU but about other axes: the gyros explain "
+        f"{reference.source}: the poses rotate by similar angles as the IMU but about other axes: the gyros explain "
         f"{100 * max(usual, 0.0):.0f} % of the rotation, expected {100 * EXPLAINED:.0f} % or more. "
         f"Do the poses belong to this run, and are the gyro columns in order?{_silent(readings)}",
         correlation=usual,
@@ -69,15 +69,15 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
 
 
 def _silent(readings: Readings) -> str:
-    """Return a sentence about a gyro that hardly moves while the others do; nothing where there is none."""
+    """Return a sentence about a gyro that hardly changes while the others do; empty where there is none."""
     moved = np.std(readings.rates, axis=0)
     if moved.min() > 0.03 * moved.max():
         return ""
-    return f" w_{'xyz'[int(np.argmin(moved))]} hardly moves at all: does it work?"
+    return f" w_{'xyz'[int(np.argmin(moved))]} hardly changes: does it work?"
 
 
 def better_reading(readings: Readings, reference: ReferencePoses, clock: Clock) -> str | None:
-    """Return how the quaternions must be read to fit the accelerations, or None where that is no better."""
+    """Return how the quaternions must be read to fit the accelerations, or None where no reading fits better."""
     if reference.quaternions is None or reference.positions is None:
         return None
     usual = acceleration_share(readings, reference, reference.quaternions, clock)
@@ -90,10 +90,10 @@ def better_reading(readings: Readings, reference: ReferencePoses, clock: Clock) 
 
 
 def _most_likely(readings: Readings, reference: ReferencePoses, clock: Clock, names: list[str]) -> list[str]:
-    """Return the readings that also fit the accelerations, all where that cannot be told.
+    """Return the conventions that also fit the accelerations; all of them where that cannot be determined.
 
-    The parts of a quaternion in another order are that quaternion's conjugate between two constant ones: to
-    the gyros both look alike.
+    A quaternion with its parts in another order is the conjugate of that quaternion between two constant ones: the
+    gyros cannot distinguish the two.
     """
     if reference.positions is None or reference.quaternions is None:
         return names
@@ -104,25 +104,25 @@ def _most_likely(readings: Readings, reference: ReferencePoses, clock: Clock, na
 
 
 def acceleration_share(readings: Readings, reference: ReferencePoses, q: Array, clock: Clock) -> float:
-    """Return the share of the positions' accelerations the accelerometers explain, seen with attitudes q (m, 4).
+    """Return the share of the positions' accelerations that the accelerometers explain with attitudes q (m, 4).
 
-    Any linear map of the readings and any gravity are allowed; only the attitude must turn as it should.
+    Any linear map of the readings and any gravity are allowed; only the attitudes must be right.
     """
     within = clock.imu_time(reference.seconds[[0, -1]])
     parts = [_windows_with(chunk, reference, q, clock) for chunk in readings.excerpt(*within)]
-    predicted, shown = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-    if len(shown) < _MIN_WINDOWS:
+    predicted, reference_accel = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    if len(reference_accel) < _MIN_WINDOWS:
         return 0.0
-    A = np.concatenate([predicted, np.broadcast_to(np.eye(3), (len(shown), 3, 3))], axis=2).reshape(-1, 12)
-    solution, *_ = np.linalg.lstsq(A, shown.reshape(-1), rcond=None)
-    left = shown.reshape(-1) - A @ solution
-    return 1.0 - float(left @ left) / max(float(np.sum((shown - shown.mean(axis=0)) ** 2)), 1e-30)
+    A = np.concatenate([predicted, np.broadcast_to(np.eye(3), (len(reference_accel), 3, 3))], axis=2).reshape(-1, 12)
+    solution, *_ = np.linalg.lstsq(A, reference_accel.reshape(-1), rcond=None)
+    left = reference_accel.reshape(-1) - A @ solution
+    return 1.0 - float(left @ left) / max(float(np.sum((reference_accel - reference_accel.mean(axis=0)) ** 2)), 1e-30)
 
 
 def _windows_with(signal: InertialSignal, reference: ReferencePoses, q: Array, clock: Clock) -> tuple[Array, Array]:
     """Return predicted accelerations, for each coupling (windows, 3, 9), and those of the positions (windows, 3)."""
     p, stamps = reference.positions, signal.stamps
-    assert p is not None  # noqa: S101 - for the type checker; the callers looked
+    assert p is not None  # noqa: S101 - for the type checker; the callers checked
     t = clock.imu_time(reference.seconds)
     k = np.clip(np.searchsorted(t, stamps) - 1, 0, t.size - 2)
     share = np.clip((stamps - t[k]) / (t[k + 1] - t[k]), 0.0, 1.0)

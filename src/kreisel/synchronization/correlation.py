@@ -1,7 +1,7 @@
-"""Coarse time relation of two streams by correlating what does not depend on mounting: norms.
+"""Coarse time relation of two streams by correlation of norms, which do not depend on the mounting.
 
-A first search covers every shift with overlap and clock ratios up to one per cent; windows then follow
-the shift through the recording.
+A first search covers every shift with overlap and clock ratios up to one per cent; then the shift is found
+in windows through the recording.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.results import Correlation
 
 MIN_CORRELATION = 0.6
-"""Below this the two streams do not show the same motion."""
+"""Smallest correlation coefficient of two streams of the same motion."""
 
 _COARSE_POINTS = 12000
 _FINE_POINTS = 1_000_000
@@ -45,7 +45,7 @@ class _Norm:
         return np.asarray(self.first + self.step * np.arange(self.value.size), dtype=np.float64)
 
     def at(self, t: Array) -> Array:
-        """Return the norm between samples, not a number where it is not known."""
+        """Return the norm between samples, NaN where it is not known."""
         place = (t - self.first) / self.step
         k = np.clip(place.astype(np.int64), 0, self.value.size - 2)
         value = np.asarray(self.value[k] + (place - k) * self._rise[k], dtype=np.float64)
@@ -67,13 +67,13 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     Raises
     ------
     SynchronizationError
-        If no shift and ratio brings the two onto each other; the best coefficient is named.
+        If the two do not correlate at any shift and ratio; the message names the best coefficient.
     """
     fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
     x, y = _norms(imu, reference, fine)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
         raise SynchronizationError(
-            f"{reference.source}: the reference does not move; without motion there is nothing to calibrate by: record "
+            f"{reference.source}: the reference does not move; without motion nothing can be calibrated: record "
             "the robot while it moves"
         )
     clock = _track(x, y, _search(x, y))
@@ -81,7 +81,7 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     if not final >= _SURE:
         part = _track(x, y, _search_part(x, y))
         better = _coefficient(x, y, part)
-        # a short stretch fits many a place fairly well
+        # a short interval fits fairly well in many places
         if better >= _SURE_IN_PART and not final >= better:
             clock, final = part, better
     if not final >= MIN_CORRELATION:
@@ -95,7 +95,7 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
 
 
 def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:
-    """Return the norms of IMU and reference, each on an even grid and smoothed alike."""
+    """Return the norms of IMU and reference, each on an even grid and smoothed in the same way."""
     window = max(0.06, 2.0 * reference.interval)
     if reference.quaternions is not None:
         bias = np.median(imu.rates[quietest_second(imu)], axis=0)
@@ -103,14 +103,14 @@ def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_No
         return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window), _even(middle, moved, step, 0.0)
     usual = float(np.median([np.median(np.linalg.norm(part, axis=1)) for part in excerpt(imu.accelerations)]))
     middle, moved = _accelerating(reference, window)
-    felt = _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
-    return felt, _even(middle, moved, step, 0.0)
+    of_imu = _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
+    return of_imu, _even(middle, moved, step, 0.0)
 
 
 def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
     """Return the reference's rate norm over a window, rad/s, and the middles of the windows."""
     q, tau = reference.quaternions, reference.seconds
-    assert q is not None  # noqa: S101 - for the type checker; the caller looked
+    assert q is not None  # noqa: S101 - for the type checker; the caller checked
     stride = max(1, round(window / reference.interval))
     span = tau[stride:] - tau[:-stride]
     near = span < max(3.0 * stride * reference.interval, _GAP)
@@ -118,20 +118,20 @@ def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
 
 
 def _accelerating(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
-    """Return how far the reference's specific force differs from gravity, m/s^2, and when."""
+    """Return the times, and by how much the norm of the reference's specific force differs from gravity, m/s^2."""
     p, tau = reference.positions, reference.seconds
     assert p is not None  # noqa: S101 - a reference has one of the two
     stride = max(1, round(2.0 * window / reference.interval))
     after = (p[2 * stride :] - p[stride:-stride]) / (tau[2 * stride :] - tau[stride:-stride])[:, None]
     before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
     accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
-    # up is taken along the reference's z; a tilt changes little in a norm dominated by gravity
+    # up is assumed along the reference's z; a tilt changes little in a norm dominated by gravity
     moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
     return tau[stride:-stride], moved
 
 
 def quietest_second(imu: ImuSamples) -> slice:
-    """Return the second of the recording with the least variance of the rates: most likely a rest."""
+    """Return the second of the recording with the smallest variance of the rates: most likely a standstill."""
     n = max(8, round(1.0 / imu.interval))
     blocks = imu.rates[: imu.rates.shape[0] // n * n].reshape(-1, n, 3)
     some = max(1, CHUNK // n)
@@ -141,7 +141,7 @@ def quietest_second(imu: ImuSamples) -> slice:
 
 
 def _even_norm(t: Array, values: Array, centre: Array, usual: float, step: float, window: float) -> _Norm:
-    """Return | |values - centre| - usual | averaged over `window`, on an even grid, worked out piece by piece."""
+    """Return | |values - centre| - usual | averaged over `window`, on an even grid, computed in chunks."""
     parts: list[_Norm] = []
     grid, half = _grid(t, step), 0.5 * max(window, step)
     for part in chunks(t.size):
@@ -150,8 +150,8 @@ def _even_norm(t: Array, values: Array, centre: Array, usual: float, step: float
             continue
         low, high = np.searchsorted(t, (grid[within.start] - half, grid[within.stop - 1] + half))
         wide = slice(max(int(low) - 1, 0), int(high) + 2)
-        felt = np.abs(np.linalg.norm(values[wide] - centre, axis=1) - usual)
-        parts.append(_averaged(t[wide], felt, grid[within], step, half))
+        norm = np.abs(np.linalg.norm(values[wide] - centre, axis=1) - usual)
+        parts.append(_averaged(t[wide], norm, grid[within], step, half))
     value, known = (np.concatenate([getattr(part, name) for part in parts]) for name in ("value", "known"))
     return _Norm(float(grid[0]), step, value, known)
 
@@ -178,13 +178,13 @@ def _averaged(t: Array, value: Array, grid: Array, step: float, half: float) -> 
 
 
 def _search(x: _Norm, y: _Norm) -> Clock:
-    """Search all shifts and ratios. Long recordings are searched on a coarser grid, for an hour in their middle."""
+    """Search all shifts and ratios. Long recordings are searched on a coarser grid, in the hour around their middle."""
     spare = max(0, y.value.size - round(_MAX_SEARCHED / y.step)) // 2
     middle = slice(spare, y.value.size - spare)
     xc, yc = _coarse(x, _Norm(y.first + spare * y.step, y.step, y.value[middle], y.known[middle]))
     xv = xc.value - xc.value.mean()
     best = (-1.0, 0.0, 0.0)
-    for skew, yv, _ in _stretched(yc):
+    for skew, yv, _ in _rescaled(yc):
         centred = yv - yv.mean()
         size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
         product = np.fft.irfft(np.fft.rfft(xv, size) * np.conj(np.fft.rfft(centred, size)), size)
@@ -197,23 +197,23 @@ def _search(x: _Norm, y: _Norm) -> Clock:
 
 
 def _search_part(x: _Norm, y: _Norm) -> Clock:
-    """Search as `_search` does, but compare only what overlaps: one may have begun or ended far earlier."""
+    """Search as `_search` does, but compare only the overlap: one stream may begin or end much earlier."""
     xc, yc = _coarse(x, y)
     known_x = xc.known.astype(float)
     xv = known_x * (xc.value - xc.value.mean())
     best = (-1.0, 0.0, 0.0)
-    for skew, yv, known_y in _stretched(yc):
+    for skew, yv, known_y in _rescaled(yc):
         size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
         yv = known_y * (yv - yv.mean())
         of_x = [np.fft.rfft(part, size) for part in (known_x, xv, xv**2)]
         of_y = [np.conj(np.fft.rfft(part, size)) for part in (known_y, yv, yv**2)]
-        # sums over the overlap, for every shift: how many, x, y, x^2, y^2, x y
+        # sums over the overlap, for every shift: count, x, y, x^2, y^2, x y
         count, sum_x, sum_y, square_x, square_y, product = (
             np.fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
         )
         n = np.maximum(np.round(count), 1.0)
         spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
-        # a stretch of rest fits any other
+        # a standstill fits any other
         enough = (n >= _MIN_OVERLAP * min(xv.size, yv.size)) & (
             (spread_x > 0.1 * n * float(np.var(xv))) & (spread_y > 0.1 * n * float(np.var(yv)))
         )
@@ -236,8 +236,8 @@ def _coarser(x: _Norm, step: float) -> _Norm:
     return replace(even, known=np.interp(even.stamps, x.stamps, x.known.astype(float)) > 0.999)
 
 
-def _stretched(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
-    """Yield every clock ratio less one, with y as it is on the other clock, and one where it is known."""
+def _rescaled(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
+    """Yield every clock ratio less one, y on the other clock, and 1 where it is known."""
     length = y.value.size * y.step
     ratio_step = min(4.0 * y.step / length, MAX_SKEW / 4.0)
     half = int(np.ceil(MAX_SKEW / ratio_step))
@@ -249,7 +249,7 @@ def _stretched(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
 
 
 def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
-    """Follow the shift through windows from the middle outwards and fit a line to it."""
+    """Find the shift in windows from the middle outwards and fit a line to the shifts."""
     duration = y.value.size * y.step
     width = float(np.clip(duration / 8.0, 8.0, 30.0))
     starts = np.arange(y.first, y.first + max(duration - width, 0.0) + 1e-9, max(width / 2.0, duration / 200.0))
@@ -353,8 +353,8 @@ def _pearson(a: Array, b: Array) -> float:
 
 
 def _coefficient(x: _Norm, y: _Norm, clock: Clock) -> float:
-    shown, value = y.at(y.stamps), x.at(clock.imu_time(y.stamps))
-    both = np.isfinite(value) & np.isfinite(shown)
+    of_reference, value = y.at(y.stamps), x.at(clock.imu_time(y.stamps))
+    both = np.isfinite(value) & np.isfinite(of_reference)
     if both.sum() * y.step < 4.0:
         return float("nan")
-    return _pearson(value[both], shown[both])
+    return _pearson(value[both], of_reference[both])

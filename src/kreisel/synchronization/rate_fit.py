@@ -1,7 +1,7 @@
 """Robust fit of the gyros' cross-coupling and offset, and of the clocks, to the reference's rotations.
 
 The rotation of the reference over short times (noisy) is regressed on the integrated gyro readings
-(clean); the other way round the noise would make the scale factor too small.
+(clean); the reverse regression would make the scale factor too small because of the noise.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ ROTATION_SECONDS = 0.4
 """Usual time over which rotations are compared, s."""
 
 MIN_ROTATIONS = 30
-"""Stretches without which nothing is fitted."""
+"""Rotations needed for a fit."""
 
 CLOCK_DRIFT_PARTS = 12
 """Parts of a recording in which the residual clock drift is found."""
 
 
 SMOOTHED = 0.05
-"""Seconds over which rates are averaged where they say how a shift of the clock moves a rotation: the noise of single
-readings would pass for information on the shift."""
+"""Seconds over which rates are averaged for the derivative of a rotation with respect to a shift of the clock: the
+noise of single readings would appear as information on the shift."""
 
 ROUNDS, SETTLED = 40, 0.1
-"""Gauss-Newton steps at most; they end once none moves by more than this share of its standard deviation."""
+"""Largest number of Gauss-Newton steps; they end once no value moves by more than this share of its deviation."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class _Rotations:
     rotation: Array
 
     def inside(self, signal: InertialSignal | Readings, clock: Clock) -> _Rotations:
-        """Return those that lie within unbroken readings: nothing is known across a gap."""
+        """Return the rotations that lie within one segment: nothing is known across a gap."""
         t, ends = signal.stamps, (clock.imu_time(self.tau_first), clock.imu_time(self.tau_last))
         good = (ends[0] > t[1]) & (ends[1] < t[-2])
         if not signal.segments:
@@ -74,7 +74,7 @@ class _Integrated:
     def of(cls, signal: InertialSignal) -> _Integrated:
         integral = np.zeros((signal.stamps.size, 3))
         np.cumsum(signal.integrals, axis=0, out=integral[1:])
-        # many of these are held at once: only what integrating the rates needs is kept
+        # many of these are in memory at once: only what the integration of the rates needs is kept
         none = np.empty((0, 0))
         slim = signal.samples._replace(single=none, double=none, slopes=none, forces=none)
         rates = np.ascontiguousarray(signal.rates)
@@ -109,7 +109,7 @@ def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> f
 
 
 def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, Array, Array]:
-    """Return the map (4, 3) of integrated readings and time onto rotations, what it leaves, and the rotations."""
+    """Return the map (4, 3) of integrated readings and time onto rotations, the residuals, and the rotations."""
     rows, targets = [], []
     for part in parts:
         within = rotations.inside(part.signal, clock)
@@ -127,9 +127,9 @@ def check_overlap(readings: Readings, reference: ReferencePoses, clock: Clock) -
     Raises
     ------
     SynchronizationError
-        With the seconds and rotations that do.
+        With the seconds and the rotations that do.
     """
-    assert reference.quaternions is not None  # noqa: S101 - for the type checker; the callers looked
+    assert reference.quaternions is not None  # noqa: S101 - for the type checker; the callers checked
     for rotations in (
         _short(reference.seconds, reference.quaternions),
         _long(reference.seconds, reference.quaternions),
@@ -163,7 +163,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     tau, q : (m,), (m, 4)
         Reference seconds and attitudes q_rb.
     clock
-        First guess, good to a tenth of a second.
+        First guess, accurate to a tenth of a second.
 
     Notes
     -----
@@ -173,9 +173,9 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
     solution, *_ = _linear_fit(parts, rotations, clock)
     fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], clock, skewed=True)
-    # A ratio that cannot be told from one is dropped, unless it could shift the ends by a millisecond.
-    doubt = max(4.0 * fit.clock.skew_sd, 1e-6)
-    if abs(fit.clock.skew) < doubt and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
+    # A ratio that cannot be distinguished from one is dropped, unless it could shift the ends by a millisecond.
+    uncertainty = max(4.0 * fit.clock.skew_sd, 1e-6)
+    if abs(fit.clock.skew) < uncertainty and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
         fit = _settle(parts, rotations, fit.K_omega, fit.bias, clock, skewed=False)
     everything = (_Integrated.of(part) for part in readings.chunks())
@@ -186,7 +186,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
 def _settle(
     parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock, *, skewed: bool
 ) -> RateFit:
-    """Refine until nothing moves any more."""
+    """Refine until the steps are below `SETTLED`."""
     fit = _refine(parts, rotations, K, b, clock, skewed=skewed)
     for _ in range(ROUNDS - 1):
         before = fit
@@ -209,18 +209,18 @@ def _moved(before: RateFit, after: RateFit) -> float:
 
 @dataclass(frozen=True)
 class _Comparison:
-    """Stretches inside the IMU's recording, as the reference turned and as the readings say.
+    """Rotations within the IMU's recording, as measured by the reference and as predicted by the readings.
 
     Attributes
     ----------
     turned, duration
-        Integrated readings over the rotations, and how long these take, s.
+        Integrated readings over the rotations, and the durations of these, s.
     tau : (n,)
         Their middles.
     rotation, residual : (n, 3)
-        The reference's rotation, and what is left of it once the predicted one is taken off.
+        The reference's rotation, and its difference from the predicted one.
     slope : (n, 3)
-        Change of the predicted rotation with a shift of the clock.
+        Derivative of the predicted rotation with respect to a shift of the clock.
     """
 
     turned: Array
@@ -250,7 +250,7 @@ def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, cl
         tau=0.5 * (within.tau_first + within.tau_last),
         rotation=within.rotation,
         residual=log(multiply(conjugate(predicted), exp(within.rotation))),
-        # At the end; the rate at the beginning is seen through the rotation between.
+        # The rate at the end, less the rate at the beginning turned by the rotation between them.
         slope=w2 - apply(conjugate(predicted), w1),
     )
 

@@ -1,4 +1,4 @@
-"""What synchronisation finds: the clocks, and what the rates of IMU and reference say of each other."""
+"""Results of synchronisation: the clocks, and the fit of the gyros to the reference's rotations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kreisel.synchronization.clock import Clock
 
 @dataclass(frozen=True)
 class Correlation:
-    """What the correlation found: the clock and the correlation coefficient over the whole overlap."""
+    """Result of the correlation: the clock and the correlation coefficient over the whole overlap."""
 
     clock: Clock
     coefficient: float
@@ -30,16 +30,16 @@ class RateFit:
     clock
         With the standard deviations of the fit.
     skewed
-        Whether the clocks run at different rates, or could, as far as this recording tells.
+        Whether the clocks run at different rates, or might according to this recording.
     explained
-        Share of the reference's squared rotation the fit explains, 1 being all.
+        Share of the reference's squared rotation that the fit explains; 1 is all.
     residual_sd
-        Standard deviation of what is left of a rotation, rad, each axis.
+        Standard deviation of the residual of a rotation, rad, each axis.
     K_omega_sd, k_w0_sd : (3, 3), (3,)
         Standard deviations of the fit.
     clock_drift : (k, 3)
         Residual clock drift in parts of the recording: reference seconds of the middle, shift, its standard
-        deviation. It is nothing but noise where both clocks run steadily.
+        deviation. It is only noise where both clocks run steadily.
     """
 
     K_omega: Array
@@ -54,5 +54,5 @@ class RateFit:
 
     @property
     def bias(self) -> Array:
-        """What the corrected rate is where a gyro reads zero, K_omega k_w0, rad/s."""
+        """The corrected rate where the gyros read zero, K_omega k_w0, rad/s."""
         return self.K_omega @ self.k_w0

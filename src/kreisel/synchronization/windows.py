@@ -1,4 +1,4 @@
-"""Second differences of positions against double integrals of readings, over the same windows.
+"""Second differences of positions, and double integrals of readings over the same windows.
 
 The second difference of positions over half a second, divided by the half length squared, equals the mean acceleration
 with a triangular weight. So does the second difference of the double integral of accelerations.
@@ -47,7 +47,7 @@ class Windows:
 
     @classmethod
     def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> Windows:
-        """Choose windows that lie inside both recordings."""
+        """Return windows that lie inside both recordings."""
         half = max(shortest, 3.0 * float(np.median(np.diff(tau))))
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
@@ -70,7 +70,7 @@ class Windows:
         return self.means(values.shape[1], lambda *at: quadrature.double_integral(self.stamps, values, *at))
 
     def means(self, columns: int, integrate: Callable[[Indices, Array, Array], None]) -> Array:
-        """Return triangularly weighted means, (windows, columns), of what is integrated twice.
+        """Return triangularly weighted means, (windows, columns), of the quantity that `integrate` integrates twice.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Windows:
 
 
 def _without_gaps(signal: InertialSignal, clock: Clock, tau: Array, middle: Array, half: float) -> Mask:
-    """Return which windows have samples all through, at some distance from gaps, and poses near their ends.
+    """Return which windows have all samples, lie at some distance from gaps, and have poses near their ends.
 
     The attitude is smoothed over a second, so that near a gap it is not known well.
     """

@@ -72,7 +72,7 @@ def test_the_models_own_limits_of_acceleration_are_kept():
 
 
 def test_a_model_without_limits_of_velocity_is_refused():
-    with pytest.raises(RobotError, match="joint_1 has no limit of its velocity"):
+    with pytest.raises(RobotError, match="joint_1 has no velocity limit"):
         check_program(parse_arm(ARM.urdf.replace('velocity="2.094395"', 'velocity="0"')), PROGRAM, ur())
 
 
@@ -92,7 +92,7 @@ def test_the_way_to_the_start_is_slow():
 
 def test_the_distance_to_the_start_is_limited():
     joints = START + np.radians([0.0, 0.0, 0.0, -25.0, 3.0, 0.0])
-    with pytest.raises(RobotError, match=r"joint_4 stands 25\.0 deg .*0\.0, 0\.0, 0\.0, 25\.0, -3\.0.* --approach 25"):
+    with pytest.raises(RobotError, match=r"joint_4 is 25\.0 deg .*0\.0, 0\.0, 0\.0, 25\.0, -3\.0.* --approach 25"):
         check_state(ARM, PROGRAM, reported(joints), ur(), Allowed())
     _, said = check_state(ARM, PROGRAM, reported(joints), ur(), Allowed(approach=math.radians(26)))
     assert said == "the program's start is 25.0 deg away (joints: -0.0, -0.0, -0.0, 25.0, -3.0, -0.0 deg)".replace(
@@ -106,7 +106,7 @@ def test_what_was_compared_of_the_pose_is_said():
     told, _ = check_state(ARM, PROGRAM, reported(START, tool=(3.0, 0.0, 0.0)), ur(), Allowed(tool=None))
     assert "base and tool of the controller are not known: poses are compared while the arm moves" in told
     told, _ = check_state(ARM, PROGRAM, RobotSample(0, None, None, tuple(START)), ur(), Allowed())
-    assert told == "the controller reports no pose: the model is not compared with it"
+    assert told == "the controller reports no pose: it is not compared with the model"
 
 
 def test_another_robot_is_refused():

@@ -96,7 +96,7 @@ def test_a_clock_of_the_robot_that_leaps_is_a_reason_to_stop():
     seen = Seen()
     seen.play(0.1, still)
     seen.pose(HERE, 5)
-    assert "was its controller started anew" in seen.watch.reason
+    assert "was its controller restarted" in seen.watch.reason
 
 
 def test_another_number_of_joints_than_the_models_is_a_reason_to_stop():

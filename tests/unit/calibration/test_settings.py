@@ -53,7 +53,7 @@ def test_a_mapping_gives_values() -> None:
         ({"gravity": 981.0}, "fixed['gravity'] = 981.0; expected 9.7 to 9.9, in SI"),
         ({"gravity": [0.0, 0.0, 9.81]}, "fixed['gravity'] has the shape (3,), expected ()"),
         ({"time_skew": 1.0}, "fixed['time_skew'] = 1.0; expected -0.02 to 0.02"),
-        ({"accel_cross_coupling": 57.3 * np.eye(3)}, "fixed['accel_cross_coupling'] stretches readings by 57.3"),
+        ({"accel_cross_coupling": 57.3 * np.eye(3)}, "fixed['accel_cross_coupling'] scales readings by 57.3"),
         ({"alignment": [0.0, 0.0]}, "fixed['alignment'] cannot be given a value; fix it without one"),
         ({"robot_placement": np.zeros((7, 6))}, "fixed['robot_placement'] cannot be given a value"),
     ],

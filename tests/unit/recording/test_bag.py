@@ -254,8 +254,8 @@ def test_the_topics_of_kreisel_go_first(tmp_path: Path) -> None:
     assert got.reference.name == "/robot/pose"
     assert got.joints is not None
     assert [str(warning) for warning in got.warnings] == [
-        "topics: took /imu/data_raw of /other/imu, /imu/data_raw; --imu picks another",
-        "topics: took /robot/pose of /other/pose, /robot/pose; --reference picks another",
+        "topics: took /imu/data_raw of /other/imu, /imu/data_raw; --imu chooses another",
+        "topics: took /robot/pose of /other/pose, /robot/pose; --reference chooses another",
     ]
 
 
@@ -369,7 +369,7 @@ def test_joints_of_several_robots_are_left_out(tmp_path: Path) -> None:
     path = write_bag(tmp_path, "mcap", imu_messages() + joint_messages("/a/joints") + joint_messages("/b/joints"))
     got = load_bag(path)
     assert got.joints is None
-    assert "left out, for /a/joints, /b/joints hold them" in str(got.warnings[0])
+    assert "left out, because /a/joints, /b/joints hold them" in str(got.warnings[0])
 
 
 # Settings

@@ -208,7 +208,7 @@ def test_rate_and_duration_propose_the_same() -> None:
 def test_stamps_that_no_unit_makes_right_are_not_given_one() -> None:
     r = recording()
     said = message(with_imu(r, stamps_ns=r.imu.stamps_ns // 50_000))
-    assert "no unit of stamps fits their rate, their duration and pose0: look how the stamps are made" in said
+    assert "no unit of stamps fits their rate, their duration and pose0: check how the stamps are made" in said
 
 
 def test_slow_poses_in_microseconds_show_by_their_length() -> None:
@@ -324,7 +324,7 @@ def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:
     assert got.reference.stamps_ns.size == r.reference.stamps_ns.size - 4
     assert str(got.warnings[0]).startswith("outliers: pose0: 4 of 960 poses jump away and back, by up to 1.73 m")
     p[700:] += 2.0
-    assert "line 702: the pose leaps by 3.46 m" in message(with_poses(r, positions=p))
+    assert "line 702: the pose jumps by 3.46 m" in message(with_poses(r, positions=p))
 
 
 @pytest.mark.parametrize("repeats", [2, 3, 8])

@@ -103,7 +103,9 @@ def test_each_column_may_state_its_own_unit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("header", ["gx [deg/s],gy [rad/s],gz,ax,ay,az", "gx,gy [deg/s],gz [rad/s],ax,ay,az"])
 def test_units_that_differ_where_one_is_missing_are_refused(tmp_path: Path, header: str) -> None:
-    with pytest.raises(RecordingError, match=r"data\.csv, line 1: the columns .* belong together, and it is not clear"):
+    with pytest.raises(
+        RecordingError, match=r"data\.csv, line 1: the columns .* belong together, and the unit of each is not clear"
+    ):
         readings(tmp_path, header)
 
 

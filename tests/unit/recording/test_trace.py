@@ -148,8 +148,8 @@ def test_text_of_a_kr_c2(tmp_path: Path, comma: str, divider: str) -> None:
     file = table(tmp_path, [*AXES, *TCP], np.hstack([DEGREES, POSE]), comma, divider)
     got = read_trace(file)
     assert_all_read(got, 1e-8)
-    assert str(got.warnings[0]) == "trace: 't' has no unit, so it is taken in ms"
-    assert "without unit, so taken in ° and mm" in str(got.warnings[1])
+    assert str(got.warnings[0]) == "trace: 't' has no unit, so ms is assumed"
+    assert "without unit, so assumed in ° and mm" in str(got.warnings[1])
 
 
 def test_text_with_units_seconds_and_more_lines_above(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def only(names: list[str]) -> Columns:
     ("edit", "words"),
     [
         ({"202,°": "202,furlong"}, ("line 36", "AxisPos_Act1", "[furlong]", "[°], [deg]")),
-        ({"202,°": "202,rad"}, ("AxisPos_Act", "[rad]", "farther than any robot")),
+        ({"202,°": "202,rad"}, ("AxisPos_Act", "[rad]", "larger than for any robot")),
         ({"202,mm": "202,m"}, ("X_Act", "up to 1700", "correct the unit")),
         ({"241,57.29577951308232": "241,1"}, ("AxisPos_Act2", "they look like [rad]")),
         ({"241,57.29577951308232": "241,5729.5"}, ("before the gear",)),
@@ -236,7 +236,7 @@ def only(names: list[str]) -> Columns:
         ({"210,IMPLIZIT": "210,EGAL"}, ("code 210", "'EGAL'")),
         ({"200,Zeit\r\n": "hello\r\n"}, ("'hello' is not 'code,value'",)),
         ({"200,X_Act\r\n": ""}, ("no code 200",)),
-        ({"200,Y_Act": "200,X_Act"}, ("'X_Act' (line", "both speak of X")),
+        ({"200,Y_Act": "200,X_Act"}, ("'X_Act' (line", "both mean X")),
         ({"211,run_KRCIpo.r64": "211,other.r64"}, ()),
     ],
 )  # fmt: skip
@@ -278,14 +278,14 @@ def test_missing_values(tmp_path: Path, value: float) -> None:
 
 def test_a_channel_that_stands_still(tmp_path: Path) -> None:
     columns = {**only(AXES), "AxisPos_Act4": ("°", 1.0, np.zeros(N))}
-    refused(diadem(tmp_path / "a", columns), "'AxisPos_Act4': 0 throughout, but AxisPos_Act1, ")
+    refused(diadem(tmp_path / "a", columns), "'AxisPos_Act4': 0 in all samples, but not all of AxisPos_Act1, ")
     still = {name: ("°", 1.0, np.full(N, 3.0)) for name in AXES}
-    refused(diadem(tmp_path / "b", still), "3 throughout, as are all others", "the robot did not move")
+    refused(diadem(tmp_path / "b", still), "3 in all samples, as are all others", "the robot did not move")
 
 
 def test_values_alone_and_binary_traces(tmp_path: Path) -> None:
     diadem(tmp_path)
-    refused(tmp_path / "run_KRCIpo.r64", "give the .dat beside it")
+    refused(tmp_path / "run_KRCIpo.r64", "give the .dat next to it")
     (tmp_path / "old.trc").write_bytes(b"TRC\0\1\2")
     refused(tmp_path / "old.trc", "is binary", "export it as text")
     refused(tmp_path / "none.dat", "No such file")
@@ -307,7 +307,7 @@ def test_values_alone_and_binary_traces(tmp_path: Path) -> None:
         ("A1\tA2\n1\t1\n2\t1\n", ("the first column is 'A1', expected the time",)),
         ("t\tA1\n10\t1\n5\t2\n7\t3\n", ("time goes from 10 to 5 at sample 2",)),
         ("t\tA1\n0.012\t1\n0.024\t2\n", ("83333.3 a second in [ms]", "Zeit [s]")),
-        ("t\tA1\nnan\t1\n1\t2\n", ("nan at sample 1 is no possible time",)),
+        ("t\tA1\nnan\t1\n1\t2\n", ("nan at sample 1 is not a possible time",)),
         ("t\tTorque_A1\n10\t1\n20\t2\n", ("no measured motion", "the channels are Torque_A1")),
     ],
 )  # fmt: skip
@@ -416,7 +416,7 @@ def test_above_mav0(tmp_path: Path) -> None:
 
 def test_joint_angles_alone_need_the_robots_description(tmp_path: Path) -> None:
     trace, folder = diadem(tmp_path / "trace", only(AXES)), tmp_path / "run"
-    with pytest.raises(RecordingError, match=r"no robot\.urdf in .*run to make poses of them; put the robot's"):
+    with pytest.raises(RecordingError, match=r"no robot\.urdf in .*run to compute poses from them; put the robot's"):
         add_trace(trace, folder)
     assert not folder.exists()
     arm = load_arm("kr125")
@@ -424,7 +424,7 @@ def test_joint_angles_alone_need_the_robots_description(tmp_path: Path) -> None:
     (folder / "arm.urdf").write_text(arm.urdf)
     (folder / "recording.toml").write_text('[robot]\nurdf = "arm.urdf"\ntcp = "tool0"\n')
     said = [str(warning) for warning in add_trace(trace, folder)]
-    assert "pose0: poses of 'tool0' by arm.urdf from these angles: the trace holds none" in said
+    assert "pose0: poses of 'tool0' were computed from these angles with arm.urdf: the trace holds none" in said
     write_folder(Recording(folder, imu(), None), tmp_path / "imu")
     (tmp_path / "imu" / "imu0").rename(folder / "imu0")
     got = load_folder(folder)

@@ -150,7 +150,7 @@ def test_the_verdict_is_said_in_words(outcome: Outcome, page: str, tmp_path: Pat
     gaps = replace(outcome.observability, unobservable=lost)
     weak = written(replace(outcome, observability=gaps, verdict=Verdict(True, (), lost)), tmp_path)
     assert "Accepted, with gaps" in weak
-    assert "does not show 2 parameters" in weak
+    assert "2 parameters are not observable" in weak
     assert "<code>accelerometer.lever_arms</code> <code>[0,2]</code>" in weak
 
 

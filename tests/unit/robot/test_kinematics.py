@@ -517,7 +517,7 @@ def test_home_is_no_singularity(model):
 
 
 def test_joints_with_several_angles_are_refused():
-    with pytest.raises(RobotError, match="joints must each have one angle"):
+    with pytest.raises(RobotError, match="each joint must have one angle"):
         parse_arm(PLAIN.replace('name="shoulder" type="revolute"', 'name="shoulder" type="floating"'))
 
 

@@ -85,5 +85,5 @@ def test_a_silent_gyro_is_named() -> None:
     _, r = simulate(np.random.default_rng(1), 40.0, Path("run"))
     noise = np.random.default_rng(2).normal(0.0, 1e-3, len(r.imu.rates))
     rates = np.column_stack([r.imu.rates[:, :2], noise])
-    with pytest.raises(SynchronizationError, match="w_z hardly moves at all"):
+    with pytest.raises(SynchronizationError, match="w_z hardly changes"):
         check_conventions(readings(r, rates), reference, CLOCK)

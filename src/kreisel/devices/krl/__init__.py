@@ -17,12 +17,12 @@ def write_krl(folder: Path, ip: str, port: int) -> list[Path]:
     Parameters
     ----------
     ip, port
-        The controller's address and the port it takes moves at; it tells poses at the next one.
+        The controller's address and the port where it takes moves; it sends poses at the next port.
 
     Raises
     ------
     SettingsError
-        If one of the files is there already, or cannot be written.
+        If one of the files exists already, or cannot be written.
     """
     texts = {name: _text(name) for name in _PROGRAMS}
     for name, usual in _CONNECTIONS.items():

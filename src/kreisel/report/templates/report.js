@@ -52,7 +52,7 @@ async function drawAll() {
   for (const plot of plots) {
     await draw(plot, screenPalette());
     link(plot);
-    await new Promise((next) => setTimeout(next));  // let the page breathe between figures
+    await new Promise((next) => setTimeout(next));  // let the browser handle events between figures
   }
   document.documentElement.dataset.drawn = "all";
 }
