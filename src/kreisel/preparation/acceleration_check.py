@@ -27,8 +27,8 @@ class AccelerationFit:
     K_a, K_a_sd : (3, 3)
         Cross-coupling of the accelerometers, whatever their order, signs and handedness.
     scale
-        Bounds of the factor by which the positions are too large: noise in the positions makes the first too
-        small, noise in all else the second too large. Zero and infinity where it is not observable.
+        Bounds of the factor by which the positions are too large: noise in the positions makes the second too
+        large, noise in all else the first too small. Zero and infinity where it is not observable.
     explained
         Share of gravity's change in the readings that is explained.
     agreement

@@ -44,7 +44,7 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
 
 
 def _unwrapped(theta: Array) -> Array:
-    """Return rotation vectors without jumps of a full turn where their angle passes pi."""
+    """Return rotation vectors without jumps of a full turn where their angle passes pi, up to 3.7 rad."""
     out = theta.copy()
     for k in np.flatnonzero(np.linalg.norm(theta, axis=1) > 2.5):
         if k > 0 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:

@@ -31,9 +31,10 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         for values, least in ((imu.rates, 1e-7), (imu.accelerations, 1e-6))
     )
     given = table.gyro_noise_density is not None or grade is not None
+    accel_given = table.accel_noise_density is not None or grade is not None
     return ImuNoise(
         gyro=np.full(3, gyro) if gyro and given else np.maximum(observed_gyro, gyro or 0.0),
-        accel=np.full(3, accel) if accel and given else np.maximum(observed_accel, accel or 0.0),
+        accel=np.full(3, accel) if accel and accel_given else np.maximum(observed_accel, accel or 0.0),
         gyro_bounds=_bounds(gyro, observed_gyro),
         accel_bounds=_bounds(accel, observed_accel),
         gyro_walk=_walk(None if sheet is None else sheet.gyro_random_walk, grade, "gyro"),

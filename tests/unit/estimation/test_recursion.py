@@ -34,7 +34,7 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     points = F @ points
     centre = points[:, :1]
     predicted = sigma_point_filter.Predicted(points, noise, H @ (points - centre), np.hstack([H @ Q, -H @ Q]))
-    belief = sigma_point_filter.Belief(mean, upper)
+    belief = sigma_point_filter.Gaussian(mean, upper)
     used, nis, factor, whitened, gain = sigma_point_filter.update(
         layout.table, layout.tail(changing).table, figures, belief, predicted, z - H @ points[:, 0], R, gate
     )

@@ -13,7 +13,7 @@ from kreisel.cli.tables import print_result
 from kreisel.model.settings import CalibrationSettings
 from kreisel.report.page import write_report
 
-from ..small_cell import simulate
+from ...small_cell import simulate
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from kreisel.inertial.sensor_model import (
     size_effect,
 )
 
-from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings
+from ...oracle.motion import AnalyticMotion, inertial_truth, raw_readings
 
 GRAVITY = np.array([0.01, -0.02, -9.81])
 EARTH = np.array([0.0, 4.8e-5, 5.5e-5])

@@ -1,0 +1,114 @@
+"""The filter's problem of a small cell, a run over it, and beliefs and histories that are made up."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.outcome import Outcome
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.history import FilterRun, History
+from kreisel.filtering.initial_belief import stored_state
+from kreisel.filtering.prior_exchange import first_pass
+from kreisel.model.parameters import GROUPS, CellParameters
+from kreisel.model.problem import Problem
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.recording.recording import Recording
+
+from .small_cell import Truth, simulate
+
+SECONDS, RATE, SEED = 40.0, 100.0, 3
+
+
+@cache
+def recorded() -> tuple[Truth, Recording]:
+    """A small recording, and the truth behind it."""
+    return simulate(np.random.default_rng(SEED), SECONDS, Path("small"), imu_rate=RATE)
+
+
+@cache
+def prepared() -> Preparation:
+    return prepare_recording(recorded()[1], CalibrationSettings())
+
+
+@cache
+def small_problem() -> Problem:
+    return build_problem(prepared(), CalibrationSettings())
+
+
+@cache
+def small_run() -> FilterRun:
+    """One pass over the small problem, with the stated prior."""
+    return first_pass(small_problem())
+
+
+@cache
+def plain_run() -> FilterRun:
+    """One run of the filter over the small problem, as it leaves it."""
+    return run_filter(small_problem(), small_problem().prior.start)
+
+
+@cache
+def camera_problem() -> Problem:
+    """The same recording as one of motion capture: no frames that err, and noise just as it was simulated."""
+    recording = recorded()[1]
+    reference = recording.settings.reference.model_copy(update={"kind": "mocap"})
+    stated = replace(recording, settings=recording.settings.model_copy(update={"reference": reference}))
+    settings = CalibrationSettings(update_interval=0.24)
+    return build_problem(prepare_recording(stated, settings), settings)
+
+
+@cache
+def calibrated() -> Outcome:
+    """The calibration of the small recording, with all that led to it."""
+    return run_calibration(recorded()[1], CalibrationSettings())
+
+
+def estimate_of(problem: Problem, run: FilterRun, **changed: object) -> Estimate:
+    """An estimate of one pass without anything to say."""
+    return replace(Estimate(problem, run, 1, 1.0, 1.0, 0.0, ()), **changed)
+
+
+def moved_by(problem: Problem, parameters: CellParameters, change: np.ndarray) -> CellParameters:
+    """Return parameters a change (n,) away."""
+    layout = problem.layout
+    wide = np.zeros(layout.degrees)
+    wide[: change.size] = change
+    state = layout.plus(stored_state(problem, parameters), wide[:, None])[:, 0]
+    values = {g: parameters.stored(g) for g in GROUPS} | {g: state[layout.stored(g)].copy() for g in problem.groups}
+    return CellParameters.from_stored(values)
+
+
+def random_belief(problem: Problem, rng: np.random.Generator, sd: float = 1e-3) -> Belief:
+    """A belief about the prior's start with a full random factor of about these deviations."""
+    n = problem.layout.degrees
+    factor = sd * (np.tril(rng.normal(0.0, 0.3, (n, n)), -1) + np.diag(rng.uniform(0.5, 2.0, n)))
+    return Belief(stored_state(problem, problem.prior.start), factor)
+
+
+def with_noise(problem: Problem, **changed: object) -> Problem:
+    """Return the problem with other assumptions about its noise."""
+    return replace(problem, noise=replace(problem.noise, **changed))
+
+
+def history(u: int, **columns: np.ndarray) -> History:
+    """A history of so many updates on the path, all used, of no parameters; what is not given is zero."""
+    width = {
+        "parameters": (u, 0), "deviations": (u, 0),
+        "correction": (u, 6), "correction_variance": (u, 6),
+        **dict.fromkeys(("whitened", "innovation", "residual", "noise_variance"), (u, 9)),
+    }  # fmt: skip
+    made = {f.name: np.zeros(width.get(f.name, (u,))) for f in fields(History)}
+    made["seconds"] = np.arange(u, dtype=float)
+    made["at_standstill"], made["used"] = np.zeros(u, dtype=bool), np.ones(u, dtype=bool)
+    made["degrees"] = np.full(u, 6.0)
+    return History(**(made | columns))

@@ -1,0 +1,159 @@
+"""What is added for errors that are not estimated: covariances, a symmetry of mechanics, and what gravity costs."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.data_sheet import sensitivity
+from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.inflation import position_scale_column, with_unestimated_errors
+from kreisel.filtering.prior_exchange import first_pass
+
+from ...oracle import quaternions as quat
+from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
+
+
+def without(problem):
+    return with_noise(problem, frame_sd=(0.0, 0.0), lateness=0.0)
+
+
+def test_without_such_errors_the_belief_stays_as_it_is():
+    found = estimate_of(without(small_problem()), small_run())
+    assert with_unestimated_errors(found).run.belief is found.run.belief
+
+
+def test_lateness_adds_its_square_to_the_time_offset_and_to_nothing_else():
+    found = estimate_of(with_noise(without(small_problem()), lateness=3e-4), small_run())
+    added = with_unestimated_errors(found).run.belief.covariance - found.run.belief.covariance
+    i = found.problem.layout["time_offset"].start
+    want = np.zeros_like(added)
+    want[i, i] = 3e-4**2
+    sd = found.run.belief.standard_deviation
+    np.testing.assert_allclose(added / np.outer(sd, sd), want / np.outer(sd, sd), atol=1e-9)
+
+
+def test_frames_and_scale_add_the_squares_of_their_columns():
+    problem = with_noise(small_problem(), frame_sd=(2e-3, 1e-3))
+    found = estimate_of(problem, small_run())
+    after = with_unestimated_errors(found)
+    columns = np.hstack([frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run)])
+    added = after.run.belief.covariance - found.run.belief.covariance
+    sd = after.run.belief.standard_deviation
+    np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
+    assert [w.subject for w in after.warnings][:1] == ["robot"]
+    assert "2 mm and 1 mrad" in after.warnings[0].message
+
+
+def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
+    """A factor for correlated innovations is no wider prior: the column is that of the filter's own run."""
+    problem = with_noise(small_problem(), frame_sd=(2e-3, 0.0))
+    run = small_run()
+    wide = replace(run, belief=replace(run.belief, factor=3.0 * run.belief.factor))
+    after = with_unestimated_errors(estimate_of(problem, wide, correlation_factor=3.0))
+    columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run)])
+    added = after.run.belief.covariance - wide.belief.covariance
+    sd = after.run.belief.standard_deviation
+    np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
+
+
+def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
+    """Multiply positions, gravity, K_a and the lever arms by one number: readings stay, so nothing else moves.
+
+    That is so where gravity is as good as unknown. Lever arms and K_a have priors of their own, which are wide against
+    what this motion shows; a tenth of the change is left for them.
+    """
+    problem, scale = camera_problem(), 1e-3
+    unknown = {"gravity": np.array([[1.0]])}
+    prior = replace(problem.prior, covariance=problem.prior.covariance | unknown,
+                    start_covariance=problem.prior.start_covariance | unknown)  # fmt: skip
+    problem = replace(with_noise(problem, frame_sd=(scale, 0.0)), prior=prior)
+    run = first_pass(problem)
+    column, layout, p = position_scale_column(problem, run)[:, 0], problem.layout, run.parameters
+    for group, value in (("gravity", [p.gravity]), ("accel_cross_coupling", p.sensors.K_a.ravel()),
+                         ("lever_arms", p.sensors.lever_arms.ravel())):  # fmt: skip
+        want = scale * np.array(value)
+        np.testing.assert_allclose(column[layout[group]], want, atol=0.1 * np.abs(want).max())
+    for group in ("gyro_cross_coupling", "gyro_offset", "time_offset", "alignment"):
+        assert np.abs(column[layout[group]] / run.belief.standard_deviation[layout[group]]).max() < 0.1
+    assert not column[len(problem.parameter_names) :].any()
+
+
+def test_where_gravity_is_known_the_scale_enters_as_far_as_it_comes_from_motion():
+    problem = with_noise(camera_problem(), frame_sd=(1e-3, 0.0))
+    run = first_pass(problem)
+    column, d = position_scale_column(problem, run)[:, 0], problem.layout["accel_cross_coupling"]
+    trace = column[d].reshape(3, 3).trace() / run.parameters.sensors.K_a.trace()
+    assert 0.0 < trace < 0.3e-3
+    double = position_scale_column(with_noise(problem, frame_sd=(2e-3, 0.0)), run)[:, 0]
+    np.testing.assert_allclose(double[d], 2.0 * column[d], atol=0.01 * np.abs(column[d]).max())
+
+
+@pytest.mark.parametrize("lacking", ["positions", "length"])
+def test_without_positions_or_their_error_there_is_no_scale(lacking):
+    problem = with_noise(small_problem(), frame_sd=(0.0 if lacking == "length" else 1e-3, 1e-3))
+    if lacking == "positions":
+        problem = replace(problem, reference=replace(problem.reference, positions=None))
+    column = position_scale_column(problem, small_run())
+    assert column.shape == (problem.layout.degrees, 1)
+    assert not column.any()
+
+
+def limited_by_gravity(share):
+    """A belief in which gravity causes all but a share of the variance of the accelerometers' mean scale."""
+    problem, run = without(small_problem()), small_run()
+    layout, factor = problem.layout, run.belief.factor.copy()
+    K_a = run.parameters.sensors.K_a
+    d, g = layout["accel_cross_coupling"], layout["gravity"].start
+    factor[d], factor[g] = 0.0, 0.0
+    own, common = 1e-4 * share**0.5, 1e-4 * (1.0 - share) ** 0.5
+    factor[d, d.start] = own * K_a.ravel()  # all scale factors alike
+    factor[d, g] = common * K_a.ravel()
+    factor[g, g] = 9.81e-4
+    return estimate_of(problem, replace(run, belief=replace(run.belief, factor=factor)))
+
+
+def test_what_gravity_costs_the_scale_factors_is_told_in_ppm():
+    """The mean scale factor, one over K_a, is then known to 100 ppm, and to 100 ppm times the root of the share."""
+    found = limited_by_gravity(0.04)
+    (warning,) = with_unestimated_errors(found).warnings
+    assert warning.subject == "site"
+    limited, known = (float(x) for x in re.search(r"(\d+) ppm instead of (\d+) ppm", warning.message).groups())
+    assert (limited, known) == (100.0, 20.0)
+
+
+def test_the_mean_scale_factor_is_that_of_the_data_sheet():
+    """Changes of the scale factors by finite differences, carried through the covariance of a real run."""
+    run, problem = small_run(), without(small_problem())
+    mount = quat.matrix(quat.exp(np.array([0.5, -0.4, 0.9])))
+    K = mount @ run.parameters.sensors.K_a
+    run = replace(run, parameters=replace(run.parameters, sensors=replace(run.parameters.sensors, K_a=K)))
+    d, g = problem.layout["accel_cross_coupling"], problem.layout["gravity"].start
+    J = np.empty(9)
+    for i in range(9):
+        h = 1e-6 * np.eye(9)[i].reshape(3, 3)
+        scales = [np.log(sensitivity(K + sign * h)[0]).mean() for sign in (1.0, -1.0)]
+        J[i] = (scales[0] - scales[1]) / 2e-6
+    wide = run.belief.covariance + 1e-6 * np.outer(*2 * [column_of_gravity(problem, K)])
+    belief = replace(run.belief, factor=np.linalg.cholesky(wide))
+    (warning,) = with_unestimated_errors(estimate_of(problem, replace(run, belief=belief))).warnings
+    limited, known = (float(x) for x in re.search(r"(\d+) ppm instead of (\d+) ppm", warning.message).groups())
+    P = wide[d, d]
+    conditional = P - np.outer(wide[d, g], wide[d, g]) / wide[g, g]
+    # the axes are square within 1 %, and the mean of three logarithms is as good as their determinant's
+    assert limited == pytest.approx(1e6 * (J @ P @ J) ** 0.5, rel=0.02)
+    assert known == pytest.approx(1e6 * (J @ conditional @ J) ** 0.5, rel=0.02, abs=1.0)
+
+
+def column_of_gravity(problem, K):
+    """What an error of gravity does: K_a grows with it."""
+    column = np.zeros(problem.layout.degrees)
+    column[problem.layout["accel_cross_coupling"]] = K.ravel()
+    column[problem.layout["gravity"]] = 9.81
+    return column
+
+
+def test_gravity_that_costs_little_or_is_no_parameter_is_not_mentioned():
+    assert with_unestimated_errors(limited_by_gravity(0.26)).warnings == ()
+    assert len(with_unestimated_errors(limited_by_gravity(0.24)).warnings) == 1

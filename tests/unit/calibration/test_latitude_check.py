@@ -1,0 +1,130 @@
+"""The latitude against the Earth's rotation in the readings: geometry by drawn vectors, and simulated cells."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from kreisel.calibration.latitude_check import SEEN, _compared, _with_free_earth_rate, check_latitude
+from kreisel.filtering.prior_exchange import first_pass
+from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.prepare import prepare_recording
+
+from ...small_cell import simulate
+from ...small_problem import small_problem, small_run
+
+TRUE = 49.2571
+
+
+def rotation(latitude, heading):
+    phi = np.radians(latitude)
+    return np.array([np.cos(phi) * np.cos(heading), np.cos(phi) * np.sin(heading), -np.sin(phi)])
+
+
+def covariance(rng, size):
+    A = size * rng.normal(size=(3, 3))
+    return A @ A.T + (0.3 * size) ** 2 * np.eye(3)
+
+
+@pytest.mark.parametrize("latitude", [-70.0, -12.0, 5.0, TRUE])
+@pytest.mark.parametrize("heading", [0.0, 2.2, -1.0])
+def test_the_latitude_found_is_the_angle_of_the_rotation_above_the_horizon(latitude, heading):
+    rate = 1.3 * rotation(latitude, heading)  # its size does not matter
+    found = _compared(rate[:2], rate[2], 1e-4 * np.eye(3), -np.sin(np.radians(30.0)))
+    assert found.found_deg == pytest.approx(latitude, abs=1e-9)
+    assert found.stated_deg == pytest.approx(30.0, abs=1e-9)
+
+
+def test_the_deviation_is_that_of_latitudes_of_drawn_rotations():
+    """40000 draws: a deviation is good to 0.35 %; errors of 1 % bend the angle by less than that."""
+    rng = np.random.default_rng(0)
+    rate, sd = rotation(TRUE, 0.7), np.array([0.012, 0.012, 0.004])
+    drawn = rate + sd * rng.normal(size=(40000, 3))
+    latitudes = np.degrees(np.arctan2(-drawn[:, 2], np.linalg.norm(drawn[:, :2], axis=1)))
+    found = _compared(rate[:2], rate[2], np.diag(sd**2), -np.sin(np.radians(TRUE)))
+    assert found.deviation_deg == pytest.approx(np.std(latitudes), rel=0.015)
+
+
+def test_the_score_is_the_distance_to_the_nearest_rotation_of_the_stated_latitude():
+    """In the metric of P: north may lie anywhere; for small errors the distance is that of the linear model."""
+    rng = np.random.default_rng(1)
+    P, stated = covariance(rng, 0.004), TRUE
+    rate = rotation(stated, 0.7) + 0.01 * rng.normal(size=3)
+    inverse = np.linalg.inv(P)
+
+    def square(heading):
+        off = rate - rotation(stated, heading[0])
+        return off @ inverse @ off
+
+    nearest = minimize(square, [0.7]).fun ** 0.5
+    found = _compared(rate[:2], rate[2], P, -np.sin(np.radians(stated)))
+    assert found.score == pytest.approx(nearest, rel=0.03)
+    assert found.score > 1.0
+
+
+def test_near_a_pole_the_latitude_is_as_certain_as_the_level_part():
+    found = _compared(np.array([3e-5, 4e-5]), -1.0, 1e-4 * np.eye(3), -1.0)
+    assert found.found_deg == pytest.approx(90.0 - np.degrees(5e-5), abs=1e-9)
+    assert found.deviation_deg == pytest.approx(np.degrees(0.01), rel=1e-6)
+    assert found.score == pytest.approx(5e-3, rel=1e-6)
+
+
+@cache
+def quiet_cell(latitude=TRUE):
+    """Two minutes, which show north to about a tenth of the Earth's rate; the problem for a stated latitude."""
+    recording = simulate(np.random.default_rng(3), 120.0, Path("small"), imu_rate=50.0)[1]
+    site = recording.settings.site.model_copy(update={"latitude_deg": latitude})
+    recording = replace(recording, settings=recording.settings.model_copy(update={"site": site}))
+    problem = build_problem(prepare_recording(recording, CalibrationSettings()), CalibrationSettings())
+    return problem, first_pass(problem)
+
+
+def test_the_right_latitude_is_found():
+    found = check_latitude(*quiet_cell())
+    assert found.stated_deg == pytest.approx(TRUE)
+    assert abs(found.found_deg - TRUE) < 4.0 * found.deviation_deg
+    assert found.deviation_deg < 6.0
+    assert found.score < 3.7  # chi-square of two degrees of freedom: one in a thousand
+
+
+@pytest.mark.parametrize("wrong", [10.0, -TRUE])
+def test_a_wrong_latitude_does_not_change_what_the_readings_show(wrong):
+    right, found = check_latitude(*quiet_cell()), check_latitude(*quiet_cell(wrong))
+    assert found.stated_deg == pytest.approx(wrong)
+    assert found.found_deg == pytest.approx(right.found_deg, abs=0.3 * right.deviation_deg)
+    assert found.score > 6.0
+
+
+def test_without_a_latitude_or_without_north_there_is_nothing_to_check():
+    problem, run = quiet_cell()
+    assert check_latitude(replace(problem, site=replace(problem.site, earth_rate_n=None)), run) is None
+    kept = [part for part in problem.layout if part.name != "north"]
+    assert check_latitude(replace(problem, layout=type(problem.layout)(kept)), run) is None
+
+
+def test_gyros_that_do_not_see_the_earth_turn_check_nothing():
+    problem, run = small_problem(), small_run()
+    assert run.belief.standard_deviation[problem.layout["north"]].max() > SEEN / np.cos(np.radians(TRUE))
+    assert check_latitude(problem, run) is None
+
+
+def test_the_free_problem_begins_at_the_run_and_knows_nothing_of_the_rotation():
+    problem, run = quiet_cell()
+    free = _with_free_earth_rate(problem, run)
+    assert free.site.earth_rate_units == (EARTH_RATE, EARTH_RATE)
+    assert free.groups == tuple(
+        g for known in problem.groups for g in ((known, "earth_down") if known == "north" else (known,))
+    )
+    phi = np.radians(TRUE)
+    start = free.prior.start
+    rate = np.array([*start.north, start.earth_down])  # in units of the Earth's rate now
+    np.testing.assert_allclose(rate, [*(np.cos(phi) * run.parameters.north), -np.sin(phi)], rtol=1e-12)
+    np.testing.assert_array_equal([*free.prior.value.north, free.prior.value.earth_down], 0.0)
+    for covariance_of in (free.prior.covariance, free.prior.start_covariance):
+        np.testing.assert_allclose(covariance_of["north"], np.eye(2) / 3.0)  # an isotropic vector of unit length
+        np.testing.assert_allclose(covariance_of["earth_down"], np.eye(1) / 3.0)

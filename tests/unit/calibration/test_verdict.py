@@ -1,0 +1,178 @@
+"""The verdict: each reason on either side of its bound, and none without cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
+from kreisel.calibration.parts import Consistency
+from kreisel.calibration.verdict import MAX_CONTRADICTION, MAX_MOVED, MAX_NIS, MAX_SCORE, consistency, judge
+from kreisel.filtering.observability import Observability
+from kreisel.model.settings import CalibrationSettings
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.results import Correlation
+
+from ...small_problem import estimate_of, history, moved_by, small_problem, small_run
+
+FACTS = Consistency(1.0, 1.0, 100, 0, np.zeros(6), 1.0, 0.99)
+SEEN = Observability((), np.zeros(0), np.zeros(0), (), ())
+
+
+def found(**changed):
+    return estimate_of(**({"problem": small_problem(), "run": small_run()} | changed))
+
+
+def reasons(estimate=None, *, facts=FACTS, seen=SEEN, halves=None, latitude=None):
+    verdict = judge(estimate or found(), Evidence(seen, facts, halves, latitude))
+    assert verdict.accepted == (not verdict.reasons)
+    assert verdict.unobservable == seen.unobservable
+    return verdict.reasons
+
+
+def test_a_sound_result_is_accepted():
+    assert reasons() == ()
+
+
+@pytest.mark.parametrize(("field", "where"), [("nis_path", "on the path"), ("nis_standstill", "at standstill")])
+def test_innovations_too_large_are_named_with_their_size(field, where):
+    assert reasons(facts=replace(FACTS, **{field: 0.99 * MAX_NIS})) == ()
+    (reason,) = reasons(facts=replace(FACTS, **{field: 9.0}))
+    assert len(reasons(facts=replace(FACTS, **{field: 1.01 * MAX_NIS}))) == 1
+    assert f"innovations {where} are 3.0 times" in reason
+
+
+def test_a_recording_without_standstills_is_not_rejected_for_it():
+    assert reasons(facts=replace(FACTS, nis_standstill=float("nan"))) == ()
+
+
+def test_one_update_in_twenty_may_be_rejected():
+    assert reasons(facts=replace(FACTS, rejected=5)) == ()
+    (reason,) = reasons(facts=replace(FACTS, rejected=6))
+    assert "6 of 100 updates" in reason
+
+
+def test_halves_that_differ_in_a_sensor_parameter_are_a_reason():
+    names = ("gyroscope.offset[0]", "timing.offset")
+
+    def of(*score):
+        return SplitHalves(names, np.array(score), np.ones(2))
+
+    assert reasons(halves=of(-0.99 * MAX_SCORE, 100.0)) == ()
+    (reason,) = reasons(halves=of(-5.0, 0.0))
+    assert "gyroscope.offset[0]" in reason
+    assert "5.0 standard deviations" in reason
+
+
+def test_a_latitude_that_the_gyros_contradict_is_a_reason():
+    assert reasons(latitude=LatitudeCheck(49.0, 40.0, 2.0, MAX_SCORE)) == ()
+    (reason,) = reasons(latitude=LatitudeCheck(49.25, 40.0, 2.0, MAX_SCORE + 0.01))
+    assert "49.25 deg" in reason
+    assert "40.0 +- 2 deg" in reason
+
+
+def far_from_prior(group, deviations):
+    """An estimate at its stated prior, but for one parameter of a group."""
+    problem = small_problem()
+    change = np.zeros(len(problem.parameter_names))
+    d = problem.layout[group]
+    change[d.stop - 1] = deviations * problem.prior.covariance[group][-1, -1] ** 0.5
+    return estimate_of(problem, replace(small_run(), parameters=moved_by(problem, problem.prior.value, change)))
+
+
+@pytest.mark.parametrize(
+    ("group", "said"),
+    [("gyro_offset", "gyro offsets"), ("accel_offset", "accelerometer offsets"),
+     ("gravity", "gravity")],
+)  # fmt: skip
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_estimates_far_from_what_is_stated_are_a_reason(group, said, sign):
+    assert reasons(far_from_prior(group, sign * 4.4)) == ()
+    (reason,) = reasons(far_from_prior(group, sign * 4.6))
+    assert reason.startswith(said)
+    assert "4.6 stated standard deviations" in reason
+
+
+def test_offsets_whose_deviation_nobody_stated_may_lie_anywhere():
+    far = far_from_prior("gyro_offset", 50.0)
+    unstated = replace(far.problem, prior=replace(far.problem.prior, stated=()))
+    assert reasons(replace(far, problem=unstated)) == ()
+
+
+def test_estimates_that_still_move_are_a_reason_unless_the_passes_were_stated():
+    assert reasons(found(moved=MAX_MOVED)) == ()
+    (reason,) = reasons(found(moved=1.5, passes=10))
+    assert "10 passes" in reason
+    assert "1.5 standard deviations" in reason
+    stated = replace(small_problem(), settings=CalibrationSettings(passes=2))
+    assert reasons(found(problem=stated, moved=1.5)) == ()
+
+
+def test_noise_figures_that_the_data_contradict_are_a_reason():
+    assert reasons(found(contradiction=MAX_CONTRADICTION)) == ()
+    (reason,) = reasons(found(contradiction=3.2))
+    assert "given noise figures 3.2 times" in reason
+
+
+def test_what_a_calibration_needs_must_be_shown():
+    def of(*names):
+        return replace(SEEN, not_narrowed=names, unobservable=names)
+
+    assert reasons(seen=of("accelerometer.lever_arms[0,0]", "timing.offset", "alignment.tilt[0]")) == ()
+    for name in ("gyroscope.cross_coupling[0,0]", "gyroscope.offset[2]", "accelerometer.offset[1]"):
+        (reason,) = reasons(seen=of(name))
+        assert name in reason
+    lost = [f"gyroscope.cross_coupling[0,{i}]" for i in range(3)] + ["gyroscope.offset[0]", "gyroscope.offset[1]"]
+    (reason,) = reasons(seen=of(*lost))
+    assert [name in reason for name in lost] == [True] * 4 + [False]
+    assert "gyroscope.offset[0] and others" in reason
+    weak = replace(SEEN, unobservable=("gyroscope.offset[2]",))  # narrowed, but of little use: a gap, no reason
+    assert reasons(seen=weak) == ()
+
+
+@pytest.mark.parametrize(("name", "field"), [("gyroscope", "K_omega"), ("accelerometer", "K_a")])
+@pytest.mark.parametrize(("sensitivity", "fine"), [(1.49, True), (1.51, False), (0.68, True), (0.66, False)])
+def test_scale_factors_far_from_one_are_a_reason(name, field, sensitivity, fine):
+    """A sensor that reads `sensitivity` times too much on its y axis, wherever its axes point."""
+    problem, run = small_problem(), small_run()
+    mount = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    K = mount @ np.diag([1.0, 1.0 / sensitivity, 1.0])
+    p = replace(run.parameters, sensors=replace(run.parameters.sensors, **{field: K}))
+    said = reasons(estimate_of(problem, replace(run, parameters=p)))
+    assert [reason.split(" scale")[0] for reason in said] == ([] if fine else [name])
+
+
+CORRELATION = Correlation(Clock(0.0), 0.987)
+
+
+def test_consistency_counts_a_rejected_update_by_the_bound_it_was_rejected_at():
+    nis = np.array([6.0, 1e6, 12.0, 9.0, 1e6])
+    made = history(
+        5, nis=nis, degrees=np.array([6.0, 6.0, 6.0, 9.0, 9.0]), used=nis < 1e5,
+        at_standstill=np.array([False, False, False, True, True]),
+    )  # fmt: skip
+    facts = consistency(found(run=replace(small_run(), history=made, fitted=0.0), correlation_factor=1.3), CORRELATION)
+    assert facts.nis_path == pytest.approx((6.0 + chi2.isf(1e-6, 6) + 12.0) / 18.0, rel=1e-8)
+    assert facts.nis_standstill == pytest.approx((9.0 + chi2.isf(1e-6, 9)) / 18.0, rel=1e-8)
+    assert (facts.updates, facts.rejected, facts.correlation_factor, facts.synchronisation) == (5, 2, 1.3, 0.987)
+
+
+def test_consistency_makes_up_for_degrees_of_freedom_fitted_before():
+    made = history(10, nis=np.full(10, 3.0))
+    facts = consistency(found(run=replace(small_run(), history=made, fitted=30.0)), CORRELATION)
+    assert facts.nis_path == pytest.approx(1.0)
+    assert np.isnan(facts.nis_standstill)
+
+
+def test_correlation_of_neighbours_is_that_of_updates_on_the_path_that_were_used():
+    """An autoregressive series of 0.7, 1 / sqrt(n) = 1.6 %; standstills in between would break it."""
+    rng, n = np.random.default_rng(0), 4000
+    series = rng.normal(size=(n, 9))
+    for i in range(1, n):
+        series[i] = 0.7 * series[i - 1] + 0.51**0.5 * series[i]
+    wide, still = np.zeros((2 * n, 9)), np.arange(2 * n) % 2 == 1
+    wide[::2], wide[1::2] = series, 100.0
+    made = history(2 * n, whitened=wide, at_standstill=still)
+    facts = consistency(found(run=replace(small_run(), history=made)), CORRELATION)
+    np.testing.assert_allclose(facts.lag_one, 0.7, atol=4 * 0.016)
