@@ -71,13 +71,13 @@ def _compared(north: Array, vertical: float, P: Array, stated: float) -> Latitud
     stated
         Downward component at the stated latitude.
     """
-    horizontal = max(float(np.linalg.norm(north)), 1e-6)
+    horizontal = float(np.linalg.norm(north))
     J = np.zeros((2, 3))
-    J[0, :2], J[1, 2] = north / horizontal, 1.0
+    J[0, :2], J[1, 2] = north / horizontal if horizontal > 0.0 else (1.0, 0.0), 1.0
     S = J @ P @ J.T
     off = np.array([horizontal - (1.0 - stated**2) ** 0.5, vertical - stated])
     score = float(np.sqrt(np.maximum(off @ np.linalg.solve(S, off), 0.0)))
     latitude = np.arctan2(-vertical, horizontal)
-    g = np.array([np.sin(latitude), -np.cos(latitude)]) / np.hypot(horizontal, vertical)
+    g = -np.array([np.sin(latitude), np.cos(latitude)]) / np.hypot(horizontal, vertical)
     deviation = float(np.degrees(np.sqrt(g @ S @ g)))
     return LatitudeCheck(float(np.degrees(np.arcsin(-stated))), float(np.degrees(latitude)), deviation, score)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.evidence import CrossValidation, Drift, Injection
@@ -43,7 +44,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     )  # fmt: skip
     unseen = _navigation_only(part_of(problem, slice(cut, count)))
     return CrossValidation(
-        trained_until=float(problem.readings.stamps[problem.schedule.updates[cut].last]),
+        trained_until=float(problem.readings.stamps[problem.schedule.updates[cut - 1].last]),
         nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=of_step(progress, "nominal"))),
         calibrated=_drift(
             run_filter(unseen, trained.parameters, gate=np.inf, progress=of_step(progress, "calibrated"))
@@ -92,13 +93,25 @@ class _Errors:
 
     def apply(self, p: SensorParameters) -> SensorParameters:
         """Return the parameters that undo the errors: raw = (old + offset) (1 + scale)."""
-        gyro, accel = 1.0 / (1.0 + self.gyro_scale), 1.0 / (1.0 + self.accel_scale)
-        k_w, k_a = p.k_w.copy(), p.k_a.copy()
-        k_w[0] = (k_w[0] - self.gyro_offset) / gyro
-        k_a[0] = (k_a[0] - self.accel_offset) / accel
-        # K (w + k0) = K diag(g) (w' + (k0 - d) / g); the size effect is untouched by K_a diag(g) only in
-        # e's own unit, so the sensitive axes change with it
+        gyro, k_w = _composed(p.k_w, self.gyro_offset, self.gyro_scale)
+        accel, k_a = _composed(p.k_a, self.accel_offset, self.accel_scale)
+        # the sensitive axes, and with them the size effect, change with K_a
         return replace(p, K_omega=p.K_omega * gyro, k_w=k_w, K_a=p.K_a * accel, k_a=k_a)
+
+
+def _composed(k: Array, offset: Array, scale: Array) -> tuple[Array, Array]:
+    """Return factors (3,) and coefficients (N, 3) for raw readings with errors: factor (raw + k'_0 + sum k'_i raw^i).
+
+    Equal to old + k_0 + sum k_i old^i, with raw = (old + offset) (1 + scale), axis by axis.
+    """
+    order = k.shape[0]
+    coefficients = np.empty((order + 1, 3))
+    for axis in range(3):
+        old = Polynomial([-offset[axis], 1.0 / (1.0 + scale[axis])])
+        total = Polynomial([k[0, axis], 1.0, *k[1:, axis]])(old)
+        coefficients[:, axis] = np.pad(total.coef, (0, order + 1 - total.coef.size))
+    factor = coefficients[1]
+    return factor, np.vstack([coefficients[0], coefficients[2:]]) / factor
 
 
 def _errors() -> _Errors:

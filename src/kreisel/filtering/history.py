@@ -26,14 +26,15 @@ class History:
     nis, degrees
         Normalised innovation squared, and the degrees of freedom it is expected to equal.
     log_likelihood
-        Of each innovation.
+        Of each innovation, up to a constant.
     whitened, innovation, residual : (u, 9)
         Innovation divided by its factor; innovation; residual after the update. Position, orientation, velocity; nan
         where there is no such measurement.
     noise_variance : (u, 9)
         The assumed measurement noise, along the diagonal.
     correction, correction_variance : (u, 6)
-        Change of velocity and attitude by the update, and the variance the filter expected of it.
+        Change of velocity and attitude by the update, and the variance the filter expected of it; of a rejected update
+        what it would have been.
     turn_information
         Information of an update about a rotation, summed over the three axes: trace of the inverse covariance of
         innovations in orientation, rad^-2; 0 where it was rejected or there is no such measurement.

@@ -124,7 +124,7 @@ def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
 
 
 def _contradiction(before: Problem, after: Problem, given: Given) -> float:
-    """Return the largest factor between noise figures finally assumed and those the user gave."""
+    """Return the largest factor between noise finally assumed, on the path and of the IMU, and what the user gave."""
     ratios = [1.0]
     if given.reference:
         found, stated = after.noise.reference, before.noise.reference

@@ -54,7 +54,7 @@ class Schedule:
     stillness
         When the IMU stands still, for standstills by other clocks; None where standstills are given.
     attitude : (updates, 4)
-        q_rb at every update, roughly: start of navigation if the reference has no attitude.
+        Rough q_rb at every update where the reference has no attitude: navigation starts with it. Else the identity.
     attitude_sd
         Its standard deviation, rad.
     """

@@ -52,6 +52,7 @@ class CalibrationSettings:
         Form of the eccentricity term in equation (2).
     passes
         Passes over the data, each starting from the estimates of the one before; as many as are useful if None.
+        Further ones follow as long as noise figures are adapted.
     """
 
     estimator: str = "spkf"

@@ -39,10 +39,15 @@ def true_parameters(truth: Truth, recording: Recording, problem: Problem, found:
     start = truth.time_offset - apart
     robot = RobotParameters.none(problem.joints)
     if problem.joints:
-        robot = RobotParameters(truth.arm.placement, robot.gears, truth.arm.compliance)
+        size, phase = truth.arm.eccentricity, truth.arm.phase
+        gears = np.column_stack([size * np.cos(phase), size * np.sin(phase)])
+        robot = RobotParameters(truth.arm.placement, gears, truth.arm.compliance)
+    down = truth.gravity_r / np.linalg.norm(truth.gravity_r)
+    earth_down = float(truth.earth_rate_r @ down) / problem.site.earth_rate_units[1]
     return CellParameters(
         type(sensors)(sensors.K_omega, k_w, sensors.K_a, k_a, sensors.lever_arms),
         q_rn, north, float(np.linalg.norm(truth.gravity_r)), start, truth.time_skew, robot,
+        earth_down,
     )  # fmt: skip
 
 

@@ -128,3 +128,21 @@ def test_the_free_problem_begins_at_the_run_and_knows_nothing_of_the_rotation():
     for covariance_of in (free.prior.covariance, free.prior.start_covariance):
         np.testing.assert_allclose(covariance_of["north"], np.eye(2) / 3.0)  # an isotropic vector of unit length
         np.testing.assert_allclose(covariance_of["earth_down"], np.eye(1) / 3.0)
+
+
+def test_the_deviation_counts_correlation_of_level_and_vertical_part():
+    """Against drawn rotations: the gradient of atan2(-v, h) is -(sin, cos) / r."""
+    rng = np.random.default_rng(5)
+    true, stated = np.radians(50.0), -np.sin(np.radians(50.0))
+    north, vertical = np.array([np.cos(true), 0.0]), -np.sin(true)
+    A = 0.01 * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
+    check = _compared(north, vertical, A @ A.T, stated)
+    drawn = np.array([*north, vertical]) + rng.normal(size=(100_000, 3)) @ A.T
+    latitudes = np.degrees(np.arctan2(-drawn[:, 2], np.hypot(drawn[:, 0], drawn[:, 1])))
+    assert check.deviation_deg == pytest.approx(np.std(latitudes), rel=0.01)
+
+
+def test_a_pole_has_a_latitude():
+    check = _compared(np.zeros(2), -1.0, 1e-4 * np.eye(3), -1.0)
+    assert check.found_deg == pytest.approx(90.0)
+    assert np.isfinite(check.deviation_deg)

@@ -9,7 +9,7 @@ from kreisel.calibration.split_halves import part_of
 from kreisel.calibration.validation import TRAINING, _drift, _errors, _navigation_only, cross_validate, inject
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.history import FilterRun
-from kreisel.inertial.sensor_model import SizeEffect, correct_angular_rate, correct_specific_force
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
 from kreisel.units import DEG_PER_HOUR, MG
 
 from ...small_problem import calibrated, history, recorded
@@ -119,3 +119,14 @@ def test_drift_is_the_length_of_the_innovation_on_the_path_once_navigation_runs(
     np.testing.assert_array_equal(found.seconds, [2.0, 4.0])
     np.testing.assert_allclose(found.position, [3.0, 5.0])
     np.testing.assert_allclose(found.attitude, [5.0, 7.0])
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_parameters_undo_known_errors_at_any_order(order):
+    rng = np.random.default_rng(order)
+    errors = _errors()
+    k = np.vstack([rng.normal(0.0, 0.1, (1, 3)), rng.normal(0.0, 0.02, (order - 1, 3))])
+    p = SensorParameters(np.eye(3) + rng.normal(0.0, 0.05, (3, 3)), k, np.eye(3), k, np.zeros((3, 3)))
+    old = rng.normal(0.0, 1.0, (50, 3))
+    raw = (old + errors.gyro_offset) * (1.0 + errors.gyro_scale)
+    np.testing.assert_allclose(correct_angular_rate(raw, errors.apply(p)), correct_angular_rate(old, p), atol=1e-13)
