@@ -55,11 +55,22 @@ def test_the_table_of_equations_is_true():
     rows = re.findall(r"^\| ((?:\(\d+\)(?:, )?)+) \| (.*?) \| (.*?) \|$", text, re.M)
     numbers = [int(n) for row in rows for n in re.findall(r"\d+", row[0])]
     assert sorted(numbers) == sorted(set(map(int, re.findall(r"\((\d+)\)", text.partition("## Where each")[0]))))
-    for _, computed, checked in rows:
+    for equations, computed, checked in rows:
+        sources = ""
         for path in re.findall(r"`(kreisel[\w.]+)`", computed):
             assert resolved(path) is not None, path
+            sources += source_of(path)
+        for number in re.findall(r"\(\d+\)", equations):
+            assert re.search(rf"equations? [^\n]*{re.escape(number)}", sources), f"{number} does not stand at its line"
         for path in re.findall(r"`(tests/[\w/.]+)`", checked):
             assert (DOCS.parent / path).is_file(), path
+
+
+def source_of(path):
+    """Return the text of the module a dotted path leads into."""
+    while path not in sys.modules:
+        path = path.rpartition(".")[0]
+    return Path(sys.modules[path].__file__).read_text(encoding="utf-8")
 
 
 def resolved(path):

@@ -65,7 +65,7 @@ def force_coefficients(
         inverse(K_a, axes)
     x = np.empty((3, m))
     for row in range(3):
-        # K_a e = sum_ij field_ij ([alpha x] + [omega x]^2)_ij
+        # equation (3): K_a e = sum_ij field_ij ([alpha x] + [omega x]^2)_ij
         for i in range(3):
             for j in range(3):
                 for s in range(m):

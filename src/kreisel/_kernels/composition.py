@@ -60,8 +60,8 @@ def environment(
     for s in range(gravity.shape[1]):
         gravity[0, s] = 0.0
         gravity[1, s] = 0.0
-        gravity[2, s] = magnitude[s]  # (6) of docs/explanation/model.md, where all numbers are
-        earth_rate[0, s] = level * north[0, s]  # (7)
+        gravity[2, s] = magnitude[s]  # equation (6) of docs/explanation/model.md
+        earth_rate[0, s] = level * north[0, s]  # equation (7)
         earth_rate[1, s] = level * north[1, s]
         earth_rate[2, s] = down * vertical[s]
     rotate(q_rn, gravity)
@@ -79,12 +79,12 @@ def compose(
     v: Array,
     p: Array,
 ) -> None:
-    """Carry attitude q (4, m), velocity v and position p (3, m), in place, over the preintegrated interval, (9).
+    """Carry attitude q (4, m), velocity v and position p (3, m), in place, over an interval: equation (9).
 
     which (m,): the column of the increments each state moves by; gravity and earth_rate (3, m).
 
-    Solves v' = C f + g - 2 Omega x v with gravity g and Earth rate Omega constant in r. With E the turn of
-    r during the interval and y the displacement seen from where r stood at its beginning,
+    Solves equations (4) and (5), v' = C f + g - 2 Omega x v, with gravity g and Earth rate Omega constant in r. With E
+    the turn of r during the interval and y the displacement seen from where r stood at its beginning,
     y'' = C_0 (Delta C f) + E^-1 g - Omega x (Omega x y); the last term is left out (below 5e-9 m/s^2 for
     displacements under one metre).
     """
@@ -127,7 +127,7 @@ def compose(
     for i in range(3):
         for s in range(m):
             p[i, s] += y[i, s]
-    multiply(E, q, turned)  # (9)
+    multiply(E, q, turned)  # equation (9)
     multiply(turned, dq_own, q)
 
 
@@ -135,8 +135,9 @@ def compose(
 def pose_at(
     moments: Moments, motion: IntegratedMotion, q: Array, v: Array, p: Array, q_out: Array, p_out: Array
 ) -> None:
-    """Write attitude (4, m) and position (3, m) a moment after the last sample, by at most a sampling interval, (12).
+    """Write attitude (4, m) and position (3, m) a moment after the last sample: equation (12).
 
+    The moment is at most a sampling interval away.
     q (4, m), v and p (3, m): attitude, velocity and position at the last sample.
     """
     which, own, earth_rate, gravity = moments.which, moments.own, motion.earth_rate, motion.gravity
@@ -177,7 +178,7 @@ def pose_at(
     for i in range(3):
         for s in range(m):
             a = accel[i, s] + gravity[i, own[s]] - 2.0 * coriolis[i, s]
-            # (12)
+            # equation (12)
             p_out[i, s] = p[i, s] + moment[s] * (v[i, s] + moment[s] / 2.0 * (a + moment[s] / 3.0 * slope[i, s]))
     place(q, 0, 0, q_out)
     turn(q_out, theta, 1.0)

@@ -53,7 +53,7 @@ def measurement_noise(model: Model, at_standstill: bool, given: Mask, velocity: 
 def predict_poses(
     model: Model, motion: IntegratedMotion, regressor: Array, at_standstill: bool, moments: Moments, points: Array
 ) -> tuple[Array, Array]:
-    """Return attitude (4, m) and position (3, m) the reference should show at moments after the last sample, (13).
+    """Return attitude (4, m) and position (3, m) the reference should show at given moments: equation (13).
 
     regressor (6, e): that of the robot's errors; points (size, m): the states at the last sample.
     """
@@ -73,7 +73,7 @@ def predict_poses(
         rotation.plus(q, rows_from(points, of_attitude, 3), q)
     if regressor.shape[1] == 0:
         return q, p
-    # (13). The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
+    # equation (13): the reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
     turned, source, known = np.zeros((3, m)), model.robot.source, model.robot.known
     for axis in range(3):
         for e in range(source.size):
@@ -104,7 +104,7 @@ def predict_measurement(
     others = disturbed(model, column_of(points, 0), noise)
     t, t_centre = np.empty(sigma), np.empty(1)
     for s in range(sigma):
-        t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]  # (11)
+        t[s] = start[s] + (1.0 + skew[s]) * tau - stamps[last]  # equation (11)
     t_centre[0] = t[0]
     before, after = stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last]
     same = np.zeros(others.shape[1], dtype=np.int64)
@@ -133,7 +133,7 @@ def predict_measurement(
     if at_standstill:
         at = model.stored[VELOCITY]
         for axis in range(3):
-            measured[row + axis, 0] = -points[at + axis, 0]  # (14)
+            measured[row + axis, 0] = -points[at + axis, 0]  # equation (14)
         distances(points, at, points, at, seen, row)
         distances(others, at, points, at, seen_others, row)
     return seen, seen_others, column_of(measured, 0)

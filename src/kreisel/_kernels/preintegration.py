@@ -273,7 +273,7 @@ def add_coning(before: Array, theta: Array, share: float, out: Array) -> None:
 
 @kernel
 def preintegrate(span: Span, signal: PreparedReadings, coefficients: Coefficients, out: Increments) -> None:
-    """Write the increments over a span, (8)."""
+    """Write the increments over a span: equation (8)."""
     force, shared = coefficients.force, coefficients.shared
     m, features, count = coefficients.rate.shape[2], force.shape[0], span.high - span.low + 1
     path = Path(np.empty((2, count)), np.empty((count, 9)), np.empty((count, features)))

@@ -107,7 +107,7 @@ def process_noise(model: Model, navigation: Array, duration: float, points: Arra
     row = 0
     for name in (PATH_POSITION, PATH_ORIENTATION):
         if at[name] >= 0:
-            kept = math.exp(-duration / model.coloured[0])  # (15)
+            kept = math.exp(-duration / model.coloured[0])  # equation (15)
             for axis in range(3):
                 for s in range(points.shape[1]):
                     points[at[name] + axis, s] *= kept

@@ -22,7 +22,7 @@ def noise_covariance(
     K_a: Array,
     Q: Array,
 ) -> None:
-    """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9), (10).
+    """Write the covariance that sensor noise leaves in attitude, velocity and position, (9, 9): equation (10).
 
     Seen from the body's attitude at the first sample; attitude errors as left perturbations in that frame.
     `every` samples are taken together, with force and attitude in their middle.

@@ -72,7 +72,7 @@ class Updated(NamedTuple):
 
 @kernel
 def draw(parts: Indices, mean: Array, upper: Array, spread: float, points: Array) -> None:
-    """Write the sigma points (size, 2 n + 1), (17): centre, then all in plus, then all in minus direction.
+    """Write the sigma points (size, 2 n + 1), equation (17): centre, then all in plus, then all in minus direction.
 
     parts (p, 4): see `manifold.DEGREE`; mean (size,) and upper (n, n): see `Gaussian`.
     """
@@ -88,7 +88,7 @@ def draw(parts: Indices, mean: Array, upper: Array, spread: float, points: Array
 
 @part_of_kernel
 def unscented_moments(distance: Array, w: Array, first: Array, further: Array, shift: Array) -> int:
-    """Put distances of sigma points from the centre together: see `estimation.sigma_points.SigmaWeights`.
+    """Write mean and columns of the covariance from distances of sigma points: equation (18).
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def update(
     measurement_factor: Array,
     gate: float,
 ) -> Updated:
-    """Predict and update: change the belief in place by a measurement that sigma points predict, (18) to (20).
+    """Predict and update: change the belief in place by a measurement that sigma points predict.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def update(
     measurement_factor : (m, e)
         Factor of the measurement's noise.
     gate
-        Bound of the normalised innovation squared, beyond which only the prediction is taken over, (20).
+        Bound of the normalised innovation squared, beyond which only the prediction is taken over: equation (20).
     """
     mean, upper, points, noise = belief.mean, belief.upper, predicted.points, predicted.noise
     seen, seen_noise = predicted.measured, predicted.measured_noise
@@ -220,7 +220,7 @@ def update(
     innovation_factor, whitened = np.empty((m, m)), np.empty(m)
     gain = np.empty((n, m))
     before = upper.copy()
-    # (19)
+    # equation (19)
     triangular.condition(first, upper, further[: rows + k + e], innovation, innovation_factor, whitened, gain, upper)
     nis = 0.0
     for r in range(m):

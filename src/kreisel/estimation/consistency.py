@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from kreisel.geometry.rotation import Array
 
 GATE = 1e-6
-"""A measurement less probable than one in a million is rejected, (20)."""
+"""A measurement less probable than one in a million is rejected: equation (20) of docs/explanation/model.md."""
 
 
 def chi_square(level: float, degrees: ArrayLike) -> Array:
@@ -23,7 +23,8 @@ def chi_square(level: float, degrees: ArrayLike) -> Array:
 def gate_bound(tail: float, degrees: int) -> float:
     """Return the bound that a chi-square variable of a few whole degrees exceeds with the probability `tail`.
 
-    By bisection; the probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5).
+    By bisection; the probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5). It saves the import of
+    SciPy, 0.2 to 0.3 s of a command.
     """
     low, high = 0.0, 2.0 * (degrees - 4.0 * math.log(tail))
     while high - low > 1e-13 * high:

@@ -91,7 +91,7 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
     fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
     noise = _information_of_noise(problem, run, scale)
     damped = _at_most(0.5, noise, information)
-    # (21)
+    # equation (21)
     step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
     noise = _at_most(0.9, noise, information)
     P_new = np.linalg.inv(information - noise)

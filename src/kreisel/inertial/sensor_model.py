@@ -104,7 +104,7 @@ def size_effect(
     parameters: SensorParameters,
     form: SizeEffect = SizeEffect.COMPLETED,
 ) -> Array:
-    """Return the eccentricity term e (n, 3), m/s^2.
+    """Return the eccentricity term e (n, 3), m/s^2: equation (3) of docs/explanation/model.md.
 
     Parameters
     ----------

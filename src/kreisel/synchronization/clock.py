@@ -32,7 +32,7 @@ class Clock:
 
     def imu_time(self, tau: Array) -> Array:
         """Return the IMU's seconds for reference seconds tau."""
-        return self.start + (1.0 + self.skew) * tau  # (11)
+        return self.start + (1.0 + self.skew) * tau  # equation (11)
 
     def reference_time(self, t: Array) -> Array:
         """Return the reference's seconds for IMU seconds t."""
