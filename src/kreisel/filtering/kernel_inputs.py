@@ -9,9 +9,13 @@ import numpy as np
 from kreisel._kernels import cell
 from kreisel.estimation.sigma_points import weights
 from kreisel.inertial.strapdown import NOISE_STEP
-from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.parameters import ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
+
+_GYRO = ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial")
+_ACCEL = ("accel_cross_coupling", "accel_offset", "accel_polynomial", "lever_arms")
+"""Groups `_kernels.coefficients` uses, in the order `process_model.sensor_coefficients` takes them apart."""
 
 
 def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
@@ -43,8 +47,8 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
         weights=np.array([w.spread, w.mean, w.second, w.shift, w.centre]),
-        gyro=rows([g for g in GROUPS if g.startswith("gyro")]),
-        accel=rows([g for g in GROUPS if g.startswith("accel") or g == "lever_arms"]),
+        gyro=rows(_GYRO),
+        accel=rows(_ACCEL),
         around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
         robot=rows(ROBOT_GROUPS),
         turning=turning,

@@ -9,9 +9,10 @@ import numpy as np
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.readings import Readings
+from kreisel.model.groups import group_named
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, with_coloured_noise, without
 from kreisel.model.noise import AssumedNoise
-from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
+from kreisel.model.parameters import GROUPS, CellParameters, parameter_names
 from kreisel.model.robot import RobotModel
 from kreisel.model.schedule import Schedule
 from kreisel.model.settings import CalibrationSettings
@@ -88,12 +89,15 @@ class Problem:
     @property
     def sensor_degrees(self) -> int:
         """Degrees of freedom of the sensor parameters, first in the state."""
-        return sum(part.degrees for part in self.layout if part.name in SENSOR_GROUPS)
+        return self._degrees_of("gyroscope", "accelerometer")
 
     @property
     def gyro_degrees(self) -> int:
         """Degrees of freedom of the gyros' parameters, before all others."""
-        return sum(part.degrees for part in self.layout if part.name.startswith("gyro"))
+        return self._degrees_of("gyroscope")
+
+    def _degrees_of(self, *owners: str) -> int:
+        return sum(self.layout[g].stop - self.layout[g].start for g in self.groups if group_named(g).owner in owners)
 
     @property
     def joints(self) -> int:

@@ -44,7 +44,7 @@ def acceleration_windows(
         First and last IMU second of every standstill.
     """
     windows = Windows.over(signal, fit.clock, tau, HALF_WINDOW if p is not None else _HALF_WINDOW_WITHOUT_POSITIONS)
-    omega = np.ascontiguousarray(signal.rates @ fit.K_omega.T + fit.bias)
+    omega = np.ascontiguousarray(signal.rates @ fit.K_omega.T + fit.rate_at_zero)
     alpha = np.ascontiguousarray(signal.slopes @ fit.K_omega.T)
     sampled = (q, np.ascontiguousarray(signal.accelerations), omega, alpha)
     means = windows.means(

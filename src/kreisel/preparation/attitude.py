@@ -31,10 +31,12 @@ _SECONDS_OF_A_TURN = 25.0
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
     """Return q_rb at every IMU sample, (n, 4): integrated rates, corrected by the reference over seconds."""
-    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero, signal.order))
     t = fit.clock.imu_time(tau)
     k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
-    at_pose = multiply(free[k], exp((signal.rates[k] @ fit.K_omega.T + fit.bias) * (t - signal.stamps[k])[:, None]))
+    at_pose = multiply(
+        free[k], exp((signal.rates[k] @ fit.K_omega.T + fit.rate_at_zero) * (t - signal.stamps[k])[:, None])
+    )
     # left error: q = exp(error) * exp(first error) * free, slowly varying
     error = multiply(q, conjugate(at_pose))
     turned = log(multiply(error, conjugate(error[0])))
@@ -72,12 +74,12 @@ def attitude_from_positions(
     means. The integral drifts with scale errors of the gyros, so every interval of `_SECONDS_OF_A_TURN` has a rotation
     of its own.
     """
-    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.bias, signal.order))
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero, signal.order))
     windows = Windows.over(signal, fit.clock, tau)
     reference = windows.second_difference(p)
     f = signal.accelerations
     if accelerometers is not None:
-        omega, alpha = signal.rates @ fit.K_omega.T + fit.bias, signal.slopes @ fit.K_omega.T
+        omega, alpha = signal.rates @ fit.K_omega.T + fit.rate_at_zero, signal.slopes @ fit.K_omega.T
         arm = accelerometers.lever_arm
         size_effect = np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
         f = (f + accelerometers.k_a0) @ accelerometers.K_a.T - size_effect

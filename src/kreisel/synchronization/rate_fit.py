@@ -177,9 +177,9 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     uncertainty = max(4.0 * fit.clock.skew_sd, 1e-6)
     if abs(fit.clock.skew) < uncertainty and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
-        fit = _settle(parts, rotations, fit.K_omega, fit.bias, clock, skewed=False)
+        fit = _settle(parts, rotations, fit.K_omega, fit.rate_at_zero, clock, skewed=False)
     everything = (_Integrated.of(part) for part in readings.chunks())
-    seen = _compare(everything, rotations, fit.K_omega, fit.bias, fit.clock)
+    seen = _compare(everything, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
     return replace(fit, clock_drift=_clock_drift(seen))
 
 
@@ -190,7 +190,7 @@ def _settle(
     fit = _refine(parts, rotations, K, b, clock, skewed=skewed)
     for _ in range(ROUNDS - 1):
         before = fit
-        fit = _refine(parts, rotations, fit.K_omega, fit.bias, fit.clock, skewed=skewed)
+        fit = _refine(parts, rotations, fit.K_omega, fit.rate_at_zero, fit.clock, skewed=skewed)
         if _moved(before, fit) < SETTLED:
             break
     return fit

@@ -53,6 +53,6 @@ class RateFit:
     clock_drift: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
-    def bias(self) -> Array:
+    def rate_at_zero(self) -> Array:
         """The corrected rate where the gyros read zero, K_omega k_w0, rad/s."""
         return self.K_omega @ self.k_w0

@@ -23,16 +23,21 @@ DUMMY = ParameterGroup(
 )  # fmt: skip
 
 
-@pytest.fixture
-def with_dummy(monkeypatch):
-    """Add the dummy to the registry, wherever it has been imported."""
-    registry = (*REGISTRY, DUMMY)
+def with_group(monkeypatch, dummy):
+    """Add a group to the registry, behind the last one of its owner, wherever it has been imported."""
+    at = max((i for i, group in enumerate(REGISTRY) if group.owner == dummy.owner)) + 1
+    registry = (*REGISTRY[:at], dummy, *REGISTRY[at:])
     meanings = {group.name: group.meaning for group in registry}
     for name, module in list(sys.modules.items()):
         if name.startswith("kreisel."):
             for attribute, value in (("REGISTRY", registry), ("GROUPS", meanings)):
                 if hasattr(module, attribute):
                     monkeypatch.setattr(module, attribute, value)
+
+
+@pytest.fixture
+def with_dummy(monkeypatch):
+    with_group(monkeypatch, DUMMY)
     return groups
 
 
@@ -67,17 +72,30 @@ def test_a_value_has_the_shape_of_its_group():
             assert np.prod(group.shape(3)) == group.degrees(3, 0)
 
 
-def test_a_new_group_is_one_entry(with_dummy):
+@pytest.mark.parametrize(
+    ("owner", "name", "path"),
+    [
+        ("cell", "dummy_effect", "alignment.dummy"),
+        ("gyroscope", "gyro_dummy", "gyroscope.dummy"),
+        ("gyroscope", "warp", "gyroscope.dummy"),
+        ("accelerometer", "accel_dummy", "accelerometer.dummy"),
+    ],
+)
+def test_a_new_group_is_one_entry(monkeypatch, owner, name, path):
     """It is estimated, named, reported with its prior's deviation, and changes nothing else."""
+    dummy = replace(DUMMY, owner=owner, name=name, path=path)
+    with_group(monkeypatch, dummy)
     recording = simulate(np.random.default_rng(3), 40.0, Path("small"), imu_rate=100.0)[1]
     outcome = run_calibration(recording, CalibrationSettings())
-    document = outcome.calibration.document
-    assert document["alignment"]["dummy"] == pytest.approx([0.0, 0.0], abs=1e-6)
-    assert document["standard_deviation"]["alignment"]["dummy"] == pytest.approx([0.25, 0.25], rel=1e-3)
-    assert {"alignment.dummy[0]", "alignment.dummy[1]"} <= set(document["verdict"]["unobservable"])
-    assert "alignment.dummy[1]" in outcome.calibration.names
-    without = run_calibration(recording, CalibrationSettings(fixed=("dummy_effect",)))
-    assert "dummy" not in without.calibration.document["alignment"]
+    document, (tree, _) = outcome.calibration.document, path.split(".")
+    assert document[tree]["dummy"] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert document["standard_deviation"][tree]["dummy"] == pytest.approx([0.25, 0.25], rel=1e-3)
+    assert {f"{path}[0]", f"{path}[1]"} <= set(document["verdict"]["unobservable"])
+    assert f"{path}[1]" in outcome.calibration.names
+    gyro, sensor = (3 + 9 + (2 if owner == "gyroscope" else 0), 9 + 3 + 9 + (2 if owner == "accelerometer" else 0))
+    assert (outcome.problem.gyro_degrees, outcome.problem.sensor_degrees) == (gyro, gyro + sensor)
+    without = run_calibration(recording, CalibrationSettings(fixed=(name,)))
+    assert "dummy" not in without.calibration.document[tree]
     sd = outcome.estimate.run.belief.standard_deviation
     for group in ("gyro_cross_coupling", "accel_offset", "lever_arms"):
         a, b = (one.estimate.run.parameters.stored(group) for one in (outcome, without))
