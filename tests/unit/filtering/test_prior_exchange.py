@@ -10,6 +10,7 @@ from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief, stored_state
 from kreisel.filtering.prior_exchange import narrowed_belief, with_stated_prior
 from kreisel.model.parameters import GROUPS, CellParameters
+from kreisel.model.problem import hold
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
@@ -104,6 +105,34 @@ def test_noise_of_the_rates_is_no_information_on_the_clocks(settled):
         for scatter in (0.0, 0.3)
     )
     assert noisy > 1.3 * quiet
+
+
+def test_what_noise_of_the_rates_said_about_a_clock_is_taken_back(settled):
+    """The time offset alone: means weighed by their information, the noise's part as if it had measured the start."""
+    problem, run = settled
+    problem = hold(problem, tuple(g for g in problem.groups if g != "time_offset"))
+    scatter = 0.02
+    problem = with_noise(problem, rate_scatter=scatter)
+    begun = narrowed_belief(problem, run_filter(problem, run.parameters))
+    place = problem.layout.stored("time_offset").start
+    mean = begun.mean.copy()
+    mean[place] += 2.0 * begun.standard_deviation[0]
+    begun = replace(begun, mean=mean)
+    raw = run_filter(problem, run.parameters, belief=begun)
+    exchanged = with_stated_prior(problem, raw, begun)
+    prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
+    at, at_start, at_prior = (b.mean[place] for b in (raw.belief, begun, prior))
+    I_run, I_start, I_prior = (b.standard_deviation[0] ** -2 for b in (raw.belief, begun, prior))
+    K = run.parameters.sensors.K_omega
+    noise = scatter**2 * np.sum(K**2) / 3.0 * raw.history.turn_information.sum()
+    kept = I_run - I_start + I_prior
+    assert 0.05 * kept < noise < 0.5 * kept
+    left = kept - noise
+    expected = (I_run * at - (I_start + noise) * at_start + I_prior * at_prior) / left
+    assert exchanged.belief.mean[place] == pytest.approx(expected, abs=1e-9 * I_run**-0.5)
+    assert abs(expected - at) > 0.1 * I_run**-0.5
+    # the noise remains noise of the estimate
+    assert exchanged.belief.standard_deviation[0] ** 2 == pytest.approx(1.0 / left + noise / left**2, rel=1e-9)
 
 
 def test_a_walking_offset_keeps_a_proper_covariance(settled):
