@@ -5,7 +5,7 @@ Conventions
 Frames: i inertial; n local level (north, east, down); r robot base, or the world of the motion capture;
 b the body whose pose the reference gives. ``C_rb`` turns a vector from b to r; neighbouring letters cancel.
 Quaternions are Hamilton's, scalar first; small rotations are right perturbations, ``q exp(d)``.
-Accelerometers measure specific force (at rest +g, upward). SI units and radians everywhere inside;
+Accelerometers measure specific force (at standstill +g, upward). SI units and radians everywhere inside;
 stamps are integer nanoseconds in recordings and seconds from the first sample in computations.
 
 References

@@ -85,7 +85,7 @@ def compose(
 
     Solves equations (4) and (5), v' = C f + g - 2 Omega x v, with gravity g and Earth rate Omega constant in r. With E
     the turn of r during the interval and y the displacement seen from where r stood at its beginning,
-    y'' = C_0 (Delta C f) + E^-1 g - Omega x (Omega x y); the last term is left out (below 5e-9 m/s^2 for
+    d^2 y / dt^2 = C_0 (Delta C f) + E^-1 g + Omega x (Omega x y); the last term is left out (below 6e-9 m/s^2 for
     displacements under one metre).
     """
     m = q.shape[1]

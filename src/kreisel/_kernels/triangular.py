@@ -67,7 +67,7 @@ def condition(
     gain: Array,
     posterior: Array,
 ) -> None:
-    """Write what a measurement leaves of the covariance of a state whose last few degrees of freedom have moved.
+    """Write what a measurement leaves of a covariance after its last degrees of freedom moved: equation (19).
 
     The array of columns
 

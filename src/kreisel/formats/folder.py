@@ -224,7 +224,7 @@ def _read_urdf(path: Path, settings: RecordingSettings, warnings: list[DataWarni
     if name is not None and not is_there(path / name):
         if needed:
             raise RecordingError(
-                "no such file; recording.toml names it as the robot's description: copy it there, or delete robot.urdf",
+                "no such file; robot.urdf in recording.toml names it: copy it there, or delete that entry",
                 file=path / name,
             )
         warnings.append(DataWarning("robot", f"recording.toml names {name}, which is missing; no joint angles need it"))

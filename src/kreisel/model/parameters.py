@@ -87,7 +87,7 @@ class CellParameters:
     gravity
         Magnitude, m/s^2.
     start, skew
-        See `synchronization.Clock`.
+        See `synchronization.clock.Clock`.
     earth_down
         Downward part of the Earth's rotation: 1 by the latitude given; in units of the Earth's rate where
         none is.

@@ -20,7 +20,7 @@ from kreisel.preparation.preparation import Preparation
 from kreisel.synchronization.clock import MAX_SKEW
 from kreisel.units import DEG
 
-WIDENING = 20.0
+START_INFLATION = 20.0
 """Start deviations of the filter over those of the least squares fits, which neglect correlation in time."""
 
 _CROSS_COUPLING_SD = 0.05
@@ -43,7 +43,7 @@ _LEVER_ARM_SD, _TILT_SD, _CLOCK_SD = 0.2, 0.3, 1.0
 def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters, dict[str, Array]]:
     """Return the parameters the filter starts from, and a covariance for each group.
 
-    The deviations of the least squares fits are multiplied by `WIDENING`.
+    The deviations of the least squares fits are multiplied by `START_INFLATION`.
     """
     fit, force, noise, site = (
         preparation.rate_fit,
@@ -60,7 +60,7 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
     accel_offset, accel_offset_sd = _with_stated(force.k_a0, force.k_a0_sd, noise.accel_offset_sd, 0.6)
     # Accelerometers that are hardly observable start with the gyros' mounting.
     mount = nominal_parameters(preparation, order).sensors.K_a
-    K_a_sd = WIDENING * force.K_a_sd
+    K_a_sd = START_INFLATION * force.K_a_sd
     K_a = np.where(K_a_sd < _CROSS_COUPLING_SD, force.K_a, mount)
     k_w, k_a = np.zeros((order, 3)), np.zeros((order, 3))
     k_w[0], k_a[0] = gyro_offset, accel_offset
@@ -72,7 +72,7 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
     turned = _turned_by_robot(preparation.robot)
     least = max(least, turned)
     K_omega, K_omega_covariance = _nearly_orthogonal(
-        fit.K_omega, np.clip(WIDENING * fit.K_omega_sd, least, _CROSS_COUPLING_SD)
+        fit.K_omega, np.clip(START_INFLATION * fit.K_omega_sd, least, _CROSS_COUPLING_SD)
     )
     if preparation.reference.quaternions is None:
         K_omega_covariance = _without_turn(K_omega_covariance)
@@ -88,9 +88,9 @@ def starting_point(preparation: Preparation, order: int) -> tuple[CellParameters
         "gyro_offset": gyro_offset_sd,
         "accel_offset": accel_offset_sd,
         "lever_arms": np.full(9, 0.1),
-        "alignment": np.full(2, np.clip(WIDENING * force.tilt_sd, max(1e-4, turned), 0.05)),
-        "time_offset": np.array([max(WIDENING * fit.clock.start_sd, 1e-3)]),
-        "time_skew": np.array([max(WIDENING * fit.clock.skew_sd, 1e-6)]),
+        "alignment": np.full(2, np.clip(START_INFLATION * force.tilt_sd, max(1e-4, turned), 0.05)),
+        "time_offset": np.array([max(START_INFLATION * fit.clock.start_sd, 1e-3)]),
+        "time_skew": np.array([max(START_INFLATION * fit.clock.skew_sd, 1e-6)]),
         **_deviations_without_fit(preparation, order),
     }
     covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}
@@ -238,7 +238,7 @@ def _without_turn(P: Array) -> Array:
 
 def _with_stated(value: Array, value_sd: Array, stated_sd: float | None, largest: float) -> tuple[Array, Array]:
     """Return an offset and its deviation: the stated ones, centred at zero, or the fit's where they are smaller."""
-    inflated = np.minimum(WIDENING * value_sd, largest)
+    inflated = np.minimum(START_INFLATION * value_sd, largest)
     if stated_sd is None:
         return value, inflated
     better = inflated < stated_sd

@@ -1,7 +1,7 @@
 """Checks of each stream of a recording by itself; each fault has its message, with file and line.
 
 Faults that only a comparison of reference and IMU shows (units, conventions, poses of another run) are checked
-in `synchronization` and in `calibration.plausibility`.
+in `synchronization` and in `preparation.plausibility`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from kreisel.model.settings import CalibrationSettings
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.preparation.start_values import (
-    WIDENING,
+    START_INFLATION,
     _cross_coupling_prior,
     _nearly_orthogonal,
     _turned_by_robot,
@@ -130,10 +130,10 @@ def test_what_is_stated_of_an_offset_gives_way_to_a_fit_that_says_more():
     value, sd = np.array([0.1, 0.2, 0.3]), np.array([1e-4, 1e-3, 1.0])
     found, deviation = _with_stated(value, sd, 0.01, 0.05)
     np.testing.assert_array_equal(found, [0.1, 0.0, 0.0])
-    np.testing.assert_allclose(deviation, [WIDENING * 1e-4, 0.01, 0.01])
+    np.testing.assert_allclose(deviation, [START_INFLATION * 1e-4, 0.01, 0.01])
     found, deviation = _with_stated(value, sd, None, 0.05)
     np.testing.assert_array_equal(found, value)
-    np.testing.assert_allclose(deviation, [WIDENING * 1e-4, WIDENING * 1e-3, 0.05])
+    np.testing.assert_allclose(deviation, [START_INFLATION * 1e-4, START_INFLATION * 1e-3, 0.05])
 
 
 def test_a_robot_turns_its_tool_by_all_of_its_placements_together():
@@ -193,9 +193,9 @@ def test_the_deviations_of_the_fits_are_widened_within_bounds(prepared):
     )
     made = with_force(made, tilt_sd=1e-3)
     _, P = starting_point(made, 1)
-    assert P["time_offset"][0, 0] == pytest.approx((WIDENING * 2e-4) ** 2)
-    assert P["time_skew"][0, 0] == pytest.approx((WIDENING * 3e-6) ** 2)
-    np.testing.assert_allclose(P["alignment"], (WIDENING * 1e-3) ** 2 * np.eye(2), rtol=1e-12)
+    assert P["time_offset"][0, 0] == pytest.approx((START_INFLATION * 2e-4) ** 2)
+    assert P["time_skew"][0, 0] == pytest.approx((START_INFLATION * 3e-6) ** 2)
+    np.testing.assert_allclose(P["alignment"], (START_INFLATION * 1e-3) ** 2 * np.eye(2), rtol=1e-12)
     _, expected = _nearly_orthogonal(made.rate_fit.K_omega, np.array([[1e-3, 0.02, 0.05]] * 3))
     np.testing.assert_allclose(P["gyro_cross_coupling"], expected, rtol=1e-12)
     tight = with_fit(prepared, clock=replace(prepared.rate_fit.clock, start_sd=1e-9, skew_sd=1e-12))
