@@ -161,10 +161,10 @@ class Verdict:
 
     @property
     def headline(self) -> str:
-        """The verdict in three words at most."""
+        """The verdict in a few words."""
         if not self.accepted:
             return "Rejected"
-        return "Accepted, with gaps" if self.unobservable else "Accepted"
+        return "Accepted, not all observable" if self.unobservable else "Accepted"
 
     @property
     def sentence(self) -> str:

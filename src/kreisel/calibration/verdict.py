@@ -138,8 +138,9 @@ def _noise(estimate: Estimate) -> list[str]:
     reasons = []
     if estimate.contradiction > MAX_CONTRADICTION:
         reasons.append(
-            f"the data contradict the given noise figures {estimate.contradiction:.1f} times: the model does not fit "
-            "(try --polynomial-order 2, or record the robot's joint angles), or the figures are wrong"
+            "the data contradict the given noise figures: the noise found is up to "
+            f"{estimate.contradiction:.1f} times as large. The model does not fit (try --polynomial-order 2, or record "
+            "the robot's joint angles), or the figures are wrong"
         )
     return reasons
 

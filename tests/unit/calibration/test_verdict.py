@@ -112,7 +112,7 @@ def test_estimates_that_still_move_are_a_reason_unless_the_passes_were_stated():
 def test_noise_figures_that_the_data_contradict_are_a_reason():
     assert reasons(found(contradiction=MAX_CONTRADICTION)) == ()
     (reason,) = reasons(found(contradiction=3.2))
-    assert "given noise figures 3.2 times" in reason
+    assert "the noise found is up to 3.2 times as large" in reason
 
 
 def test_what_a_calibration_needs_must_be_shown():

@@ -45,7 +45,7 @@ def test_terminal_report_and_json_say_the_same(
         calibration=replace(outcome.calibration, verdict=verdict),
     )
     text = printed(changed, capsys)
-    headline = "Rejected" if reasons else "Accepted, with gaps" if lost else "Accepted"
+    headline = "Rejected" if reasons else "Accepted, not all observable" if lost else "Accepted"
     assert verdict.headline == headline
     assert f"verdict: {headline.lower()[0]}{headline[1:]}. {verdict.sentence}" in text
     assert all(reason in text for reason in reasons)

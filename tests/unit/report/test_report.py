@@ -149,7 +149,7 @@ def test_the_verdict_is_said_in_words(outcome: Outcome, page: str, tmp_path: Pat
     lost = ("timing.offset", "accelerometer.lever_arms[0,2]")
     gaps = replace(outcome.observability, unobservable=lost)
     weak = written(replace(outcome, observability=gaps, verdict=Verdict(True, (), lost)), tmp_path)
-    assert "Accepted, with gaps" in weak
+    assert "Accepted, not all observable" in weak
     assert "2 parameters are not observable" in weak
     assert "<code>accelerometer.lever_arms</code> <code>[0,2]</code>" in weak
 
