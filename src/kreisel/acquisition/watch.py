@@ -18,7 +18,7 @@ from kreisel.robot.agreement import Agreement
 from kreisel.robot.kinematics import Arm
 
 NEAR = 3e-3
-"""rad; an arm that rests within this distance of its target has arrived."""
+"""rad; an arm that stands within this distance of its target has arrived."""
 
 STILL = 2e-4
 """rad; an arm whose joints stay within this range for `SETTLED` s rests."""
@@ -34,7 +34,7 @@ OVERDUE = 1.5
 """Seconds without joint angles, or without readings of the IMU, after which the arm is stopped."""
 
 ENDED = 1.0
-"""Seconds at rest, without a running program on the controller, after which a move counts as ended off its target."""
+"""Seconds at standstill, with no program running on the controller, after which a move has ended off its target."""
 
 _KEPT_NS = 4_000_000_000
 _FRESH_NS = 300_000_000

@@ -220,7 +220,7 @@ def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolM
 
 
 def _changed(rows: Array) -> list[int]:
-    """Return the rows that differ from the one before; an arm at rest needs one computation."""
+    """Return the rows that differ from the one before; an arm at standstill needs one computation."""
     changed = np.ones(len(rows), dtype=bool)
     changed[1:] = np.any(rows[1:] != rows[:-1], axis=1)
     return list(np.flatnonzero(changed))

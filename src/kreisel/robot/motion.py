@@ -84,7 +84,7 @@ class Plan:
             # The mean over a window: of a function, the difference of its integral.
             for i, f in enumerate((c.antiderivative(), c, c.derivative())):
                 parts[i].append((f(t + half) - f(t - half)) / self.smoothing)
-        # Differences have rounding noise at rest, where an arm stands still.
+        # Differences have rounding noise at standstill.
         q, dq, ddq = (np.column_stack(part) for part in parts)
         still = self.at_rest(t, half)
         q[still] = np.column_stack([c(t[still]) for c in self.joints])

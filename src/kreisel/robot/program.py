@@ -24,7 +24,7 @@ start_deg = [0, -90, 90, 0, 30, 0]     # joint angles of the arm at the beginnin
 
 [[move]]
 joints_deg = [30, -70, 80, 20, 50, 40]
-rest = 1.5                             # s at rest at the target
+rest = 1.5                             # s at standstill at the target
 speed = 0.8                            # share of the limits
 
 [[move]]

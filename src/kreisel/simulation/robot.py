@@ -115,7 +115,7 @@ def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Error
 
 
 def _path(rng: np.random.Generator, plan: Plan, t: Array, p: Array, errors: Errors) -> Array:
-    """Return the path's error, (n, 6): a Gauss-Markov process that fades out at rest."""
+    """Return the path's error, (n, 6): a Gauss-Markov process that fades out at standstill."""
     sd = np.repeat([errors.path_position_sd, errors.path_orientation_sd], 3)
     white = rng.normal(size=(len(t), 6))
     if errors.path_correlation_time > 0.0:

@@ -34,8 +34,8 @@ class Motion(_Table):
     """What the arm does: random moves that excite all six sensors, or a program."""
 
     program: str | None = _key(None, "a file of moves (see --example-program); random moves by default")
-    first_rest: float = _key(4.0, "s at rest before the first move", ge=1.0, le=600.0)
-    rest: float = _key(1.5, "s at rest between moves, on average", ge=0.1, le=600.0)
+    first_rest: float = _key(4.0, "s at standstill before the first move", ge=1.0, le=600.0)
+    rest: float = _key(1.5, "s at standstill between moves, on average", ge=0.1, le=600.0)
     range_share: float = _key(0.7, "share of the joints' ranges that random moves use", gt=0.0, le=1.0)
     tool_speed: float = _key(1.5, "largest speed of the tool, m/s", gt=0.0, le=20.0)
     tool_acceleration: float = _key(6.0, "largest acceleration of the tool, m/s^2", gt=0.0, le=100.0)
