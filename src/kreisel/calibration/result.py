@@ -38,6 +38,7 @@ class Calibration(CalibrationParts):
         Estimated parameters in the order of `covariance` and of the columns of `estimates`.
     covariance : (n, n)
     prior_deviation : (n,)
+        Of a usual device, or as stated; observability is measured by it.
     estimates : (updates, 1 + 2 n)
         IMU seconds, estimates, standard deviations.
     robot_urdf

@@ -307,7 +307,7 @@ def parameter_table(data: ReportData) -> Table:
                 bar=float(np.clip(np.log10(max(gain, 1.0)) / 5.0, 0.0, 1.0)),
             )
         )
-    columns = ("Parameter", "Unit", "Estimate", "Prior sd", "Posterior sd", "Observable", "Prior / posterior")
+    columns = ("Parameter", "Unit", "Estimate", "Usual sd", "Posterior sd", "Observable", "Usual / posterior")
     return Table("Every estimated parameter of IMU and cell", columns, tuple(rows), 2, broad=True)
 
 
