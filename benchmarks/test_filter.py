@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.navigation import SensorColumns, preintegrate
 
+from kreisel._kernels.increments import Coefficients
 from kreisel.filtering.compile_kernels import compile_kernels
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.inertial.sensor_model import SizeEffect
-from kreisel.inertial.strapdown import SensorColumns, preintegrate
 from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
@@ -52,7 +53,9 @@ def test_columns_side_by_side(benchmark: Any, recording: Recording, unit: float,
     """One pass over 240,000 samples with so many sets of gyro parameters side by side."""
     problem = problem_of(recording, robot=False)
     one = SensorColumns.single(problem.prior.start.sensors, SizeEffect.COMPLETED)
-    columns = replace(one, rate=np.repeat(one.rate, width, axis=-1), force=np.repeat(one.force, width, axis=-1))
+    rate, force, shared = one.coefficients
+    wide = Coefficients(np.repeat(rate, width, axis=-1), np.repeat(force, width, axis=-1), shared)
+    columns = replace(one, coefficients=wide)
 
     def run() -> None:
         for update in problem.schedule.updates:

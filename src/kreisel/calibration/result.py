@@ -19,7 +19,7 @@ from kreisel.errors import RecordingError
 from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import correct_specific_force
-from kreisel.inertial.strapdown import SensorColumns, prepare
+from kreisel.inertial.strapdown import prepare, rate_coefficients
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result; all of them belong to one recording."""
@@ -83,8 +83,8 @@ class Calibration(CalibrationParts):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         signal = prepare(seconds, raw, a, order=self.sensors.k_w.shape[0])
-        columns = SensorColumns.single(self.sensors, self.size_effect)
-        omega, alpha = (part.T @ columns.rate[..., 0] for part in (signal.samples.rates, signal.samples.slopes))
+        rate = rate_coefficients(self.sensors)
+        omega, alpha = (part.T @ rate for part in (signal.samples.rates, signal.samples.slopes))
         return omega, correct_specific_force(a, omega, alpha, self.sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.filtering.history import FilterRun
 from kreisel.geometry.rotation import apply, conjugate, exp, multiply
 from kreisel.inertial.readings import attitudes_at
-from kreisel.inertial.strapdown import SensorColumns
+from kreisel.inertial.strapdown import rate_coefficients
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.preparation.scheduling import schedule_updates
@@ -52,8 +52,7 @@ def with_attitudes_of(problem: Problem, run: FilterRun) -> Problem:
     if problem.reference.quaternions is not None or len(readings.segments) > 1:
         return problem
     p, samples = run.parameters, np.array([update.last for update in schedule.updates])
-    columns = SensorColumns.single(p.sensors, problem.settings.size_effect)
-    free = attitudes_at(readings, columns.rate[..., 0], samples)
+    free = attitudes_at(readings, rate_coefficients(p.sensors), samples)
     level, down = problem.site.earth_rate_units
     earth = apply(p.q_rn, np.array([*(level * p.north), down * p.earth_down]))
     turned = exp(-(readings.stamps[samples] - readings.stamps[samples[-1]])[:, None] * earth)

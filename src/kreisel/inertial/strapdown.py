@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import attitude, coefficients, preintegration, quadrature, sensor_noise
-from kreisel._kernels.increments import Coefficients, Increments, Span
+from kreisel._kernels import attitude, coefficients, quadrature
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, power_slopes, powers
+from kreisel.inertial.sensor_model import SensorParameters, power_slopes, powers
 
 NOISE_STEP = 0.02
 """Seconds of readings whose noise is added up in one step."""
@@ -97,72 +96,6 @@ class InertialSignal:
         return self.samples.forces[:3].T
 
 
-@dataclass(frozen=True)
-class SensorColumns:
-    """Sensor parameters for many sigma points, as the coefficients the kernels work with.
-
-    `rate` and `force` (P, 3, m), (features, 3, m), and `shared` (features, 3, M - m), whose columns turn as the
-    first of `rate` does: see `_kernels.coefficients`.
-    """
-
-    rate: Array
-    force: Array
-    shared: Array
-    K_omega: Array
-    K_a: Array
-
-    @classmethod
-    def stack(
-        cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
-    ) -> SensorColumns:
-        """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
-        order, turning = k_w.shape[0], K_omega.shape[-1]
-        rate = np.empty((1 + 3 * order, 3, turning))
-        coefficients.rate_coefficients(K_omega, k_w, rate)
-        features = coefficients.force_features(1 + 3 * order, order)
-        parts = []
-        for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1].copy(), slice(turning, None))):
-            accel = [np.ascontiguousarray(part[..., chosen]) for part in (K_a, k_a, lever_arms)]
-            out = np.empty((features, 3, accel[0].shape[-1]))
-            coefficients.force_coefficients(turns, accel[0], accel[1], accel[2], form.products, form.inside, out)
-            parts.append(out)
-        return cls(rate, parts[0], parts[1], K_omega[..., 0].copy(), K_a[..., 0].copy())
-
-    @classmethod
-    def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
-        """Return one column."""
-        parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
-        return cls.stack(form, *(np.ascontiguousarray(part[..., None]) for part in parts))
-
-
-@dataclass(frozen=True)
-class Increment:
-    """Motion between two samples as the readings predict it, one column for each parameter set.
-
-    ``dq`` (4, m), ``dv`` and ``dp`` (3, m) are seen from the inertial attitude at the first sample;
-    ``omega_end``, ``alpha_end`` (3, m) are rate and angular acceleration at the last, ``u_end``
-    (3, 3, m) the specific force around it. ``u_path`` (k, 3) and ``q_path`` (k, 4) hold force and attitude
-    along the path from sample ``span.low`` on, of the first column.
-    """
-
-    duration: float
-    dq: Array
-    dv: Array
-    dp: Array
-    omega_end: Array
-    alpha_end: Array
-    u_end: Array
-    u_path: Array
-    q_path: Array
-    span: Span
-
-    @property
-    def arrays(self) -> Increments:
-        """The arrays, as the kernels take them."""
-        motion = self.dq, self.dv, self.dp, self.omega_end, self.alpha_end, self.u_end
-        return Increments(*motion, self.u_path, self.q_path)
-
-
 def prepare(
     stamps: Array,
     rates: Array,
@@ -235,45 +168,11 @@ def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, d
         double[between, at] = h**2 * twice
 
 
-def reach(signal: InertialSignal, first: int, last: int) -> tuple[int, int]:
-    """Return the first and last sample that enter the integrals from sample `first` to `last`."""
-    base = signal.samples.base
-    return min(int(base[first]), last - 1), max(last, int(base[last - 1]) + quadrature.POINTS - 1)
-
-
-def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns) -> Increment:
-    """Return the motion from sample `first` to sample `last` for every column of parameters."""
-    m = columns.force.shape[-1] + columns.shared.shape[-1]
-    low, high = reach(signal, first, last)
-    count = high - low + 1
-    out = Increment(
-        duration=float(signal.stamps[last] - signal.stamps[first]),
-        dq=np.empty((4, m)),
-        dv=np.empty((3, m)),
-        dp=np.empty((3, m)),
-        omega_end=np.empty((3, m)),
-        alpha_end=np.empty((3, m)),
-        u_end=np.empty((3, 3, m)),
-        u_path=np.empty((count, 3)),
-        q_path=np.empty((count, 4)),
-        span=Span(first, last, low, high),
-    )
-    coefficients = Coefficients(columns.rate, columns.force, columns.shared)
-    preintegration.preintegrate(out.span, signal.samples, coefficients, out.arrays)
-    return out
-
-
-def noise_covariance(signal: InertialSignal, step: Increment, columns: SensorColumns) -> Array:
-    """Return the covariance (9, 9) of attitude, velocity and position caused by sensor noise.
-
-    Uses the first column of an increment. Seen from the body's inertial attitude at its first sample; attitude errors
-    as left perturbations there.
-    """
-    Q = np.empty((9, 9))
-    samples = step.span.last - step.span.first
-    every = max(1, int(NOISE_STEP * samples / step.duration)) if step.duration > 0.0 else 1
-    sensor_noise.noise_covariance(step.span, every, signal.samples, step.arrays, columns.K_omega, columns.K_a, Q)
-    return Q
+def rate_coefficients(p: SensorParameters) -> Array:
+    """Return the rate coefficients (P, 3) of equation (1), see `_kernels.coefficients`: omega = features @ these."""
+    out = np.empty((1 + 3 * p.k_w.shape[0], 3, 1))
+    coefficients.rate_coefficients(p.K_omega[..., None].copy(), p.k_w[..., None].copy(), out)
+    return out[..., 0]
 
 
 def linear_rate(K: Array, b: Array, order: int) -> Array:
@@ -284,7 +183,7 @@ def linear_rate(K: Array, b: Array, order: int) -> Array:
 def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
     """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (P, 3) only.
 
-    See `SensorColumns`; gaps are bridged by straight lines.
+    See `rate_coefficients` and `linear_rate`; gaps are bridged by straight lines.
     """
     q = np.empty((signal.stamps.size, 4))
     q[0] = (1.0, 0.0, 0.0, 0.0)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
-from kreisel.inertial.strapdown import SensorColumns, noise_covariance, preintegrate, prepare
+from kreisel.inertial.strapdown import prepare
+
+from ...navigation import SensorColumns, noise_covariance, preintegrate
 
 T = np.arange(400) / 200.0
 RNG = np.random.default_rng(5)
@@ -63,7 +65,7 @@ def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneve
     for i, p in enumerate(sets):
         alone = preintegrate(signal, 60, 156, SensorColumns.single(p, form))
         for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_end"):
-            x, y = getattr(alone, name)[..., 0], getattr(together, name)[..., i]
+            x, y = getattr(alone.motion, name)[..., 0], getattr(together.motion, name)[..., i]
             np.testing.assert_allclose(y, x, rtol=0, atol=1e-9 * np.abs(x).max(), err_msg=f"{name} of set {i}")
 
 
@@ -76,8 +78,8 @@ def test_coefficients_are_the_sensor_model(form):
     omega = correct_angular_rate(w, p)
     slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
     force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
-    np.testing.assert_allclose(step.omega_end[:, 0], omega[101], rtol=1e-13)
-    np.testing.assert_allclose(step.u_path[100 - step.span.low], force[100], rtol=1e-13)
+    np.testing.assert_allclose(step.motion.omega_end[:, 0], omega[101], rtol=1e-13)
+    np.testing.assert_allclose(step.motion.u_path[100 - step.span.low], force[100], rtol=1e-13)
 
 
 def test_noise_covariance_is_that_of_disturbed_readings():
@@ -91,15 +93,16 @@ def test_noise_covariance_is_that_of_disturbed_readings():
     errors = np.empty((draws, 9))
     rng = np.random.default_rng(0)
     columns = SensorColumns.single(p, SizeEffect.COMPLETED)
-    centre = preintegrate(clean, first, last, columns)
+    begun = preintegrate(clean, first, last, columns)
+    centre = begun.motion
     for i in range(draws):
         noisy = prepare(T, w + rng.normal(0, sigma[0], w.shape), a + rng.normal(0, sigma[1], a.shape))
-        other = preintegrate(noisy, first, last, columns)
+        other = preintegrate(noisy, first, last, columns).motion
         q, q0 = other.dq[:, 0], centre.dq[:, 0]
         # left perturbation: 2 vec(q q0^-1)
         turned = 2.0 * (-q[0] * q0[1:] + q0[0] * q[1:] - np.cross(q[1:], q0[1:]))
         errors[i] = [*turned, *(other.dv - centre.dv)[:, 0], *(other.dp - centre.dp)[:, 0]]
-    Q = noise_covariance(clean, centre, columns)
+    Q = noise_covariance(clean, begun, columns)
     shown = errors.T @ errors / draws
     scale = np.sqrt(np.diag(Q))
     np.testing.assert_allclose(shown / np.outer(scale, scale), Q / np.outer(scale, scale), atol=0.08)
