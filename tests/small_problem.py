@@ -30,14 +30,14 @@ SECONDS, RATE, SEED = 40.0, 100.0, 3
 
 
 @cache
-def recorded() -> tuple[Truth, Recording]:
+def recorded(seconds: float = SECONDS) -> tuple[Truth, Recording]:
     """A small recording, and the truth behind it."""
-    return simulate(np.random.default_rng(SEED), SECONDS, Path("small"), imu_rate=RATE)
+    return simulate(np.random.default_rng(SEED), seconds, Path("small"), imu_rate=RATE)
 
 
 @cache
-def prepared() -> Preparation:
-    return prepare_recording(recorded()[1], CalibrationSettings())
+def prepared(seconds: float = SECONDS) -> Preparation:
+    return prepare_recording(recorded(seconds)[1], CalibrationSettings())
 
 
 @cache
@@ -93,6 +93,11 @@ def random_belief(problem: Problem, rng: np.random.Generator, sd: float = 1e-3) 
     n = problem.layout.degrees
     factor = sd * (np.tril(rng.normal(0.0, 0.3, (n, n)), -1) + np.diag(rng.uniform(0.5, 2.0, n)))
     return Belief(stored_state(problem, problem.prior.start), factor)
+
+
+def with_fit(preparation: Preparation, **changed: object) -> Preparation:
+    """Return the preparation with another fit of the rates."""
+    return replace(preparation, rate_fit=replace(preparation.rate_fit, **changed))
 
 
 def with_noise(problem: Problem, **changed: object) -> Problem:

@@ -1,21 +1,18 @@
 """The narrow prior of a pass exchanged for the stated one: the result is that of a pass from the stated prior."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.initial_belief import first_belief, stored_state
+from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import narrowed_belief, with_stated_prior
-from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import hold
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
-from kreisel.preparation.prepare import prepare_recording
 
-from ...small_cell import simulate
+from ...small_problem import moved_by, prepared, with_noise
 
 WIDTH = 2.0
 """Deviations of the prior, in those of the result: so narrow that the model is linear, so wide that data matter."""
@@ -24,9 +21,7 @@ WIDTH = 2.0
 @pytest.fixture(scope="module")
 def settled():
     """A problem, and a run over it that has settled."""
-    recording = simulate(np.random.default_rng(3), 60.0, Path("small"), imu_rate=100.0)[1]
-    settings = CalibrationSettings()
-    problem = build_problem(prepare_recording(recording, settings), settings)
+    problem = build_problem(prepared(60.0), CalibrationSettings())
     begun = first_belief(problem, problem.prior.start)
     run = with_stated_prior(problem, run_filter(problem, problem.prior.start, belief=begun), begun)
     for _ in range(2):
@@ -35,28 +30,13 @@ def settled():
     return problem, run
 
 
-def shifted(problem, parameters, change):
-    """Return parameters a change (n,) away."""
-    layout = problem.layout
-    wide = np.zeros(layout.degrees)
-    wide[: change.size] = change
-    state = layout.plus(stored_state(problem, parameters), wide[:, None])[:, 0]
-    values = {g: parameters.stored(g) for g in GROUPS} | {g: state[layout.stored(g)].copy() for g in problem.groups}
-    return CellParameters.from_stored(values)
-
-
-def with_noise(problem, **changed):
-    """Return the problem with other assumptions about its noise."""
-    return replace(problem, noise=replace(problem.noise, **changed))
-
-
 @pytest.fixture(scope="module")
 def stated(settled):
     """The problem with a prior about another place, of known deviations."""
     problem, run = settled
     n = len(problem.parameter_names)
     sd = run.belief.standard_deviation[:n]
-    centre = shifted(problem, run.parameters, sd * np.random.default_rng(0).normal(0.0, 1.0, n))
+    centre = moved_by(problem, run.parameters, sd * np.random.default_rng(0).normal(0.0, 1.0, n))
     widths = {g: np.diag((WIDTH * run.belief.standard_deviation[problem.layout[g]]) ** 2) for g in problem.groups}
     prior = replace(problem.prior, value=centre, covariance=widths, start_covariance=widths)
     return with_noise(replace(problem, prior=prior), rate_scatter=0.0)
@@ -75,7 +55,7 @@ def test_the_beginning_of_a_pass_leaves_no_trace(settled, stated, direct, share)
     factor = first_belief(stated, run.parameters, stated.prior.covariance).factor.copy()
     factor[:n, :n] *= share
     sd = direct.belief.standard_deviation[:n]
-    start = shifted(stated, run.parameters, 0.3 * sd * np.random.default_rng(1).normal(0.0, 1.0, n))
+    start = moved_by(stated, run.parameters, 0.3 * sd * np.random.default_rng(1).normal(0.0, 1.0, n))
     begun = replace(first_belief(stated, start), factor=factor)
     exchanged = with_stated_prior(stated, run_filter(stated, start, gate=np.inf, belief=begun), begun)
     off = stated.layout.minus(exchanged.belief.mean[:, None], direct.belief.mean)[:n, 0] / sd

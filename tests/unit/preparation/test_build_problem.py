@@ -16,25 +16,25 @@ from kreisel.preparation.build_problem import (
     _with_held_values,
     build_problem,
 )
-from kreisel.preparation.prepare import prepare_recording
 from kreisel.preparation.start_values import starting_point
 from kreisel.preparation.state_layout import build_layout
 from kreisel.recording.recording import ReferencePoses
 from kreisel.recording.settings import RobotTable
 
 from ...oracle.quaternions import exp
-from ...small_cell import simulate
+from ...small_problem import prepared as prepared_recording
+from ...small_problem import recorded, with_fit
 
 
 @pytest.fixture(scope="module")
 def cell():
-    truth, recording = simulate(np.random.default_rng(3), 60.0, Path("small"), imu_rate=100.0)
-    return truth, prepare_recording(recording, CalibrationSettings())
+    """What a small recording was made from, and what is known once it is prepared."""
+    return recorded(60.0)[0], prepared_recording(60.0)
 
 
 @pytest.fixture(scope="module")
-def prepared(cell):
-    return cell[1]
+def prepared():
+    return prepared_recording(60.0)
 
 
 def with_tables(prepared, **tables):
@@ -45,10 +45,6 @@ def with_tables(prepared, **tables):
 def with_kind(prepared, kind, **changed):
     table = prepared.recording.settings.reference.model_copy(update={"kind": kind})
     return replace(with_tables(prepared, reference=table), **changed)
-
-
-def with_fit(prepared, **changed):
-    return replace(prepared, rate_fit=replace(prepared.rate_fit, **changed))
 
 
 # ---------------------------------------------------------------- errors of a robot

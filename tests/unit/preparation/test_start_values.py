@@ -1,7 +1,6 @@
 """Start and prior: covariances against maps and information written out, values against those of a recording."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,9 +9,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.model.settings import CalibrationSettings
 from kreisel.model.standstill import OutsideStandstill
-from kreisel.preparation.prepare import prepare_recording
 from kreisel.preparation.start_values import (
     START_INFLATION,
     _cross_coupling_prior,
@@ -27,7 +24,8 @@ from kreisel.preparation.start_values import (
 from kreisel.synchronization.clock import MAX_SKEW
 
 from ...oracle.quaternions import rotate
-from ...small_cell import simulate
+from ...small_problem import prepared as prepared_recording
+from ...small_problem import recorded, with_fit
 
 MOUNT = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
 COUPLING_SD, NON_ORTHOGONALITY = 0.05, 0.015
@@ -36,21 +34,16 @@ COUPLING_SD, NON_ORTHOGONALITY = 0.05, 0.015
 @pytest.fixture(scope="module")
 def cell():
     """What a small recording was made from, and what is known once it is prepared."""
-    truth, recording = simulate(np.random.default_rng(3), 60.0, Path("small"), imu_rate=100.0)
-    return truth, prepare_recording(recording, CalibrationSettings())
+    return recorded(60.0)[0], prepared_recording(60.0)
 
 
 @pytest.fixture(scope="module")
-def prepared(cell):
-    return cell[1]
+def prepared():
+    return prepared_recording(60.0)
 
 
 def with_noise(prepared, **changed):
     return replace(prepared, imu_noise=replace(prepared.imu_noise, **changed))
-
-
-def with_fit(prepared, **changed):
-    return replace(prepared, rate_fit=replace(prepared.rate_fit, **changed))
 
 
 def with_force(prepared, **changed):
