@@ -22,19 +22,7 @@ from kreisel.recording.recording import ReferencePoses
 from kreisel.recording.settings import RobotTable
 
 from ...oracle.quaternions import exp
-from ...small_problem import prepared as prepared_recording
-from ...small_problem import recorded, with_fit
-
-
-@pytest.fixture(scope="module")
-def cell():
-    """What a small recording was made from, and what is known once it is prepared."""
-    return recorded(60.0)[0], prepared_recording(60.0)
-
-
-@pytest.fixture(scope="module")
-def prepared():
-    return prepared_recording(60.0)
+from ...small_problem import with_fit
 
 
 def with_tables(prepared, **tables):

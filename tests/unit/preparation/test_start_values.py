@@ -24,22 +24,10 @@ from kreisel.preparation.start_values import (
 from kreisel.synchronization.clock import MAX_SKEW
 
 from ...oracle.quaternions import rotate
-from ...small_problem import prepared as prepared_recording
-from ...small_problem import recorded, with_fit
+from ...small_problem import with_fit
 
 MOUNT = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
 COUPLING_SD, NON_ORTHOGONALITY = 0.05, 0.015
-
-
-@pytest.fixture(scope="module")
-def cell():
-    """What a small recording was made from, and what is known once it is prepared."""
-    return recorded(60.0)[0], prepared_recording(60.0)
-
-
-@pytest.fixture(scope="module")
-def prepared():
-    return prepared_recording(60.0)
 
 
 def with_noise(prepared, **changed):
