@@ -2,6 +2,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGES := $(filter-out _kernels __pycache__,$(notdir $(patsubst %/,%,$(wildcard src/kreisel/*/))))
 
 .PHONY: demo test lint docs clean
@@ -22,10 +23,11 @@ lint: $(VENV)/.ready
 docs: $(VENV)/.ready
 	$(BIN)/pdoc --docformat numpy --output-directory docs/api $(addprefix kreisel.,$(PACKAGES))
 
-$(VENV)/.ready: requirements.txt pyproject.toml
+$(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	$(PIP) -r requirements.txt
+	$(BIN)/python hatch_build.py --compiler >/dev/null || $(PIP) ziglang==0.17.1
+	$(PIP) --no-build-isolation --no-deps -e .
 	touch $@
 
 clean:

@@ -31,7 +31,6 @@ def main(folder: Path | None) -> None:
     from kreisel.calibration.latitude_check import check_latitude
     from kreisel.calibration.split_halves import split_halves
     from kreisel.calibration.verdict import consistency, judge
-    from kreisel.filtering.compile_kernels import compile_kernels
     from kreisel.filtering.iteration import Given, estimate
     from kreisel.filtering.observability import observability
     from kreisel.formats.loading import load
@@ -48,8 +47,6 @@ def main(folder: Path | None) -> None:
             _, recording = simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), folder)
             write(recording, folder)
         at = time.perf_counter()
-        compile_kernels()
-        at = lap("load kernels", at)
         recording = load(folder)
         at = lap("read and check", at)
         settings = CalibrationSettings()

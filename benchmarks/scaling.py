@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from plotly.subplots import make_subplots
 
-from kreisel.filtering.compile_kernels import compile_kernels
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.model.parameters import CellParameters
@@ -76,7 +75,6 @@ def main() -> None:
     parser.add_argument("-o", dest="folder", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=24)
     arguments = parser.parse_args()
-    compile_kernels()
     recording = simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), Path("ten minutes"))[1]
     unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
     alone = replace(recording, joints=None)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import coefficients, composition, preintegration, quadrature, sensor_noise
-from kreisel._kernels.increments import Coefficients, Increments, Span
+from kreisel._kernels import coefficients, composition, preintegration
+from kreisel._kernels.preintegration import Increments
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal
@@ -17,9 +17,14 @@ from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal
 
 @dataclass(frozen=True)
 class SensorColumns:
-    """Sensor parameters for many sigma points, as the kernels take them, and the matrices K of the first."""
+    """Sensor parameters for many sigma points, as the kernels take them, and the matrices K of the first.
 
-    coefficients: Coefficients
+    rate, force, shared: (P, 3, m), (features, 3, m), (features, 3, M - m).
+    """
+
+    rate: Array
+    force: Array
+    shared: Array
     K_omega: Array
     K_a: Array
 
@@ -28,42 +33,37 @@ class SensorColumns:
         cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
     ) -> SensorColumns:
         """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
-        order, turning = k_w.shape[0], K_omega.shape[-1]
-        rate = np.empty((1 + 3 * order, 3, turning))
-        coefficients.rate_coefficients(K_omega, k_w, rate)
-        features = coefficients.force_features(1 + 3 * order, order)
+        turning = K_omega.shape[-1]
+        rate = coefficients.rate_coefficients(K_omega, k_w)
         parts = []
-        for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1].copy(), slice(turning, None))):
-            accel = [np.ascontiguousarray(part[..., chosen]) for part in (K_a, k_a, lever_arms)]
-            out = np.empty((features, 3, accel[0].shape[-1]))
-            coefficients.force_coefficients(turns, accel[0], accel[1], accel[2], form.products, form.inside, out)
-            parts.append(out)
-        return cls(Coefficients(rate, *parts), K_omega[..., 0].copy(), K_a[..., 0].copy())
+        for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1], slice(turning, None))):
+            accel = [part[..., chosen] for part in (K_a, k_a, lever_arms)]
+            parts.append(coefficients.force_coefficients(turns, *accel, form.products, form.inside))
+        return cls(rate, *parts, K_omega[..., 0].copy(), K_a[..., 0].copy())
 
     @classmethod
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
         """Return one column."""
         parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
-        return cls.stack(form, *(np.ascontiguousarray(part[..., None]) for part in parts))
+        return cls.stack(form, *(part[..., None] for part in parts))
 
 
 class Increment(NamedTuple):
-    """Motion between two samples, one column for each parameter set."""
+    """Motion between two samples, one column for each parameter set; its arrays along the way begin at sample `low`."""
 
-    span: Span
+    first: int
+    last: int
+    low: int
     duration: float
     motion: Increments
 
 
 def preintegrate(signal: InertialSignal, first: int, last: int, columns: SensorColumns) -> Increment:
     """Return the motion from sample `first` to sample `last` for every column of parameters."""
-    m = columns.coefficients.force.shape[-1] + columns.coefficients.shared.shape[-1]
-    base = signal.samples.base
-    low, high = min(int(base[first]), last - 1), max(last, int(base[last - 1]) + quadrature.POINTS - 1)
-    shapes = (4, m), *[(3, m)] * 4, (3, 3, m), (high - low + 1, 3), (high - low + 1, 4)
-    span, motion = Span(first, last, low, high), Increments(*(np.empty(shape) for shape in shapes))
-    preintegration.preintegrate(span, signal.samples, columns.coefficients, motion)
-    return Increment(span, float(signal.stamps[last] - signal.stamps[first]), motion)
+    parts = columns.rate, columns.force, columns.shared
+    motion = preintegration.preintegrate(signal.samples, first, last, *parts)
+    low = preintegration.low_of(signal.samples, first, last)
+    return Increment(first, last, low, float(signal.stamps[last] - signal.stamps[first]), motion)
 
 
 def noise_covariance(signal: InertialSignal, step: Increment, columns: SensorColumns) -> Array:
@@ -72,11 +72,11 @@ def noise_covariance(signal: InertialSignal, step: Increment, columns: SensorCol
     Uses the first column of an increment. Seen from the body's inertial attitude at its first sample; attitude errors
     as left perturbations there.
     """
-    Q = np.empty((9, 9))
-    samples = step.span.last - step.span.first
+    samples = step.last - step.first
     every = max(1, int(NOISE_STEP * samples / step.duration)) if step.duration > 0.0 else 1
-    sensor_noise.noise_covariance(step.span, every, signal.samples, step.motion, columns.K_omega, columns.K_a, Q)
-    return Q
+    return preintegration.noise_covariance(
+        signal.samples, step.first, step.last, every, step.motion, columns.K_omega, columns.K_a
+    )
 
 
 def navigate(
@@ -110,7 +110,7 @@ def navigate(
     history = [[part[:, 0].copy() for part in state]]
     for first, last in pairwise(knots):
         step = preintegrate(signal, first, last, columns)
-        composition.compose(step.duration, np.zeros(1, dtype=np.int64), step.motion, g, w, *state)
+        state = [*composition.compose(step.duration, step.motion, g, w, *state)]
         history.append([part[:, 0].copy() for part in state])
     qs, vs, ps = (np.array(column) for column in zip(*history, strict=True))
     return signal.stamps[knots], qs, vs, ps

@@ -10,7 +10,8 @@
     ├── RobotError              an arm that cannot be read, or a pose it cannot reach
     ├── ProtocolError           bytes that are not what the protocol says
     ├── DeviceError             a device that cannot be reached, or does not answer
-    └── EstimationError         the estimator could not continue, with advice
+    ├── EstimationError         the estimator could not continue, with advice
+    └── LibraryError            the compiled library does not load
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ __all__ = [
     "EstimationError",
     "ExcitationError",
     "KreiselError",
+    "LibraryError",
     "ProtocolError",
     "RecordingError",
     "RobotError",
@@ -67,6 +69,10 @@ class SynchronizationError(KreiselError):
 
 class ExcitationError(KreiselError):
     """The motion is too poor to make the parameters observable."""
+
+
+class LibraryError(KreiselError):
+    """The compiled library is missing, or is not for this machine."""
 
 
 class SettingsError(KreiselError):

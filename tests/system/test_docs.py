@@ -60,6 +60,11 @@ def test_the_table_of_equations_is_true():
         for path in re.findall(r"`(kreisel[\w.]+)`", computed):
             assert resolved(path) is not None, path
             sources += source_of(path)
+        for path, name in re.findall(r"`(src/kernels/\w+\.hpp): (\w+)`", computed):
+            source = (DOCS.parent / path).read_text(encoding="utf-8")
+            assert re.search(rf"^inline [^\n]*\b{name}\(", source, re.M), f"{path} has no {name}"
+            sources += source
+        assert sources
         for number in re.findall(r"\(\d+\)", equations):
             assert re.search(rf"equations? [^\n]*{re.escape(number)}", sources), f"{number} does not stand at its line"
         for path in re.findall(r"`(tests/[\w/.]+)`", checked):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kreisel._kernels.arrays import Array, Indices, Mask
+from kreisel._kernels.arrays import IndexTable, Indices, Mask, Numbers, Stack, Table
 
 VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
 """Places of parts in `Model.stored`."""
@@ -16,6 +16,40 @@ MEASURED = 9
 """Most numbers a measurement has: position, orientation, velocity."""
 
 
+class Samples(NamedTuple):
+    """Readings with all quantities that do not depend on the sensor parameters.
+
+    Attributes
+    ----------
+    stamps : (n,)
+        Seconds since the first sample.
+    base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
+        Stencils of `quadrature`.
+    rates, slopes : (P, n)
+        Features of the rate and their derivatives, P = 1 + 3 N: see `coefficients`.
+    integrals : (P, n - 1)
+        Integrals of the features over each sampling interval.
+    forces : (3 N, n)
+        Powers of the accelerometers' readings.
+    noise : (4, 3)
+        Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then the
+        curvature of each (unit per second squared) where samples are missing: see `preintegration.noise_covariance`.
+    usual
+        Usual time between two samples, s.
+    """
+
+    stamps: Numbers
+    base: Indices
+    single: Table
+    double: Table
+    rates: Table
+    slopes: Table
+    integrals: Table
+    forces: Table
+    noise: Table
+    usual: float
+
+
 class ParameterRows(NamedTuple):
     """Where some numbers of the model come from: rows of the stored state, or, where -1, known values.
 
@@ -23,7 +57,7 @@ class ParameterRows(NamedTuple):
     """
 
     source: Indices
-    known: Array
+    known: Numbers
 
 
 class Model(NamedTuple):
@@ -34,13 +68,11 @@ class Model(NamedTuple):
     parts, tail : (p, 4), (t, 4)
         Tables of `manifold` for the state, and for its last parts alone, which change between updates.
     weights : (5,)
-        See `sigma_point_filter.SPREAD`.
+        See `sigma_points.FIGURES`.
     gyro, accel, around, robot : ParameterRows
         Sensor parameters; alignment, north, gravity, time offset and skew, Earth rate downward; errors of the robot.
-    turning, sharing : (a,), (b,)
-        Sigma points with gyro parameters of their own, the centre first, and with accelerometer parameters.
-    which : (2 n + 1,)
-        For every sigma point its column among these.
+    gyro_degrees, sensor_degrees
+        Degrees of freedom of the gyros' parameters, which come first, and of both sensors' parameters.
     stored : (7,)
         Where parts lie in the stored state, -1 where they are not in it.
     order, products, inside
@@ -57,26 +89,25 @@ class Model(NamedTuple):
         Seconds of readings whose noise is taken together.
     """
 
-    parts: Indices
-    tail: Indices
-    weights: Array
+    parts: IndexTable
+    tail: IndexTable
+    weights: Numbers
     gyro: ParameterRows
     accel: ParameterRows
     around: ParameterRows
     robot: ParameterRows
-    turning: Indices
-    sharing: Indices
-    which: Indices
+    gyro_degrees: int
+    sensor_degrees: int
     stored: Indices
     order: int
     products: float
     inside: bool
     level: float
     down: float
-    noise: Array
-    coloured: Array
+    noise: Numbers
+    coloured: Numbers
     walking: Indices
-    walk: Array
+    walk: Numbers
     noise_step: float
 
 
@@ -89,12 +120,12 @@ class Steps(NamedTuple):
 
     first: Indices
     last: Indices
-    tau: Array
+    tau: Numbers
     at_standstill: Mask
-    position: Array
-    quaternion: Array
+    position: Table
+    quaternion: Table
     given: Mask
-    regressor: Array
+    regressor: Stack
 
 
 class Record(NamedTuple):
@@ -104,54 +135,14 @@ class Record(NamedTuple):
     noise's covariance (u, 9, 9), gain of velocity and attitude (u, 6, 9). Of the nines the first m count.
     """
 
-    mean: Array
-    deviation: Array
+    mean: Table
+    deviation: Table
     used: Mask
-    innovation: Array
-    whitened: Array
-    factor: Array
-    noise: Array
-    gain: Array
-
-
-class IntegratedMotion(NamedTuple):
-    """The motion to an update: what carries sigma points on to the reference's own time, and its noise.
-
-    Columns of omega, alpha (3, M) and force (3, 3, M) are those of `Model.which`; q_first (4, 2 n + 1), gravity and
-    earth_rate (3, 2 n + 1) and around (10, 2 n + 1) have one for each sigma point. noise (9, 9): factor of noise in
-    velocity, position and attitude.
-    """
-
-    q_first: Array
-    omega: Array
-    alpha: Array
-    force: Array
-    gravity: Array
-    earth_rate: Array
-    around: Array
-    noise: Array
-
-
-class Moments(NamedTuple):
-    """Moments after the last sample of an interval, one for each column of a state.
-
-    Attributes
-    ----------
-    dt : (k,)
-        s, by at most a sampling interval.
-    before, after
-        Sampling intervals on either side of the last sample, s.
-    which : (m,)
-        Each state's column of the integrated motion.
-    own : (m,)
-        Each state's place in `dt`, and its column of what belongs to a sigma point.
-    """
-
-    dt: Array
-    before: float
-    after: float
-    which: Indices
-    own: Indices
+    innovation: Table
+    whitened: Table
+    factor: Stack
+    noise: Stack
+    gain: Stack
 
 
 class Gate(NamedTuple):
@@ -167,6 +158,13 @@ class Gate(NamedTuple):
         Measurements rejected in a row so far.
     """
 
-    bounds: Array
+    bounds: Numbers
     most: int
     rejected: Indices
+
+
+class Gaussian(NamedTuple):
+    """Mean (size,) as stored, and factor (n, n) of the covariance, transposed: upper triangular."""
+
+    mean: Numbers
+    upper: Table

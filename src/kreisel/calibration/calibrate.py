@@ -12,14 +12,13 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.split_halves import split_halves, with_disagreement
 from kreisel.calibration.verdict import consistency, judge
-from kreisel.filtering.compile_kernels import compile_kernels
 from kreisel.filtering.iteration import Given, estimate
 from kreisel.filtering.observability import observability
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress, of_step
+from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
 
 
@@ -42,7 +41,6 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
     progress
         Called with the name of the step and the share of it that is done.
     """
-    compile_kernels(of_step(progress, "prepare kernels"))
     if progress is not None:
         progress("synchronise", 0.0)
     preparation = prepare_recording(recording, settings)

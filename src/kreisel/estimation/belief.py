@@ -7,7 +7,7 @@ the covariance is a sum of squares by construction and cannot become negative.
 
 Parameters do not change between updates: their rows of S stay as they are. The parts that do change
 are last in the layout, so only their few rows need triangularising again. The steps themselves are compiled:
-`_kernels.filter_loop`.
+`_kernels.filter`.
 """
 
 from __future__ import annotations

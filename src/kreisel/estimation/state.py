@@ -85,12 +85,8 @@ class StateLayout:
 
     def plus(self, x: Array, change: Array) -> Array:
         """Return the states (size, m) that lie changes (degrees, m) away from the state x (size,)."""
-        out = np.empty((self.size, change.shape[1]))
-        manifold.plus(self.table, x, change, out)
-        return out
+        return manifold.plus(self.table, x, change)
 
     def minus(self, states: Array, x: Array) -> Array:
         """Return the changes (degrees, m) that lead from the state x (size,) to states (size, m)."""
-        out = np.empty((self.degrees, states.shape[1]))
-        manifold.minus(self.table, np.ascontiguousarray(states), x, out)
-        return out
+        return manifold.minus(self.table, states, x, self.degrees)

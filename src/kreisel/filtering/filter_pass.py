@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel._kernels import cell, filter_loop, sigma_point_filter
+from kreisel._kernels import cell
+from kreisel._kernels.filter import run
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, gate_bound
@@ -63,10 +64,10 @@ def run_filter(
         done = begin
         while done < chunk.stop:
             belief = _belief_before(problem, start, belief, done, limit.rejected)
-            filtered = sigma_point_filter.Gaussian(belief.mean.copy(), belief.factor.T.copy())
+            filtered = cell.Gaussian(belief.mean.copy(), belief.factor.T.copy())
             signal, until = problem.readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
-            done = begin + filter_loop.run(
+            done = begin + run(
                 model, signal.samples, counted, done - begin, _next_event(updates, done, chunk.stop, until) - begin,
                 limit, filtered, record,
             )  # fmt: skip

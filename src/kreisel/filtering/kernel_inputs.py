@@ -15,18 +15,13 @@ from kreisel.model.schedule import Update
 
 _GYRO = ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial")
 _ACCEL = ("accel_cross_coupling", "accel_offset", "accel_polynomial", "lever_arms")
-"""Groups `_kernels.coefficients` uses, in the order `process_model.sensor_coefficients` takes them apart."""
+"""Groups of the sensor model, in the order in which `sensor_coefficients` of process_model.hpp takes them."""
 
 
 def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
     layout, settings, noise = problem.layout, problem.settings, problem.noise.reference
-    n, g, s = layout.degrees, problem.gyro_degrees, problem.sensor_degrees
-    # Sigma points that do not change the gyros' parameters have the same attitude as the centre.
-    turning = np.array([0, *range(1, g + 1), *range(n + 1, n + g + 1)])
-    sharing = np.array([*range(g + 1, s + 1), *range(n + g + 1, n + s + 1)], dtype=np.int64)
-    which = np.zeros(2 * n + 1, dtype=np.int64)
-    which[np.concatenate([turning, sharing])] = np.arange(turning.size + sharing.size)
+    n = layout.degrees
     w = weights(settings.weights, n)
     level, down = problem.site.earth_rate_units
     coloured = problem.noise.coloured
@@ -51,9 +46,8 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         accel=rows(_ACCEL),
         around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
         robot=rows(ROBOT_GROUPS),
-        turning=turning,
-        sharing=sharing,
-        which=which,
+        gyro_degrees=problem.gyro_degrees,
+        sensor_degrees=problem.sensor_degrees,
         stored=np.array([layout.stored(name).start if name in layout else -1 for name in names]),
         order=settings.polynomial_order,
         products=settings.size_effect.products,

@@ -3,50 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import attitude, coefficients, quadrature
+from kreisel._kernels import coefficients, quadrature
+from kreisel._kernels.cell import Samples
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.sensor_model import SensorParameters, power_slopes, powers
 
 NOISE_STEP = 0.02
 """Seconds of readings whose noise is added up in one step."""
-
-
-class Samples(NamedTuple):
-    """Readings with all quantities that do not depend on the sensor parameters, as the kernels use them.
-
-    Attributes
-    ----------
-    stamps : (n,)
-        Seconds since the first sample.
-    base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
-        Stencils of `_kernels.quadrature`.
-    rates, slopes : (P, n)
-        Features of the rate and their derivatives, P = 1 + 3 N: see `_kernels.coefficients`.
-    integrals : (P, n - 1)
-        Integrals of the features over each sampling interval.
-    forces : (3 N, n)
-        Powers of the accelerometers' readings.
-    noise : (4, 3)
-        Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then the
-        curvature of each (unit per second squared) where samples are missing: see `sensor_noise`.
-    usual
-        Usual time between two samples, s.
-    """
-
-    stamps: Array
-    base: Indices
-    single: Array
-    double: Array
-    rates: Array
-    slopes: Array
-    integrals: Array
-    forces: Array
-    noise: Array
-    usual: float
 
 
 @dataclass(frozen=True)
@@ -120,6 +86,7 @@ def prepare(
     noise : (4, 3)
         See `Samples`; none by default.
     """
+    stamps, rates, accelerations = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
     n = stamps.size
     segments = ((0, n - 1),) if segments is None else segments
     base = np.zeros(n - 1, dtype=np.int64)
@@ -170,9 +137,7 @@ def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, d
 
 def rate_coefficients(p: SensorParameters) -> Array:
     """Return the rate coefficients (P, 3) of equation (1), see `_kernels.coefficients`: omega = features @ these."""
-    out = np.empty((1 + 3 * p.k_w.shape[0], 3, 1))
-    coefficients.rate_coefficients(p.K_omega[..., None].copy(), p.k_w[..., None].copy(), out)
-    return out[..., 0]
+    return coefficients.rate_coefficients(p.K_omega[..., None], p.k_w[..., None])[..., 0]
 
 
 def linear_rate(K: Array, b: Array, order: int) -> Array:
@@ -188,5 +153,5 @@ def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
     q = np.empty((signal.stamps.size, 4))
     q[0] = (1.0, 0.0, 0.0, 0.0)
     samples = signal.samples
-    attitude.integrate(samples.stamps, samples.rates, samples.integrals, np.ascontiguousarray(rate), q)
+    quadrature.integrate_attitude(samples.stamps, samples.rates, samples.integrals, np.ascontiguousarray(rate), q)
     return q

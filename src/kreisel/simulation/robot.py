@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from kreisel._kernels import oscillator
+from kreisel._kernels import recursions
 from kreisel.geometry.rotation import Array, exp, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
@@ -72,7 +72,7 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
     E = expm(M)
     now, later = E[:2, 2] - E[:2, 3], E[:2, 3]
     x = np.zeros((2, *q.shape))
-    oscillator.drive(np.ascontiguousarray(E[:2, :2]), now.copy(), later.copy(), ddq, x)
+    recursions.drive_oscillators(np.ascontiguousarray(E[:2, :2]), now.copy(), later.copy(), ddq, x)
     return x[0], x[1], -ddq - 2.0 * damping * omega * x[1] - omega**2 * x[0]
 
 
@@ -121,7 +121,7 @@ def _path(rng: np.random.Generator, plan: Plan, t: Array, p: Array, errors: Erro
     if errors.path_correlation_time > 0.0:
         keep = np.exp(-np.diff(t) / errors.path_correlation_time)
         process = np.empty_like(white)
-        oscillator.gauss_markov(keep, white, process)
+        recursions.gauss_markov(keep, white, process)
     else:
         process = white
     speed = np.linalg.norm(np.gradient(p, t, axis=0), axis=1)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.filtering.compile_kernels import compile_kernels
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.geometry.rotation import Array
@@ -34,7 +33,6 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     noise of the cell, is then computed by a linearisation about the truth itself. For errors as small
     as these the bound is that of the linear problem (Tichavsky, Muravchik and Nehorai 1998, section III).
     """
-    compile_kernels()
     silent = cell.model_copy(
         update={
             "imu": cell.imu.model_copy(update={"noise": False}),

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel._kernels import sigma_point_filter
+from kreisel._kernels import sigma_points
+from kreisel._kernels.cell import Gaussian
 from kreisel.errors import SettingsError
 from kreisel.estimation.belief import Belief, inflate_variance, renew, triangularise
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds
@@ -29,15 +30,13 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     layout = StateLayout([Part("held", n - changing), Part("moving", changing)])
     w = weights(name, n)
     figures = np.array([w.spread, w.mean, w.second, w.shift, w.centre])
-    mean, upper, points = x.copy(), np.linalg.cholesky(P).T.copy(), np.empty((n, 2 * n + 1))
-    sigma_point_filter.draw(layout.table, mean, upper, w.spread, points)
-    points = F @ points
-    centre = points[:, :1]
-    predicted = sigma_point_filter.Predicted(points, noise, H @ (points - centre), np.hstack([H @ Q, -H @ Q]))
-    belief = sigma_point_filter.Gaussian(mean, upper)
-    used, nis, factor, whitened, gain = sigma_point_filter.update(
-        layout.table, layout.tail(changing).table, figures, belief, predicted, z - H @ points[:, 0], R, gate
-    )
+    mean, upper = belief = Gaussian(x.copy(), np.linalg.cholesky(P).T.copy())
+    points = F @ sigma_points.draw(layout.table, belief, w.spread)
+    seen, seen_noise = H @ (points - points[:, :1]), np.hstack([H @ Q, -H @ Q])
+    used, nis, factor, whitened, gain = sigma_points.update(
+        layout.table, layout.tail(changing).table, figures, belief, points, noise, seen, seen_noise,
+        z - H @ points[:, 0], R, gate,
+    )  # fmt: skip
 
     P1 = F @ P @ F.T + Q @ Q.T
     S = H @ P1 @ H.T + R @ R.T
@@ -83,8 +82,8 @@ def test_layout_names_slices():
 
 def test_sigma_points_have_the_beliefs_spread():
     rng = np.random.default_rng(0)
-    mean, factor, points = rng.normal(size=4), np.tril(rng.normal(size=(4, 4))), np.empty((4, 9))
-    sigma_point_filter.draw(StateLayout([Part("x", 4)]).table, mean, factor.T.copy(), 2.0, points)
+    mean, factor = rng.normal(size=4), np.tril(rng.normal(size=(4, 4)))
+    points = sigma_points.draw(StateLayout([Part("x", 4)]).table, Gaussian(mean, factor.T.copy()), 2.0)
     spread = points[:, 1:] - mean[:, None]
     np.testing.assert_allclose(spread @ spread.T / (2 * 2.0**2), factor @ factor.T, atol=1e-12)
 

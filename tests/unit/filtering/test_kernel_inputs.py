@@ -14,7 +14,7 @@ from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import hold, with_correlation_time
 from kreisel.model.settings import CalibrationSettings
 
-from ...small_problem import random_belief, small_problem, with_noise
+from ...small_problem import small_problem, with_noise
 
 ORDER = {
     "gyro": ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial"),
@@ -39,25 +39,20 @@ def test_rows_give_the_parameters_of_a_state_and_what_is_known_of_the_others(hel
 
 
 @pytest.mark.parametrize("held", [(), ("accel_offset",), ("gyro_cross_coupling", "gyro_offset")])
-def test_sigma_points_that_share_a_column_have_the_same_sensors(held):
-    """The points themselves are drawn, and those of equal parameters found by comparing them."""
+def test_the_first_degrees_of_freedom_are_those_of_the_sensors(held):
+    """Changed one by one, and those found that change a parameter of the gyros, or of the accelerometers."""
     problem = hold(small_problem(), held)
-    model, n = filter_model(problem, problem.prior.start), problem.layout.degrees
-    belief = random_belief(problem, np.random.default_rng(0))
-    spread = model.weights[0] * belief.factor
-    points = problem.layout.plus(belief.mean, np.hstack([np.zeros((n, 1)), spread, -spread]))
-    gyro, sensors = (
-        np.array([i for g in groups if g in problem.layout for i in np.r_[problem.layout.stored(g)]], dtype=int)
-        for groups in (ORDER["gyro"], ORDER["gyro"] + ORDER["accel"])
+    model, layout = filter_model(problem, problem.prior.start), problem.layout
+    x = stored_state(problem, problem.prior.start)
+    changed = layout.plus(x, np.eye(layout.degrees)) != x[:, None]
+    gyro, accel = (
+        [i for group in groups if group in layout for i in np.r_[layout.stored(group)]]
+        for groups in (ORDER["gyro"], ORDER["accel"])
     )
-    assert model.turning[0] == 0
-    column = np.concatenate([model.turning, model.sharing])[model.which]
-    for k in range(2 * n + 1):
-        np.testing.assert_array_equal(points[sensors, column[k]], points[sensors, k])
-    turning = np.flatnonzero((points[gyro] != points[gyro, :1]).any(axis=0))
-    np.testing.assert_array_equal(model.turning[1:], turning)
-    sharing = np.flatnonzero((points[sensors] != points[sensors, :1]).any(axis=0))
-    np.testing.assert_array_equal(np.sort(model.sharing), np.setdiff1d(sharing, turning))
+    assert model.gyro_degrees == changed[gyro].any(axis=0).sum()
+    assert changed[gyro].any(axis=0)[: model.gyro_degrees].all()
+    assert model.sensor_degrees == model.gyro_degrees + changed[accel].any(axis=0).sum()
+    assert changed[accel].any(axis=0)[model.gyro_degrees : model.sensor_degrees].all()
 
 
 def test_places_of_parts_are_those_in_the_stored_state():

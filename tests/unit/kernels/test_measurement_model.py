@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kreisel._kernels.cell import IntegratedMotion, Moments, ParameterRows
-from kreisel._kernels.composition import pose_at
-from kreisel._kernels.measurement_model import predict_poses
+from kreisel._kernels.cell import ParameterRows
+from kreisel._kernels.measurement_model import Motion, predict_poses
 from kreisel.filtering.initial_belief import stored_state
 from kreisel.filtering.kernel_inputs import filter_model
 
@@ -19,60 +18,57 @@ def rotation(q):
     return Rotation.from_quat(np.asarray(q), scalar_first=True)
 
 
-def motion_of(rng, m, points, earth_rate=0.0):
-    """Return an integrated motion with m columns, and one column of the environment for each of some points."""
-    first = rotation(rng.normal(size=(points, 4))).as_quat(scalar_first=True).T
-    return IntegratedMotion(
-        q_first=np.ascontiguousarray(first),
+def motion_of(rng, m, earth_rate=0.0):
+    """Return a motion with m columns."""
+    return Motion(
+        q_first=rotation(rng.normal(size=(m, 4))).as_quat(scalar_first=True).T,
         omega=rng.normal(size=(3, m)),
         alpha=np.zeros((3, m)),
         force=rng.normal(size=(3, 3, m)),
-        gravity=rng.normal(size=(3, points)),
-        earth_rate=earth_rate * rng.normal(size=(3, points)),
-        around=np.zeros((10, points)),
-        noise=np.zeros((9, 9)),
+        gravity=rng.normal(size=(3, m)),
+        earth_rate=earth_rate * rng.normal(size=(3, m)),
     )
 
 
 def state(rng, m):
     """Return attitudes (4, m), velocities and positions (3, m)."""
-    q = np.ascontiguousarray(rotation(rng.normal(size=(m, 4))).as_quat(scalar_first=True).T)
+    q = rotation(rng.normal(size=(m, 4))).as_quat(scalar_first=True).T
     return q, rng.normal(size=(3, m)), rng.normal(size=(3, m))
 
 
-def moments_of(dt, which):
-    return Moments(np.asarray(dt), BEFORE, AFTER, np.asarray(which), np.arange(len(dt)))
-
-
-def carried(motion, moments, q, v, p):
-    q_out, p_out = np.empty_like(q), np.empty_like(p)
-    pose_at(moments, motion, q, v, p, q_out, p_out)
-    return q_out, p_out
+def carried(motion, dt, q, v, p):
+    """Return attitude and position as the measurement model has them, without any error of the reference."""
+    problem = small_problem()
+    model, layout = filter_model(problem, problem.prior.start), problem.layout
+    points = np.zeros((layout.size, len(dt)))
+    for name, part in (("attitude", q), ("velocity", v), ("position", p)):
+        points[layout.stored(name)] = part
+    return predict_poses(model, motion, np.asarray(dt), BEFORE, AFTER, np.zeros((6, 0)), False, points)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_force_quadratic_in_time_moves_by_its_value_and_its_slope(seed):
     """Forces at three samples of a parabola: the position's exact polynomial, but for the parabola's own part."""
     rng = np.random.default_rng(seed)
-    motion, dt = motion_of(rng, 2, 3), np.array([-0.008, 0.005, 0.012])
-    at, slope, curve = rng.normal(size=(3, 3, 2)) * np.array([1.0, 50.0, 3000.0])[:, None, None]
+    motion, dt = motion_of(rng, 3), np.array([-0.008, 0.005, 0.012])
+    at, slope, curve = rng.normal(size=(3, 3, 3)) * np.array([1.0, 50.0, 3000.0])[:, None, None]
     force = np.stack([at + slope * t + 0.5 * curve * t**2 for t in (-BEFORE, 0.0, AFTER)])
-    motion, which = motion._replace(force=force), np.array([0, 1, 1])
+    motion = motion._replace(force=force)
     q, v, p = state(rng, 3)
-    _, found = carried(motion, moments_of(dt, which), q, v, p)
+    _, found = carried(motion, dt, q, v, p)
     turn = rotation(motion.q_first.T)
-    a, jerk = turn.apply(at[:, which].T).T + motion.gravity, turn.apply(slope[:, which].T).T
+    a, jerk = turn.apply(at.T).T + motion.gravity, turn.apply(slope.T).T
     np.testing.assert_allclose(found, p + v * dt + a * dt**2 / 2.0 + jerk * dt**3 / 6.0, rtol=1e-13, atol=1e-15)
 
 
 def test_a_turning_earth_bends_the_path_and_turns_the_axes():
     """An Earth rate of a radian per second, so that its terms are as large as the others."""
     rng = np.random.default_rng(1)
-    motion, dt = motion_of(rng, 3, 3, earth_rate=1.0), np.array([-0.009, 0.003, 0.013])
+    motion, dt = motion_of(rng, 3, earth_rate=1.0), np.array([-0.009, 0.003, 0.013])
     q, v, p = state(rng, 3)
-    q_found, p_found = carried(motion, moments_of(dt, [0, 1, 2]), q, v, p)
+    q_found, p_found = carried(motion, dt, q, v, p)
     still = motion._replace(earth_rate=np.zeros((3, 3)))
-    q_still, p_still = carried(still, moments_of(dt, [0, 1, 2]), q, v, p)
+    q_still, p_still = carried(still, dt, q, v, p)
     bent = -2.0 * np.cross(motion.earth_rate.T, v.T).T * dt**2 / 2.0
     np.testing.assert_allclose(p_found - p_still, bent, rtol=1e-9, atol=1e-15)
     in_b = rotation(q.T).inv().apply(motion.earth_rate.T)
@@ -84,10 +80,10 @@ def test_a_turning_earth_bends_the_path_and_turns_the_axes():
 
 def test_an_angular_acceleration_about_the_axis_of_rotation():
     rng = np.random.default_rng(2)
-    motion, dt = motion_of(rng, 2, 2), np.array([-0.01, 0.014])
+    motion, dt = motion_of(rng, 2), np.array([-0.01, 0.014])
     motion = motion._replace(alpha=motion.omega * [30.0, -20.0])
     q, v, p = state(rng, 2)
-    found, _ = carried(motion, moments_of(dt, [0, 1]), q, v, p)
+    found, _ = carried(motion, dt, q, v, p)
     for s, factor in enumerate((30.0, -20.0)):
         angle = motion.omega[:, s] * (dt[s] + factor * dt[s] ** 2 / 2.0)
         assert ((rotation(q[:, s]) * Rotation.from_rotvec(angle)).inv() * rotation(found[:, s])).magnitude() < 1e-14
@@ -105,14 +101,13 @@ def test_the_reference_shows_its_own_error_and_not_the_robots(at_standstill):
     points = layout.plus(mean, 0.02 * rng.normal(size=(layout.degrees, m)))
     for name in ("velocity", "position"):
         points[layout.stored(name)] += rng.normal(size=(3, m))
-    motion = motion_of(rng, model.turning.size + model.sharing.size, m)
-    moments = Moments(np.zeros(m), BEFORE, AFTER, model.which, np.arange(m))
+    motion = motion_of(rng, m)
     # two errors of the robot from rows of the state, and two that are known
     rows, errors = layout.stored("lever_arms"), rng.normal(size=(6, 4))
     robot = ParameterRows(np.array([rows.start, -1, rows.start + 1, -1]), np.array([0.0, 0.03, 0.0, -0.02]))
     model, moved = model._replace(robot=robot), points[rows.start : rows.start + 2]
     own = np.stack([moved[0], np.full(m, 0.03), moved[1], np.full(m, -0.02)])
-    q, p = predict_poses(model, motion, errors, at_standstill, moments, points)
+    q, p = predict_poses(model, motion, np.zeros(m), BEFORE, AFTER, errors, at_standstill, points)
     kind = "standstill" if at_standstill else "path"
     of_position, of_attitude = (points[layout.stored(f"{kind}_{what}")] for what in ("position", "orientation"))
     shown = points[layout.stored("position")] + of_position - errors[:3] @ own

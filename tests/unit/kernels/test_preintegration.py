@@ -79,7 +79,7 @@ def test_coefficients_are_the_sensor_model(form):
     slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
     force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
     np.testing.assert_allclose(step.motion.omega_end[:, 0], omega[101], rtol=1e-13)
-    np.testing.assert_allclose(step.motion.u_path[100 - step.span.low], force[100], rtol=1e-13)
+    np.testing.assert_allclose(step.motion.u_path[:, 100 - step.low], force[100], rtol=1e-13)
 
 
 def test_noise_covariance_is_that_of_disturbed_readings():

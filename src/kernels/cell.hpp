@@ -1,0 +1,71 @@
+/// What the filter is given of a cell, and what it records. Python's side is `kreisel._kernels.cell`.
+#pragma once
+
+#include "arrays.hpp"
+
+namespace {
+
+/// Where some numbers of the model come from: rows of the stored state, or, where -1, known values.
+struct ParameterRows {
+    Indices source;
+    Numbers known;
+};
+
+/// What a cell's filter needs to know besides state, readings and poses.
+struct Model {
+    IndexTable parts, tail;  // of the state, and of its last parts alone, which change between updates: manifold.hpp
+    Numbers weights;         // (5,): see sigma_points.hpp
+    ParameterRows gyro, accel, around, robot;
+    Index gyro_degrees;      // degrees of freedom of the gyros' parameters, which come first
+    Index sensor_degrees;    // of the gyros' and the accelerometers' parameters
+    Indices stored;          // (7,): where the parts below lie in the stored state, -1 where they are not in it
+    Index order;             // of the sensor model's polynomials
+    double products;         // see coefficients.hpp, SizeEffect
+    Index inside;
+    double level, down;      // Earth rate that a unit of north, and of its downward part, stands for, rad/s
+    Numbers noise;           // (6,): standard deviations
+    Numbers coloured;        // (3,): time constant of the reference's coloured noise, s; deviations
+    Indices walking;         // degrees of freedom that walk, and their densities
+    Numbers walk;
+    double noise_step;       // seconds of readings whose noise is taken together
+};
+
+/// Places of parts in `Model::stored`.
+enum { VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION };
+
+/// Places of figures in `Model::noise`: reference on the path and at standstill, velocity at standstill, stamps.
+enum { AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP };
+
+/// Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
+struct Steps {
+    Indices first, last;          // (u,)
+    Numbers tau;                  // (u,)
+    Mask at_standstill;           // (u,)
+    Table position, quaternion;   // (u, 3), (u, 4)
+    Mask given;                   // (2,): whether positions and orientations are measured
+    Stack regressor;              // (u, 6, e), e = 0 without a robot
+};
+
+/// What updates leave. Of the nines the first m count.
+struct Record {
+    Table mean, deviation;        // (u, size), (u, k)
+    Mask used;                    // (u,)
+    Table innovation, whitened;   // (u, 9)
+    Stack factor, noise;          // (u, 9, 9)
+    Stack gain;                   // (u, 6, 9)
+};
+
+/// What rejects an update.
+struct Gate {
+    Numbers bounds;    // (10,): of the normalised innovation squared, for every number of degrees of freedom
+    Index most;        // measurements rejected in a row after which to stop
+    Indices rejected;  // (1,): measurements rejected in a row so far
+};
+
+/// Mean as stored, and factor of the covariance, transposed: upper triangular.
+struct Gaussian {
+    Numbers mean;  // (size,)
+    Table upper;   // (n, n)
+};
+
+}  // namespace

@@ -1,0 +1,115 @@
+/// Sensor parameters as factors of a few features of the raw readings, for many parameter sets side by side.
+///
+/// Features of the raw readings:
+///
+/// - of the rate, P = 1 + 3 N: 1, and the powers 1 to N of the three rates; `rate` holds what they are multiplied by
+///   in equation (1);
+/// - of the specific force: the products of two rate features (f <= g), the slopes of the P - 1 powers, and the powers
+///   1 to N of the accelerometers' readings; `force` likewise for equation (2).
+///
+/// Row 3 f + i of a table of coefficients is what feature f is multiplied by in component i.
+#pragma once
+
+#include "arrays.hpp"
+
+namespace {
+
+inline Index rate_features(Index order) { return 1 + 3 * order; }
+
+inline Index force_features(Index order) {
+    const Index P = rate_features(order);
+    return P * (P + 1) / 2 + P - 1 + 3 * order;
+}
+
+inline Matrix<Lanes> matrix(Columns rows, Index first, Index s) {
+    return {{rows.vector(first, s), rows.vector(first + 3, s), rows.vector(first + 6, s)}};
+}
+
+/// Column `axis` of a matrix: what the reading of one axis adds to all three components.
+inline Vector<Lanes> column(const Matrix<Lanes> &A, Index axis) {
+    if (axis == 0) return {A.row[0].x, A.row[1].x, A.row[2].x};
+    if (axis == 1) return {A.row[0].y, A.row[1].y, A.row[2].y};
+    return {A.row[0].z, A.row[1].z, A.row[2].z};
+}
+
+/// Write what equation (1) multiplies the features by, (3 P, m), from K_omega (9, m) and k_w (3 N, m).
+inline void rate_coefficients(Columns K_omega, Columns k_w, Columns out) {
+    const Index order = k_w.rows / 3;
+    for (Index s = 0; s < out.columns; s += LANES) {
+        const Matrix<Lanes> K = matrix(K_omega, 0, s);
+        out.set(0, s, K * k_w.vector(0, s));
+        for (Index axis = 0; axis < 3; axis++) {
+            out.set(3 + 3 * axis, s, column(K, axis));
+            for (Index i = 1; i < order; i++) {
+                out.set(3 * (1 + 3 * i + axis), s, load(k_w.row(3 * i + axis) + s) * column(K, axis));
+            }
+        }
+    }
+}
+
+/// How the eccentricities enter equation (2): see `force_coefficients`.
+struct SizeEffect {
+    double products;  // 1, or 0 to leave out the products of two rates, as the printed equation (2) does
+    bool inside;      // whether e stands inside the parentheses
+};
+
+/// The matrix F with (K_a e)_row = sum_ij F_ij ([alpha x] + [omega x]^2)_ij: equation (3).
+inline Matrix<Lanes> size_effect_field(
+    Index row, const Matrix<Lanes> &K_a, const Matrix<Lanes> &axes, const Matrix<Lanes> &arms, bool inside
+) {
+    if (!inside) {
+        Matrix<Lanes> field = {{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}}};
+        field.row[row] = arms.row[row];
+        return field;
+    }
+    const Vector<Lanes> k = K_a.row[row];
+    Matrix<Lanes> field;
+    for (Index i = 0; i < 3; i++) {
+        const Vector<Lanes> along = column(axes, i);
+        field.row[i] = k.x * along.x * arms.row[0] + k.y * along.y * arms.row[1] + k.z * along.z * arms.row[2];
+    }
+    return field;
+}
+
+/// Write what equation (2) multiplies the features by, (3 features, m).
+///
+/// rate (3 P, m), or its first column for all where it is `common`; K_a and arms (9, m), k_a (3 N, m).
+inline void force_coefficients(
+    Columns rate, bool common, Columns K_a, Columns k_a, Columns arms, SizeEffect form, Columns out
+) {
+    const Index P = rate.rows / 3, order = k_a.rows / 3, slopes = P * (P + 1) / 2, readings = slopes + P - 1;
+    for (Index s = 0; s < out.columns; s += LANES) {
+        const Matrix<Lanes> K = matrix(K_a, 0, s), e = matrix(arms, 0, s);
+        const Matrix<Lanes> axes = form.inside ? inverse(K) : K;
+        const auto W = [&](Index f) {
+            return common ? in_all_lanes(rate.rows_from(3 * f, 3).vector_at(0)) : rate.vector(3 * f, s);
+        };
+        for (Index row = 0; row < 3; row++) {
+            const Matrix<Lanes> F = size_effect_field(row, K, axes, e, form.inside);
+            const Lanes xx = F.row[0].x, yy = F.row[1].y, zz = F.row[2].z, half = -0.5 * form.products;
+            const Lanes xy = half * (F.row[0].y + F.row[1].x), xz = half * (F.row[0].z + F.row[2].x);
+            const Lanes yz = half * (F.row[1].z + F.row[2].y);
+            const Matrix<Lanes> symmetric = {{{yy + zz, xy, xz}, {xy, xx + zz, yz}, {xz, yz, xx + yy}}};
+            const Vector<Lanes> skew = {F.row[1].z - F.row[2].y, F.row[2].x - F.row[0].z, F.row[0].y - F.row[1].x};
+            Index at = 0;
+            for (Index f = 0; f < P; f++) {
+                const Vector<Lanes> x = symmetric * W(f);
+                for (Index g = f; g < P; g++, at++) {
+                    const Lanes once = dot(x, W(g));
+                    store(f == g ? once : once + once, out.row(3 * at + row) + s);
+                }
+                if (f > 0) store(dot(skew, W(f)), out.row(3 * (slopes + f - 1) + row) + s);
+            }
+            double *constant = out.row(row) + s;
+            store(load(constant) + dot(K.row[row], k_a.vector(0, s)), constant);
+        }
+        for (Index axis = 0; axis < 3; axis++) {
+            out.set(3 * (readings + axis), s, column(K, axis));
+            for (Index i = 1; i < order; i++) {
+                out.set(3 * (readings + 3 * i + axis), s, load(k_a.row(3 * i + axis) + s) * column(K, axis));
+            }
+        }
+    }
+}
+
+}  // namespace

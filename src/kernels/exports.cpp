@@ -1,0 +1,267 @@
+/// What Python calls, once for each set of instructions: KREISEL(name) is `kreisel_<variant>_<name>`.
+///
+/// Every function returns 0, or 1 if there is no memory. Lengths and indices are checked by the caller. Arrays whose last
+/// axis is one of columns have it padded, see arrays.hpp.
+
+#include "filter.hpp"
+#include "quadrature.hpp"
+#include "recursions.hpp"
+#include "unit_forces.hpp"
+
+#if defined(_WIN32)
+#define EXPORTED extern "C" __declspec(dllexport)
+#else
+#define EXPORTED extern "C" __attribute__((visibility("default")))
+#endif
+#define JOIN(a, b) a##b
+#define JOINED(a, b) JOIN(a, b)
+#define KREISEL(name) JOINED(JOINED(kreisel_, VARIANT), JOINED(_, name))
+
+namespace {
+
+enum Status { DONE, NO_MEMORY };
+
+template <class Function>
+int guarded(Function work) {
+    try {
+        work();
+        return DONE;
+    } catch (const OutOfMemory &) {
+        return NO_MEMORY;
+    }
+}
+
+Columns columns(Table table) { return {{table.data, table.rows, table.columns}}; }
+Columns columns(Stack stack) { return {{stack.data, stack.tables * stack.rows, stack.columns}}; }
+
+}  // namespace
+
+EXPORTED int KREISEL(run)(
+    const Model *model, const Samples *signal, const Steps *steps, Index begin, Index end, const Gate *gate,
+    const Gaussian *belief, const Record *record, Index *stopped
+) {
+    return guarded([&] { *stopped = run(*model, *signal, *steps, begin, end, *gate, *belief, *record); });
+}
+
+EXPORTED int KREISEL(triangularise)(Table rows) {
+    return guarded([&] {
+        Workspace memory;
+        triangularise(rows, memory);
+    });
+}
+
+EXPORTED int KREISEL(inflate)(Table upper, Index index, double deviation) {
+    return guarded([&] {
+        Workspace memory;
+        inflate(upper, index, deviation, memory.numbers(upper.rows));
+    });
+}
+
+EXPORTED int KREISEL(plus)(IndexTable parts, Numbers x, Table change, Table out) {
+    return guarded([&] {
+        Workspace memory;
+        plus(parts, x.data, columns(change), columns(out), memory);
+    });
+}
+
+EXPORTED int KREISEL(minus)(IndexTable parts, Table states, Numbers x, Table out) {
+    return guarded([&] {
+        Workspace memory;
+        minus(parts, columns(states), x.data, columns(out), memory);
+    });
+}
+
+EXPORTED int KREISEL(interval_weights)(Numbers stamps, Indices base, Table single, Table twice) {
+    interval_weights(stamps, base, single, twice);
+    return DONE;
+}
+
+EXPORTED int KREISEL(integrate_intervals)(Indices base, Table single, Table values, Table out) {
+    integrate_intervals(base, single, values, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(differentiate)(Numbers stamps, Indices first, Table values, Table out) {
+    differentiate(stamps, first, values, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(double_integral)(Numbers stamps, Table values, Indices before, Numbers share, Table out) {
+    double_integral(stamps, values, before, share, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(integrate_attitude)(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
+    integrate_attitude(stamps, rates, integrals, coefficients, q);
+    return DONE;
+}
+
+EXPORTED int KREISEL(unit_forces)(Numbers q, Numbers reading, Numbers omega, Numbers alpha, Numbers out) {
+    unit_forces(
+        quaternion_from(q.data), vector_from(reading.data), vector_from(omega.data), vector_from(alpha.data), out.data);
+    return DONE;
+}
+
+EXPORTED int KREISEL(integrate_unit_forces)(
+    Numbers stamps, Table q, Table readings, Table omega, Table alpha, Indices before, Numbers share, Table out
+) {
+    integrate_unit_forces(stamps, q, readings, omega, alpha, before, share, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(drive_oscillators)(Table step, Numbers now, Numbers later, Table u, Stack x) {
+    drive_oscillators(step, now, later, u, x);
+    return DONE;
+}
+
+EXPORTED int KREISEL(gauss_markov)(Numbers keep, Table white, Table out) {
+    gauss_markov(keep, white, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(rate_coefficients)(Stack K_omega, Stack k_w, Stack out) {
+    rate_coefficients(columns(K_omega), columns(k_w), columns(out));
+    return DONE;
+}
+
+EXPORTED int KREISEL(force_coefficients)(
+    Stack rate, Stack K_a, Stack k_a, Stack arms, double products, Index inside, Index common, Stack out
+) {
+    force_coefficients(
+        columns(rate), common != 0, columns(K_a), columns(k_a), columns(arms), {products, inside != 0}, columns(out));
+    return DONE;
+}
+
+/// The parts of a step, by themselves.
+
+EXPORTED int KREISEL(turn)(Table q, Table theta) {
+    turn_each(columns(q), columns(theta));
+    return DONE;
+}
+
+EXPORTED int KREISEL(turn_between)(Numbers origin, Table q, Table out) {
+    turn_between(quaternion_from(origin.data), columns(q), columns(out));
+    return DONE;
+}
+
+/// What tests give and take of preintegration: Python's `IncrementArrays`.
+struct IncrementArrays {
+    Table dq, dv, dp, omega_end, alpha_end;
+    Stack u_end;
+    Table u_path, q_path;
+
+    Increments columns() const {
+        return {
+            ::columns(dq), ::columns(dv), ::columns(dp), ::columns(omega_end), ::columns(alpha_end), ::columns(u_end),
+            ::columns(u_path), ::columns(q_path),
+        };
+    }
+};
+
+EXPORTED int KREISEL(preintegrate)(
+    Index first, Index last, const Samples *signal, Stack rate, Stack force, Stack shared, Index m, Index others,
+    const IncrementArrays *out
+) {
+    return guarded([&] {
+        Workspace memory;
+        const Coefficients coefficients = {columns(rate), columns(force), columns(shared), m, others};
+        preintegrate(span_between(*signal, first, last), *signal, coefficients, out->columns(), memory);
+    });
+}
+
+EXPORTED int KREISEL(noise_covariance)(
+    Index first, Index last, Index every, const Samples *signal, Table u_path, Table q_path, Table K_omega, Table K_a,
+    Table Q
+) {
+    return guarded([&] {
+        Workspace memory;
+        noise_covariance(
+            span_between(*signal, first, last), every, *signal, columns(u_path), columns(q_path), block(K_omega, 0, 0),
+            block(K_a, 0, 0), Q, memory);
+    });
+}
+
+EXPORTED int KREISEL(navigation_noise)(Table Q, Numbers q_first, Numbers dq, Table out) {
+    navigation_noise(Q, quaternion_from(q_first.data), quaternion_from(dq.data), out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(compose)(
+    double duration, Table dq, Table dv, Table dp, Table gravity, Table earth_rate, Table q, Table v, Table p
+) {
+    const Columns q_rb = columns(q), v_r = columns(v), p_r = columns(p);
+    for (Index s = 0; s < q.columns; s += LANES) {
+        const Navigation moved = compose(
+            duration, {q_rb.quaternion(s), v_r.vector(s), p_r.vector(s)}, columns(dq).quaternion(s),
+            columns(dv).vector(s), columns(dp).vector(s), columns(gravity).vector(s), columns(earth_rate).vector(s));
+        q_rb.set(s, moved.q);
+        v_r.set(s, moved.v);
+        p_r.set(s, moved.p);
+    }
+    return DONE;
+}
+
+/// Python's `MotionArrays`.
+struct MotionArrays {
+    Table q_first, omega, alpha;
+    Stack force;
+    Table gravity, earth_rate;
+
+    IntegratedMotion columns() const {
+        return {
+            ::columns(q_first), ::columns(omega), ::columns(alpha), ::columns(force), ::columns(gravity),
+            ::columns(earth_rate), {}, {},
+        };
+    }
+};
+
+EXPORTED int KREISEL(predict_poses)(
+    const Model *model, const MotionArrays *motion, Table t, double dt_before, double dt_after, Table regressor,
+    Index at_standstill, Table states, Table q, Table p
+) {
+    return guarded([&] {
+        Workspace memory;
+        const Moment moment = {columns(t), dt_before, dt_after, regressor, at_standstill != 0};
+        predict_poses(*model, motion->columns(), moment, {false}, columns(states), columns(q), columns(p), memory);
+    });
+}
+
+EXPORTED int KREISEL(draw)(IndexTable parts, Index gyro, Index sensors, Numbers mean, Table upper, double spread, Table points) {
+    return guarded([&] {
+        Workspace memory;
+        draw(parts, SigmaOrder(gyro, sensors, upper.rows), mean.data, upper, spread, columns(points), memory);
+    });
+}
+
+/// Python's `UpdateArrays`.
+struct UpdateArrays {
+    Numbers mean;
+    Table upper;                     // (n, n)
+    Table points, noise, seen, seen_noise;
+    Numbers innovation;
+    Table factor;
+    Numbers nis;                     // (1,)
+    Table innovation_factor;
+    Numbers whitened;
+    Table gain;                      // (m, n)
+};
+
+EXPORTED int KREISEL(update)(
+    IndexTable parts, IndexTable tail, Index gyro, Index sensors, Numbers weights, const UpdateArrays *of, double gate
+) {
+    return guarded([&] {
+        Workspace memory;
+        const Index n = of->upper.rows, m = of->seen.rows;
+        const Columns upper = memory.zeros(n, n);
+        copy(of->upper, upper, n, n);
+        const Updated done = update(
+            parts, tail, SigmaOrder(gyro, sensors, n), weights, of->mean.data, upper,
+            {columns(of->points), of->noise, columns(of->seen), columns(of->seen_noise)}, of->innovation.data, of->factor,
+            gate, memory);
+        copy(upper, of->upper, n, n);
+        copy(done.gain, of->gain, m, n);
+        copy(done.factor, of->innovation_factor, m, m);
+        std::memcpy(of->whitened.data, done.whitened, m * sizeof(double));
+        of->nis[0] = done.nis;
+    });
+}

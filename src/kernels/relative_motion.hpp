@@ -1,0 +1,266 @@
+/// The motion of the parameter sets against the first one, the centre, over blocks of samples.
+///
+/// The sets differ from the centre little, and what they differ by is the same few products of the raw readings for all
+/// of them. These are summed over blocks of samples once. Each set then turns against the centre by one small rotation
+/// a block, and its specific force is a combination of the block's sums: the cost of a set depends on the number of
+/// blocks, not of samples. Blocks are as long as the second order of the turn within them stays below rounding of the
+/// readings.
+#pragma once
+
+#include "centre_path.hpp"
+
+namespace {
+
+/// rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected.
+constexpr double SMALL_TURN = 1.5e-5;
+
+/// The sets against the centre, and the sums over all samples.
+struct Relative {
+    Columns q;              // (4, m): how they have turned at the last sample, seen from the attitude at the first
+    Columns neighbours[2];  // (3, m): how they turn on from there to the sample before and behind
+    Table total;            // (18, features): sums of `sum_products` over all samples
+};
+
+/// How many samples a block may have for sets whose rate coefficients differ by `difference` (3 P, m).
+inline Index block_length(Span span, const Samples &signal, Columns difference, Workspace &memory) {
+    const Index P = signal.rates.rows, samples = span.last - span.first + 1;
+    double *largest = memory.numbers(P);
+    for (Index f = 0; f < P; f++) {
+        const double *rates = signal.rates.row(f) + span.first;
+        double most = 0.0;
+        for (Index k = 0; k < samples; k++) most = std::fmax(most, std::fabs(rates[k]));
+        largest[f] = most;
+    }
+    double fastest = 0.0;
+    for (Index s = 0; s < difference.columns; s++) {
+        double square = 0.0;
+        for (Index row = 0; row < 3; row++) {
+            double total = 0.0;
+            for (Index f = 0; f < P; f++) total += std::fabs(difference(3 * f + row, s)) * largest[f];
+            square += total * total;
+        }
+        fastest = std::fmax(fastest, square);
+    }
+    const double turned = std::sqrt(fastest) * (signal.stamps[span.last] - signal.stamps[span.first]);
+    const double share = turned > SMALL_TURN ? SMALL_TURN / turned : 1.0;
+    const Index length = static_cast<Index>(share * static_cast<double>(span.last - span.first));
+    return length > 1 ? length : 1;
+}
+
+/// Write how far a unit of difference in each rate coefficient turns a set over each interval, (c - 1, 9 Q), Q = P
+/// padded: entry (3 i + r) Q + f is the integral of C_ir times feature f, about axis i.
+///
+/// It is the mean of C (of the cubic through four samples, of a line at either end) times the feature's integral, and
+/// what both change together.
+inline void unit_turns(Span span, const Samples &signal, Columns C, Table units) {
+    const Index P = signal.rates.rows, Q = padded(P), count = span.count();
+    for (Index j = 0; j < count - 1; j++) {
+        const Index k = span.low + j;
+        const double h = signal.stamps[k + 1] - signal.stamps[k];
+        const double inside = 0 < j && j < count - 2 ? 1.0 / 24.0 : 0.0;
+        const Index before = j > 0 ? j - 1 : 0, after = j + 2 < count ? j + 2 : count - 1;
+        double integral[64], slope[64];
+        for (Index f = 0; f < Q; f++) {
+            integral[f] = f < P ? signal.integrals(f, k) : 0.0;
+            slope[f] = f < P ? h * h * (1.0 / 24.0) * (signal.slopes(f, k) + signal.slopes(f, k + 1)) : 0.0;
+        }
+        for (Index i = 0; i < 9; i++) {
+            const double *c = C.row(i);
+            const double both = c[j] + c[j + 1], mean = 0.5 * both - inside * (c[after] - both + c[before]);
+            const double change = c[j + 1] - c[j];
+            for (Index f = 0; f < Q; f += LANES) {
+                store(Lanes(mean) * load(integral + f) + Lanes(change) * load(slope + f), units.row(j) + i * Q + f);
+            }
+        }
+    }
+}
+
+/// Add sum_fr turns[(3 i + r) Q + f] difference[3 f + r, s] to column s, for component i.
+inline Vector<Lanes> contract(const double *turns, Columns difference, Index s) {
+    const Index P = difference.rows / 3, Q = padded(P);
+    Vector<Lanes> out = {0.0, 0.0, 0.0};
+    for (Index f = 0; f < P; f++) {
+        const Vector<Lanes> d = difference.vector(3 * f, s);
+        const double *t = turns + f;
+        out.x += Lanes(t[0]) * d.x + Lanes(t[Q]) * d.y + Lanes(t[2 * Q]) * d.z;
+        out.y += Lanes(t[3 * Q]) * d.x + Lanes(t[4 * Q]) * d.y + Lanes(t[5 * Q]) * d.z;
+        out.z += Lanes(t[6 * Q]) * d.x + Lanes(t[7 * Q]) * d.y + Lanes(t[8 * Q]) * d.z;
+    }
+    return out;
+}
+
+/// sum_jf sums[3 i + j, f] coefficients[3 f + j, s] for component i; sums (9, features).
+inline Vector<Lanes> combine(Table sums, Columns coefficients, Index s) {
+    const Index features = coefficients.rows / 3;
+    Vector<Lanes> out = {0.0, 0.0, 0.0};
+    for (Index f = 0; f < features; f++) {
+        const Vector<Lanes> x = coefficients.vector(3 * f, s);
+        const double *a = sums.data + f;
+        const Index n = sums.columns;
+        out.x += Lanes(a[0]) * x.x + Lanes(a[n]) * x.y + Lanes(a[2 * n]) * x.z;
+        out.y += Lanes(a[3 * n]) * x.x + Lanes(a[4 * n]) * x.y + Lanes(a[5 * n]) * x.z;
+        out.z += Lanes(a[6 * n]) * x.x + Lanes(a[7 * n]) * x.y + Lanes(a[8 * n]) * x.z;
+    }
+    return out;
+}
+
+/// Write the weighted sums of C_ij times features of the force over samples, for G groups of lanes from `first` on.
+template <int G>
+inline void sum_some_products(Index begin, Index end, const Path &path, Index first, Table sums) {
+    const Index features = path.psi.columns;
+    for (Index i = 0; i < 9; i++) {
+        const double *c = path.C.row(i), *velocity = path.weights.row(0), *position = path.weights.row(1);
+        Lanes v[G], p[G];
+        for (int g = 0; g < G; g++) v[g] = p[g] = 0.0;
+        for (Index j = begin; j < end; j++) {
+            const Lanes a = velocity[j] * c[j], b = position[j] * c[j];
+            const double *psi = path.psi.data + j * features + first;
+            for (int g = 0; g < G; g++) {
+                const Lanes feature = load(psi + g * LANES);
+                v[g] += a * feature;
+                p[g] += b * feature;
+            }
+        }
+        for (int g = 0; g < G; g++) {
+            store(v[g], sums.row(i) + first + g * LANES);
+            store(p[g], sums.row(9 + i) + first + g * LANES);
+        }
+    }
+}
+
+/// Write the sums of weights times C_ij times features over samples: (18, features), first for the velocity.
+inline void sum_products(Index begin, Index end, const Path &path, Table sums) {
+    Index g = 0;
+    for (; g + 4 * LANES <= sums.columns; g += 4 * LANES) sum_some_products<4>(begin, end, path, g, sums);
+    for (; g < sums.columns; g += LANES) sum_some_products<1>(begin, end, path, g, sums);
+}
+
+/// Add the sums of `unit_turns` times what is carried, (c, 6), over samples to (6, 9 Q), for G groups of lanes.
+template <int G>
+inline void sum_some_turns(Index begin, Index end, const double *carried, Table units, Index first, Table turns) {
+    Lanes sums[6][G];
+    for (int x = 0; x < 6; x++) {
+        for (int g = 0; g < G; g++) sums[x][g] = 0.0;
+    }
+    for (Index j = begin; j < end; j++) {
+        for (int g = 0; g < G; g++) {
+            const Lanes unit = load(units.row(j) + first + g * LANES);
+            for (int x = 0; x < 6; x++) sums[x][g] += Lanes(carried[6 * j + x]) * unit;
+        }
+    }
+    for (int x = 0; x < 6; x++) {
+        for (int g = 0; g < G; g++) store(sums[x][g], turns.row(x) + first + g * LANES);
+    }
+}
+
+/// Write the sums of `unit_turns` I_k times R_k over a block, (6, 9 Q).
+///
+/// R_k is the sum of weights times forces of the samples that the turn I_k moves: those after k, or those up to k and
+/// with a minus, as k lies after the block's centre or before it. The first three rows are its components with the
+/// weights of the velocity, the others with those of the position. carried (c, 6) is scratch.
+inline void sum_turns(
+    Index begin, Index centre, Index end, const Path &path, Table units, double *carried, Table turns
+) {
+    const auto moved = [&](Index j, double sign, double *sum) {
+        for (Index i = 0; i < 3; i++) {
+            sum[i] += sign * path.weights(0, j) * path.u(i, j);
+            sum[3 + i] += sign * path.weights(1, j) * path.u(i, j);
+        }
+    };
+    double sum[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    for (Index j = begin; j < centre; j++) {
+        moved(j, -1.0, sum);
+        std::memcpy(carried + 6 * j, sum, sizeof sum);
+    }
+    std::memset(sum, 0, sizeof sum);
+    for (Index j = end - 2; j >= centre; j--) {
+        moved(j + 1, 1.0, sum);
+        std::memcpy(carried + 6 * j, sum, sizeof sum);
+    }
+    Index g = 0;
+    for (; g + 2 * LANES <= turns.columns; g += 2 * LANES) sum_some_turns<2>(begin, end - 1, carried, units, g, turns);
+    for (; g < turns.columns; g += LANES) sum_some_turns<1>(begin, end - 1, carried, units, g, turns);
+}
+
+/// How the sets turn from one sample to another, with the two last steps kept for the change of the turn's axis.
+struct Turning {
+    Columns theta, before;  // (3, m): the turn of the last step, and of the one before
+    double span = 0.0;      // of the last step, s
+};
+
+/// Turn q (4, m) against the centre from one sample to another.
+inline void advance(
+    Span span, const Samples &signal, Index begin, Index end, Table units, Columns difference, double *turns,
+    Turning &last, Columns q
+) {
+    const double now = signal.stamps[span.low + end] - signal.stamps[span.low + begin];
+    const double sign = end > begin ? 1.0 : -1.0;
+    for (Index f = 0; f < units.columns; f += LANES) {
+        Lanes total = 0.0;
+        for (Index j = begin < end ? begin : end; j < (begin < end ? end : begin); j++) total += load(units.row(j) + f);
+        store(sign * total, turns + f);
+    }
+    // The classic two-interval form: what the change of the turn's axis adds to it.
+    const double before = last.span;
+    const double share = before > 0.0 && now > 0.0 ? now * now / (6.0 * before * (now + before)) : 0.0;
+    for (Index s = 0; s < q.columns; s += LANES) {
+        const Vector<Lanes> theta = contract(turns, difference, s), earlier = last.theta.vector(s);
+        last.theta.set(s, theta);
+        q.set(s, q.quaternion(s) * small_rotation(theta + share * cross(earlier, theta)));
+    }
+    last.span = now;
+}
+
+/// Write dv and dp (3, M) of the sets with gyro parameters of their own, block by block, and fill `relative`.
+inline void relative_motion(
+    Span span, const Samples &signal, const Coefficients &coefficients, const Path &path, Relative &relative,
+    const Increments &out, Workspace &memory
+) {
+    const Columns rate = coefficients.rate, force = coefficients.force;
+    const Index count = span.count(), P = rate.rows / 3, Q = padded(P), features = path.psi.columns;
+    const Columns difference = memory.columns(rate.rows, coefficients.m);
+    for (Index row = 0; row < rate.rows; row++) {
+        for (Index s = 0; s < rate.columns; s += LANES) {
+            store(load(rate.row(row) + s) - Lanes(rate(row, 0)), difference.row(row) + s);
+        }
+    }
+    const Index length = block_length(span, signal, difference, memory), blocks = (count + length - 1) / length;
+    const Table units = {memory.numbers((count - 1) * 9 * Q), count - 1, 9 * Q};
+    unit_turns(span, signal, path.C, units);
+    const Table sums = {memory.numbers(18 * features), 18, features}, turns = {memory.numbers(54 * Q), 6, 9 * Q};
+    double *carried = memory.numbers(6 * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
+    Turning last = {memory.zeros(3, coefficients.m), memory.zeros(3, coefficients.m)};
+    fill(out.dv, 0.0);
+    fill(out.dp, 0.0);
+    Index at = span.first - span.low;
+    for (Index b = 0; b < blocks; b++) {
+        const Index begin = b * count / blocks, end = (b + 1) * count / blocks, centre = (begin + end) / 2;
+        sum_products(begin, end, path, sums);
+        for (Index i = 0; i < 18 * features; i++) relative.total.data[i] += sums.data[i];
+        sum_turns(begin, centre, end, path, units, carried, turns);
+        advance(span, signal, at, centre, units, difference, turned, last, relative.q);
+        at = centre;
+        for (Index which = 0; which < 2; which++) {
+            for (Index i = 0; i < 3; i++) {
+                const Index j = (i + 1) % 3, k = (i + 2) % 3;
+                for (Index x = 0; x < 3 * Q; x++) {  // turn x force
+                    lever[3 * i * Q + x] = turns(3 * which + k, 3 * j * Q + x) - turns(3 * which + j, 3 * k * Q + x);
+                }
+            }
+            const Columns increment = which == 0 ? out.dv : out.dp;
+            const Table own = {sums.row(9 * which), 9, features};
+            for (Index s = 0; s < rate.columns; s += LANES) {
+                const Vector<Lanes> part = combine(own, force, s) + contract(lever, difference, s);
+                increment.set(s, increment.vector(s) + rotate(relative.q.quaternion(s), part));
+            }
+        }
+    }
+    const Index end = span.last - span.low;
+    advance(span, signal, at, end, units, difference, turned, last, relative.q);
+    for (Index s = 0; s < rate.columns; s += LANES) {
+        relative.neighbours[0].set(s, -contract(units.row(end - 1), difference, s));
+        if (end < count - 1) relative.neighbours[1].set(s, contract(units.row(end), difference, s));
+    }
+}
+
+}  // namespace

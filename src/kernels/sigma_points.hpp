@@ -1,0 +1,206 @@
+/// A step of the sigma-point Kalman filter: drawing points, putting them together again, using a measurement.
+///
+/// Nothing here knows what is filtered: the models of the cell stand in process_model.hpp and measurement_model.hpp.
+/// Factors are kept transposed, because their rows are then the columns that are rotated.
+#pragma once
+
+#include "manifold.hpp"
+#include "triangular.hpp"
+
+namespace {
+
+/// Places of the figures of `estimation.sigma_points.SigmaWeights`.
+enum { SPREAD, MEAN, SECOND, SHIFT, CENTRE };
+
+/// Share of a deviation whose square is lost beside it in rounding.
+constexpr double ROUNDING = 1e-9;
+
+/// Sigma points of some neighbouring degrees of freedom: all in plus direction, then all in minus direction.
+struct SigmaGroup {
+    Index degree, degrees;  // the first and how many
+    Index column;           // of the first point in plus direction
+
+    Index plus(Index j) const { return column + j - degree; }
+    Index minus(Index j) const { return column + degrees + j - degree; }
+};
+
+/// In which columns sigma points stand: the centre, then group by group.
+///
+/// Points of the first group are the only ones with gyro parameters of their own, those of the second have accelerometer
+/// parameters of their own: what only these have is computed for the first columns alone.
+struct SigmaOrder {
+    SigmaGroup group[3];
+
+    SigmaOrder(Index gyro, Index sensors, Index n)
+        : group{{0, gyro, 1}, {gyro, sensors - gyro, 1 + 2 * gyro}, {sensors, n - sensors, 1 + 2 * sensors}} {}
+
+    Index degrees() const { return group[2].degree + group[2].degrees; }
+    Index points() const { return 1 + 2 * degrees(); }
+};
+
+/// Write the sigma points (size, 2 n + 1): equation (17).
+inline void draw(
+    IndexTable parts, const SigmaOrder &order, const double *mean, Table upper, double spread, Columns points,
+    Workspace &memory
+) {
+    const auto change = [&](Index i, double about, double *row) {
+        for (const SigmaGroup &group : order.group) {
+            const Index end = group.degree + group.degrees < i + 1 ? group.degree + group.degrees : i + 1;
+            for (Index j = group.degree; j < end; j++) {
+                const double d = spread * upper(j, i);
+                row[group.plus(j)] = about + d;
+                row[group.minus(j)] = about - d;
+            }
+        }
+    };
+    for (Index k = 0; k < parts.rows; k++) {
+        const Index d = parts(k, DEGREE), at = parts(k, STORED), degrees = parts(k, DEGREES);
+        if (!parts(k, ROTATION)) {
+            for (Index i = 0; i < degrees; i++) {
+                double *row = points.row(at + i);
+                for (Index s = 0; s < points.columns; s += LANES) store(Lanes(mean[at + i]), row + s);
+                change(d + i, mean[at + i], row);
+            }
+            continue;
+        }
+        const Columns theta = memory.zeros(3, points.columns);
+        for (Index i = 0; i < degrees; i++) change(d + i, 0.0, theta.row(i));
+        turn_by(quaternion_from(mean + at), theta, points.rows_from(at, 4));
+    }
+}
+
+/// Moments of numbers of which sigma points are known.
+struct Moments {
+    Columns first;    // (r, n): columns of the covariance, one for each degree of freedom
+    Table further;    // (r, at least n + 2): further columns
+    Index used;       // of `further`: only those whose squares are not lost in rounding
+    double *shift;    // (r,): mean, as distance from the centre
+};
+
+/// Write mean and columns of the covariance from distances of sigma points (r, 2 n + 1): equation (18).
+inline void unscented_moments(
+    Columns distance, const SigmaOrder &order, Numbers w, Moments &out, Workspace &memory
+) {
+    const Index r = distance.rows, n = order.degrees();
+    const Columns curved = memory.columns(r, n + LANES), counts = memory.zeros(1, n + LANES);
+    const double halved = 1.0 / (2.0 * w[SPREAD]);
+    for (Index i = 0; i < r; i++) {
+        Lanes total = 0.0, square = 0.0;
+        for (const SigmaGroup &group : order.group) {
+            const double *plus = distance.row(i) + group.column, *minus = plus + group.degrees;
+            for (Index j = 0; j < group.degrees; j += LANES) {
+                const Lanes p = load(plus + j, group.degrees - j), m = load(minus + j, group.degrees - j);
+                const Lanes slope = halved * (p - m), both = p + m;
+                store(slope, out.first.row(i) + group.degree + j);
+                store(both, curved.row(i) + group.degree + j);
+                square += slope * slope;
+                total += both;
+            }
+        }
+        out.shift[i] = w[MEAN] * sum(total);
+        const double least = ROUNDING * std::sqrt(sum(square)), less = 2.0 * w[SHIFT] * out.shift[i];
+        for (Index j = 0; j < n; j++) {
+            curved(i, j) = w[SECOND] * (curved(i, j) - less);
+            counts(0, j) = std::fabs(curved(i, j)) > least ? 1.0 : counts(0, j);
+        }
+    }
+    out.used = 0;
+    for (Index j = 0; j < n && w[SECOND] > 0.0; j++) {
+        if (counts(0, j) == 0.0) continue;
+        for (Index i = 0; i < r; i++) out.further(i, out.used) = curved(i, j);
+        out.used++;
+    }
+    if (w[CENTRE] > 0.0) {
+        for (Index i = 0; i < r; i++) out.further(i, out.used) = w[CENTRE] * out.shift[i];
+        out.used++;
+    }
+}
+
+/// Write the standard deviations of the first degrees of freedom into out (k,), from upper (n, n).
+inline void deviations(Table upper, Index k, double *out) {
+    for (Index j = 0; j < k; j++) out[j] = 0.0;
+    for (Index r = 0; r < k; r++) {
+        const double *row = upper.row(r);
+        for (Index j = r; j < k; j++) out[j] += row[j] * row[j];
+    }
+    for (Index j = 0; j < k; j++) out[j] = std::sqrt(out[j]);
+}
+
+/// Sigma points carried to an update, and the measurements they predict.
+struct Predicted {
+    Columns points;        // (size, 2 n + 1): at the update
+    Table noise;           // (c, k): columns of noise of the degrees of freedom that have moved
+    Columns seen;          // (m, 2 n + 1): predictions of the points, as distances from the centre's
+    Columns seen_noise;    // (m, 2 k): of the centre with noise put in, plus and minus
+};
+
+/// What an update did.
+struct Updated {
+    bool used;                // whether the measurement was used
+    double nis;               // its normalised innovation squared
+    Table factor;             // (m, m): of the innovation's covariance
+    double *whitened;         // (m,): the innovation divided by it
+    Columns gain;             // (m, n): on what is so divided, transposed
+};
+
+/// Predict and update: change a belief in place by a measurement that sigma points predict.
+///
+/// parts, tail: tables of the state and of its last parts, which have moved. innovation (m,): the measurement's distance
+/// from the centre's prediction; from the mean prediction on return. factor (m, e): of the measurement's noise. gate: bound
+/// of the normalised innovation squared, beyond which only the prediction is taken over: equation (20).
+inline Updated update(
+    IndexTable parts, IndexTable tail, const SigmaOrder &order, Numbers w, double *mean, Columns upper,
+    const Predicted &predicted, double *innovation, Table factor, double gate, Workspace &memory
+) {
+    const Index n = order.degrees(), m = predicted.seen.rows, size = predicted.points.rows, e = factor.columns;
+    const Index c = predicted.noise.rows, k = predicted.noise.columns, at = size - stored_of(tail), r = m + c;
+    const Columns points = predicted.points, distance = memory.columns(r, order.points());
+    copy(predicted.seen, distance, m, distance.columns);
+    double *centre = memory.numbers(size);
+    for (Index i = 0; i < size; i++) centre[i] = points(i, 0);
+    minus(tail, points.rows_from(at, size - at), centre + at, distance.rows_from(m, c), memory);
+    const Table further = memory.columns(r, n + 2 + k + e);
+    Moments moments = {memory.columns(r, n + LANES), further, 0, memory.numbers(r)};
+    unscented_moments(distance, order, w, moments, memory);
+    const Index curved = moments.used;
+    for (Index i = 0; i < m; i++) {
+        for (Index j = 0; j < k; j++) {
+            further(i, curved + j) = 0.5 * (predicted.seen_noise(i, j) - predicted.seen_noise(i, k + j));
+        }
+        for (Index j = 0; j < e; j++) further(i, curved + k + j) = factor(i, j);
+        innovation[i] -= moments.shift[i];
+    }
+    for (Index i = 0; i < c; i++) {
+        for (Index j = 0; j < k; j++) further(m + i, curved + j) = predicted.noise(i, j);
+        for (Index j = 0; j < e; j++) further(m + i, curved + k + j) = 0.0;
+    }
+    const Columns shift = memory.zeros(c, 1), moved = memory.columns(size - at, 1);
+    for (Index i = 0; i < c; i++) shift(i, 0) = moments.shift[m + i];
+    plus(tail, centre + at, shift, moved, memory);
+    for (Index i = 0; i < size; i++) mean[i] = i < at ? centre[i] : moved(i - at, 0);
+
+    const Columns before = memory.columns(n, n);
+    copy(upper, before, n, upper.columns);
+    Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n)};
+    const Joint joint = {moments.first, before, further, curved + k + e};
+    condition(joint, n, m, innovation, {done.factor, done.whitened, done.gain, upper}, memory);  // equation (19)
+    for (Index i = 0; i < m; i++) done.nis += done.whitened[i] * done.whitened[i];
+    done.used = done.nis <= gate;
+    if (done.used) {
+        const Columns change = memory.zeros(n, 1), corrected = memory.columns(size, 1);
+        for (Index j = 0; j < n; j++) {
+            double total = 0.0;
+            for (Index i = 0; i < m; i++) total += done.gain(i, j) * done.whitened[i];
+            change(j, 0) = total;
+        }
+        plus(parts, mean, change, corrected, memory);
+        for (Index i = 0; i < size; i++) mean[i] = corrected(i, 0);
+        return done;
+    }
+    const Table of_state = {further.row(m), c, further.columns};
+    const Joint unmeasured = {moments.first.rows_from(m, c), before, of_state, curved + k};
+    condition(unmeasured, n, 0, nullptr, {{nullptr, 0, 0}, nullptr, {{nullptr, 0, before.columns}}, upper}, memory);
+    return done;
+}
+
+}  // namespace

@@ -1,0 +1,85 @@
+/// Memory of a computation: taken piece by piece, given back all at once, kept for the next time.
+#pragma once
+
+#include <cstdlib>
+#include <new>
+
+#include "arrays.hpp"
+
+namespace {
+
+/// What is thrown, inside the library alone, when there is no more memory.
+struct OutOfMemory {};
+
+class Workspace {
+public:
+    Workspace() = default;
+    Workspace(const Workspace &) = delete;
+    Workspace &operator=(const Workspace &) = delete;
+    ~Workspace() {
+        while (newest) {
+            Piece *before = newest->before;
+            std::free(newest);
+            newest = before;
+        }
+    }
+
+    /// Give back all that was taken. If more than one piece was needed, the next time one is enough.
+    void clear() {
+        if (newest && newest->before) {
+            Index size = 0;
+            while (newest) {
+                Piece *before = newest->before;
+                size += newest->size;
+                std::free(newest);
+                newest = before;
+            }
+            grow(size);
+        }
+        used = 0;
+    }
+
+    /// Numbers that are not set, at an address that is a multiple of 64.
+    double *numbers(Index count) {
+        const Index needed = (count + 7) / 8 * 8;
+        if (!newest || used + needed > newest->size) grow(needed > LEAST ? needed : LEAST);
+        double *taken = newest->first() + used;
+        used += needed;
+        return taken;
+    }
+
+    /// A table with so many rows for m columns, none of them set.
+    Columns columns(Index rows, Index m) { return {{numbers(rows * padded(m)), rows, padded(m)}}; }
+
+    Columns zeros(Index rows, Index m) {
+        Columns taken = columns(rows, m);
+        fill(taken, 0.0);
+        return taken;
+    }
+
+private:
+    static constexpr Index LEAST = 1 << 15;
+
+    struct Piece {
+        Piece *before;
+        Index size;
+
+        double *first() {
+            const auto address = reinterpret_cast<std::uintptr_t>(this + 1);
+            return reinterpret_cast<double *>((address + 63) / 64 * 64);
+        }
+    };
+
+    Piece *newest = nullptr;
+    Index used = 0;
+
+    void grow(Index size) {
+        // Zeroed, for columns that do not count are computed with the others.
+        void *memory = std::calloc(1, sizeof(Piece) + 64 + size * sizeof(double));
+        if (!memory) throw OutOfMemory();
+        newest = new (memory) Piece{newest, size};
+        used = 0;
+    }
+};
+
+}  // namespace

@@ -1,0 +1,112 @@
+"""The filter over many updates: predict, measure, update, record."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from kreisel._kernels.arrays import IndicesView, Pointer, check_indices, check_lengths
+from kreisel._kernels.cell import MEASURED, Gate, Gaussian, Model, Record, Samples, Steps
+from kreisel._kernels.library import function
+
+_run = function(
+    "run", Pointer(Model), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),
+    Pointer(Gaussian), Pointer(Record), IndicesView,
+)  # fmt: skip
+
+
+def run(
+    model: Model, signal: Samples, steps: Steps, begin: int, end: int, gate: Gate, belief: Gaussian, record: Record
+) -> int:
+    """Carry a belief over the updates from `begin` to `end`, in place.
+
+    Returns
+    -------
+    int
+        The update it stopped before: less than `end` if too many measurements were rejected in a row, or the
+        state is no longer finite.
+
+    Raises
+    ------
+    ValueError
+        If lengths or indices do not fit together.
+    """
+    stopped = np.zeros(1, dtype=np.int64)
+    _check_model(model, belief)
+    _check_signal(signal, model.order)
+    _check_steps(model, signal, steps, begin, end)
+    _check_record(record, begin, end, belief)
+    check_lengths(bounds=(gate.bounds, (MEASURED + 1,)), rejected=(gate.rejected, (1,)))
+    _run(model, signal, steps, begin, end, gate, belief, record, stopped)
+    return int(stopped[0])
+
+
+def _check_model(model: Model, belief: Gaussian) -> None:
+    n, size, order = belief.upper.shape[0], belief.mean.size, model.order
+    check_lengths(
+        upper=(belief.upper, (n, n)), parts=(model.parts, (len(model.parts), 4)),
+        tail=(model.tail, (len(model.tail), 4)), weights=(model.weights, (5,)),
+        gyro=(model.gyro.source, (9 + 3 * order,)),
+        accel=(model.accel.source, (18 + 3 * order,)), around=(model.around.source, (10,)), stored=(model.stored, (7,)),
+        noise=(model.noise, (6,)), coloured=(model.coloured, (3,)), walk=(model.walk, model.walking.shape),
+    )  # fmt: skip
+    for name in ("gyro", "accel", "around", "robot"):
+        rows = getattr(model, name)
+        check_lengths(known=(rows.known, rows.source.shape))
+        check_indices(name, rows.source, -1, size)
+    check_indices("walking", model.walking, 0, n)
+    check_indices("stored", model.stored, -1, size - 2)
+    check_indices("stored, moving", model.stored[:3], 0, size - 2)
+    first, degrees, stored, rotation = model.parts.T
+    held = np.cumsum(np.where(rotation, 4, degrees))
+    if not (np.array_equal(first, np.cumsum(degrees) - degrees) and first[-1] + degrees[-1] == n and held[-1] == size):
+        raise ValueError(f"the parts do not make up a state of {n} degrees of freedom and {size} numbers")
+    if not np.array_equal(stored[1:], held[:-1]) or np.any(degrees[rotation == 1] > 3):
+        raise ValueError("the parts do not lie one after another")
+    last = model.parts[len(model.parts) - len(model.tail) :]
+    if not np.array_equal(last - [last[0, 0], 0, last[0, 2], 0], model.tail):
+        raise ValueError("the tail is not the last parts of the state")
+    if not 0 <= model.gyro_degrees <= model.sensor_degrees <= n:
+        raise ValueError(f"{model.gyro_degrees} and {model.sensor_degrees} of {n} degrees of freedom are the sensors'")
+
+
+def _check_signal(signal: Samples, order: int) -> None:
+    n, P = signal.stamps.size, 1 + 3 * order
+    check_lengths(
+        base=(signal.base, (n - 1,)), single=(signal.single, (n - 1, 6)), double=(signal.double, (n - 1, 6)),
+        rates=(signal.rates, (P, n)), slopes=(signal.slopes, (P, n)), integrals=(signal.integrals, (P, n - 1)),
+        forces=(signal.forces, (3 * order, n)), noise=(signal.noise, (4, 3)),
+    )  # fmt: skip
+    check_indices("base", signal.base, 0, n - 5)
+
+
+def _check_steps(model: Model, signal: Samples, steps: Steps, begin: int, end: int) -> None:
+    u = steps.first.size
+    if not 0 <= begin <= end <= u:
+        raise ValueError(f"updates {begin} to {end} of {u}")
+    check_lengths(
+        last=(steps.last, (u,)), tau=(steps.tau, (u,)), at_standstill=(steps.at_standstill, (u,)),
+        position=(steps.position, (u, 3)), quaternion=(steps.quaternion, (u, 4)), given=(steps.given, (2,)),
+        regressor=(steps.regressor, (u, 6, steps.regressor.shape[2])),
+    )  # fmt: skip
+    if steps.regressor.shape[2] not in (0, model.robot.source.size):
+        raise ValueError(f"{steps.regressor.shape[2]} errors of the robot; expected {model.robot.source.size}")
+    first, last = steps.first[begin:end], steps.last[begin:end]
+    check_indices("first", first, 0, signal.stamps.size - 1)
+    check_indices("last", last, 1, signal.stamps.size - 1)
+    if np.any(first > last):
+        raise ValueError("an update whose last sample stands before its first")
+
+
+def _check_record(record: Record, begin: int, end: int, belief: Gaussian) -> None:
+    u, m = len(record.used), MEASURED
+    if end > u:
+        raise ValueError(f"updates {begin} to {end} for a record of {u}")
+    check_lengths(
+        mean=(record.mean, (u, belief.mean.size)), deviation=(record.deviation, (u, record.deviation.shape[1])),
+        innovation=(record.innovation, (u, m)), whitened=(record.whitened, (u, m)), factor=(record.factor, (u, m, m)),
+        noise_of_record=(record.noise, (u, m, m)), gain=(record.gain, (u, 6, m)),
+    )  # fmt: skip
+    if record.deviation.shape[1] > belief.upper.shape[0]:
+        raise ValueError("more deviations than degrees of freedom")
