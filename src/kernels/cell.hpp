@@ -14,6 +14,7 @@ struct ParameterRows {
 /// What a cell's filter needs to know besides state, readings and poses.
 struct Model {
     IndexTable parts, tail;  // of the state, and of its last parts alone, which change between updates: manifold.hpp
+    IndexTable drawn;        // parts of which sigma points are needed: all but the robot's errors, which enter linearly
     Numbers weights;         // (5,): see sigma_points.hpp
     ParameterRows gyro, accel, around, robot;
     Index gyro_degrees;      // degrees of freedom of the gyros' parameters, which come first
@@ -24,6 +25,7 @@ struct Model {
     Index inside;
     double level, down;      // Earth rate that a unit of north, and of its downward part, stands for, rad/s
     Numbers noise;           // (6,): standard deviations
+    Numbers standstill;      // (2,): deviations of the reference's error at a standstill, position and orientation
     Numbers coloured;        // (3,): time constant of the reference's coloured noise, s; deviations
     Indices walking;         // degrees of freedom that walk, and their densities
     Numbers walk;
@@ -41,6 +43,7 @@ struct Steps {
     Indices first, last;          // (u,)
     Numbers tau;                  // (u,)
     Mask at_standstill;           // (u,)
+    Mask new_standstill;          // (u,): whether a standstill begins
     Table position, quaternion;   // (u, 3), (u, 4)
     Mask given;                   // (2,): whether positions and orientations are measured
     Stack regressor;              // (u, 6, e), e = 0 without a robot

@@ -10,39 +10,49 @@ namespace {
 /// What all sets share along the c samples of a span.
 struct Path {
     Columns weights;   // (2, c): of the samples in the integral of velocity and of position
-    Columns q, C, u;   // (4, c), (9, c), (3, c): attitude, direction cosines, specific force of the centre
+    Columns q, C;      // (4, c), (9, c): attitude of the centre and its direction cosines
+    Table u;           // (c, 4): specific force of the centre, and nothing
     Table psi;         // (c, features): features of the specific force
 };
 
-/// Columns of a signal from sample `low` on, padded with zeros: (rows, c).
-inline Columns samples_from(Table signal, Index low, Index count, Workspace &memory) {
-    const Columns out = memory.columns(signal.rows, count);
-    for (Index f = 0; f < signal.rows; f++) {
-        for (Index k = 0; k < out.columns; k += LANES) store(load(signal.row(f) + low + k, count - k), out.row(f) + k);
-    }
-    return out;
-}
+/// A row of a signal from a sample on: beyond the signal's end it is zero.
+struct From {
+    const double *data;
+    Index left;
+
+    From(const double *row, Index begin, Index end) : data(row + begin), left(end - begin) {}
+    Lanes operator[](Index s) const { return load(data + s, left - s); }
+};
 
 /// Write the weights (2, c) of the samples in the integrals of velocity and position.
 inline void outer_weights(Span span, const Samples &signal, Columns weights) {
     fill(weights, 0.0);
-    double *velocity = weights.row(0), *position = weights.row(1);
+    double v[STENCIL] = {}, p[STENCIL] = {};  // of the samples from `at` on
+    Index at = span.first < span.last ? signal.base[span.first] - span.low : 0;
+    const auto move_on = [&] {
+        weights(0, at) += v[0];
+        weights(1, at) += p[0];
+        for (Index i = 0; i + 1 < STENCIL; i++) v[i] = v[i + 1], p[i] = p[i + 1];
+        v[STENCIL - 1] = p[STENCIL - 1] = 0.0;
+        at++;
+    };
     for (Index k = span.first; k < span.last; k++) {
+        while (at < signal.base[k] - span.low) move_on();
         const double rest = signal.stamps[span.last] - signal.stamps[k + 1];
         const double *once = signal.single.row(k), *twice = signal.twice.row(k);
-        const Index at = signal.base[k] - span.low;
         for (Index i = 0; i < STENCIL; i++) {
-            velocity[at + i] += once[i];
-            position[at + i] += twice[i] + rest * once[i];
+            v[i] += once[i];
+            p[i] += twice[i] + rest * once[i];
         }
     }
+    for (Index i = 0; i < STENCIL && span.first < span.last; i++) move_on();
 }
 
-/// The sum of the features (P, c) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
-inline Vector<Lanes> weighted(Columns coefficients, Columns features, Index s) {
+/// The sum of the features (P, n) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
+inline Vector<Lanes> weighted(Columns coefficients, Table features, Index s) {
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < features.rows; f++) {
-        const Lanes feature = load(features.row(f) + s);
+        const Lanes feature = From(features.row(f), s, features.columns)[0];
         out += feature * in_all_lanes(coefficients.rows_from(3 * f, 3).vector_at(0));
     }
     return out;
@@ -65,32 +75,50 @@ inline Vector<T> rotation_step(Vector<T> step, Vector<T> omega, Vector<T> next, 
     return step + T(1.0 / 240.0) * cross(u, v);
 }
 
+/// Write the products of turns (4, c) from `begin` on: q (4, c) of sample j + 1 is that of sample j times turn j.
+///
+/// A product waits for the one before, so four stretches are multiplied side by side, and then each by the end of the one
+/// before.
+inline void accumulate(Columns turns, Index begin, Index end, Columns q) {
+    const Index length = (end - begin) / LANES, rest = begin + LANES * length;
+    Quaternion<Lanes> now = {1.0, 0.0, 0.0, 0.0};
+    const auto across = [&](const double *row) {
+        return Lanes(Lanes::Four{row[0], row[length], row[2 * length], row[3 * length]});
+    };
+    for (Index j = begin; j < begin + length; j++) {
+        now = now * Quaternion<Lanes>{
+            across(turns.row(0) + j), across(turns.row(1) + j), across(turns.row(2) + j), across(turns.row(3) + j)};
+        for (Index i = 0; i < LANES; i++) q.set_at(j + 1 + i * length, {now.w[i], now.x[i], now.y[i], now.z[i]});
+    }
+    q.set_at(begin, {1.0, 0.0, 0.0, 0.0});
+    for (Index i = 1; i < LANES && length > 0; i++) {
+        const Quaternion<double> before = q.quaternion_at(begin + i * length);
+        const Quaternion<Lanes> all = {before.w, before.x, before.y, before.z};
+        const Index last = begin + (i + 1) * length;
+        Index j = begin + i * length + 1;
+        for (; j + LANES <= last + 1; j += LANES) q.set(j, all * q.quaternion(j));
+        for (; j <= last; j++) q.set_at(j, before * q.quaternion_at(j));
+    }
+    for (Index j = rest; j < end; j++) q.set_at(j + 1, q.quaternion_at(j) * turns.quaternion_at(j));
+}
+
 /// Write the attitude (4, c) of the first column of `rate` at the samples of a span, seen from the span's first.
 inline void centre_attitude(Span span, const Samples &signal, Columns rate, Columns q, Workspace &memory) {
     const Index count = span.count(), start = span.first - span.low;
-    const Columns values = samples_from(signal.rates, span.low, count, memory);
-    const Columns slopes = samples_from(signal.slopes, span.low, count, memory);
-    const Columns integrals = samples_from(signal.integrals, span.low, count - 1, memory);
     const Columns omega = memory.columns(3, count + LANES), alpha = memory.columns(3, count + LANES);
     const Columns turns = memory.columns(4, count);
-    for (Index k = 0; k < values.columns; k += LANES) {
-        omega.set(k, weighted(rate, values, k));
-        alpha.set(k, weighted(rate, slopes, k));
+    for (Index k = 0; k < count; k += LANES) {
+        omega.set(k, weighted(rate, signal.rates, span.low + k));
+        alpha.set(k, weighted(rate, signal.slopes, span.low + k));
     }
-    for (Index k = 0; k < integrals.columns; k += LANES) {
-        const double *stamps = signal.stamps.data + span.low + k;
-        const Lanes h = load(stamps + 1, count - 1 - k) - load(stamps, count - 1 - k);
-        const Vector<Lanes> step = weighted(rate, integrals, k);
+    const From stamps(signal.stamps.data, span.low, signal.stamps.count), next(signal.stamps.data, span.low + 1, signal.stamps.count);
+    for (Index k = 0; k < count - 1; k += LANES) {
+        const Vector<Lanes> step = weighted(rate, signal.integrals, span.low + k);
         turns.set(k, small_rotation(rotation_step(
-            step, omega.vector(k), omega.vector(k + 1), alpha.vector(k), alpha.vector(k + 1), h)));
+            step, omega.vector(k), omega.vector(k + 1), alpha.vector(k), alpha.vector(k + 1), next[k] - stamps[k])));
     }
+    accumulate(turns, start, count - 1, q);
     Quaternion<double> now = {1.0, 0.0, 0.0, 0.0};
-    q.set_at(start, now);
-    for (Index j = start; j < count - 1; j++) {
-        now = now * turns.quaternion_at(j);
-        q.set_at(j + 1, now);
-    }
-    now = {1.0, 0.0, 0.0, 0.0};
     for (Index j = start - 1; j >= 0; j--) {
         now = now * conjugate(turns.quaternion_at(j));
         q.set_at(j, now);
@@ -98,49 +126,68 @@ inline void centre_attitude(Span span, const Samples &signal, Columns rate, Colu
     for (Index j = count; j < q.columns; j++) q.set_at(j, {1.0, 0.0, 0.0, 0.0});
 }
 
-/// Write the four lanes of a feature into column f of the rows from j on, as many as there are.
-inline void set_feature(Lanes value, Table psi, Index j, Index f) {
-    for (Index i = 0; i < LANES; i++) psi(j + i, f) = value[i];
-}
+/// Features of four samples side by side, written sample by sample.
+class FeatureRows {
+public:
+    FeatureRows(Table psi, Index sample) : at(psi.row(sample)), stride(psi.columns) {}
 
-/// Write the features of the specific force (c, features), and the force of the first column turned by C, (3, c).
-inline void force_along(Span span, const Samples &signal, Columns force, const Path &path, Workspace &memory) {
-    const Columns values = samples_from(signal.rates, span.low, span.count(), memory);
-    const Columns slopes = samples_from(signal.slopes, span.low, span.count(), memory);
-    const Columns readings = samples_from(signal.forces, span.low, span.count(), memory);
-    const Index P = values.rows;
-    for (Index k = 0; k < path.u.columns; k += LANES) {
+    void add(Lanes feature) {
+        waiting[count++] = feature;
+        if (count == LANES) flush();
+    }
+    void flush() {
+        if (count == 0) return;
+        for (Index i = count; i < LANES; i++) waiting[i] = 0.0;
+        store_transposed(waiting[0], waiting[1], waiting[2], waiting[3], at, stride);
+        at += LANES;
+        count = 0;
+    }
+
+private:
+    double *at;
+    Index stride, count = 0;
+    Lanes waiting[LANES];
+};
+
+/// Write the features of the specific force (c, features), and the force of the first column turned by C, (c, 4).
+inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
+    const Index P = signal.rates.rows, count = span.count(), n = signal.stamps.count;
+    for (Index k = 0; k < count; k += LANES) {
         Vector<Lanes> u = {0.0, 0.0, 0.0};
+        FeatureRows psi(path.psi, k);
         Index at = 0;
         const auto take = [&](Lanes feature) {
-            u += feature * in_all_lanes(force.rows_from(3 * at, 3).vector_at(0));
-            set_feature(feature, path.psi, k, at++);
+            u += feature * in_all_lanes(force.rows_from(3 * at++, 3).vector_at(0));
+            psi.add(feature);
         };
+        const auto sample = [&](Table rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
         for (Index f = 0; f < P; f++) {
-            const Lanes rate = load(values.row(f) + k);
-            for (Index g = f; g < P; g++) take(rate * load(values.row(g) + k));
+            const Lanes rate = sample(signal.rates, f);
+            for (Index g = f; g < P; g++) take(rate * sample(signal.rates, g));
         }
-        for (Index f = 1; f < P; f++) take(load(slopes.row(f) + k));
-        for (Index f = 0; f < readings.rows; f++) take(load(readings.row(f) + k));
-        path.u.set(k, matrix(path.C, 0, k) * u);
+        for (Index f = 1; f < P; f++) take(sample(signal.slopes, f));
+        for (Index f = 0; f < signal.forces.rows; f++) take(sample(signal.forces, f));
+        psi.flush();
+        u = matrix(path.C, 0, k) * u;
+        store_transposed(u.x, u.y, u.z, 0.0, path.u.row(k), path.u.columns);
     }
 }
 
 /// The path of the first parameter set.
 inline Path centre_path(Span span, const Samples &signal, const Coefficients &coefficients, Workspace &memory) {
     const Index count = span.count(), features = coefficients.force.rows / 3;
-    Path path = {
-        memory.columns(2, count + 1), memory.columns(4, count), memory.columns(9, count), memory.columns(3, count),
+    const Path path = {
+        memory.columns(2, count + 1), memory.columns(4, count + LANES), memory.columns(9, count + LANES),
+        {memory.numbers(padded(count) * LANES), padded(count), LANES},
         {memory.numbers(padded(count) * padded(features)), padded(count), padded(features)},
     };
-    fill(path.psi, 0.0);
     outer_weights(span, signal, path.weights);
     centre_attitude(span, signal, coefficients.rate, path.q, memory);
     for (Index k = 0; k < path.q.columns; k += LANES) {
         const Matrix<Lanes> C = direction_cosines(path.q.quaternion(k));
         for (Index i = 0; i < 3; i++) path.C.set(3 * i, k, C.row[i]);
     }
-    force_along(span, signal, coefficients.force, path, memory);
+    force_along(span, signal, coefficients.force, path);
     return path;
 }
 

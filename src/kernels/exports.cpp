@@ -31,6 +31,13 @@ int guarded(Function work) {
     }
 }
 
+/// A copy with padded rows, for work that wants them.
+Columns copied(Table table, Workspace &memory) {
+    const Columns out = memory.zeros(table.rows, table.columns);
+    copy(table, out, table.rows, table.columns);
+    return out;
+}
+
 Columns columns(Table table) { return {{table.data, table.rows, table.columns}}; }
 Columns columns(Stack stack) { return {{stack.data, stack.tables * stack.rows, stack.columns}}; }
 
@@ -50,10 +57,12 @@ EXPORTED int KREISEL(triangularise)(Table rows) {
     });
 }
 
-EXPORTED int KREISEL(inflate)(Table upper, Index index, double deviation) {
+EXPORTED int KREISEL(inflate)(Table upper, Indices degrees, Numbers deviations) {
     return guarded([&] {
         Workspace memory;
-        inflate(upper, index, deviation, memory.numbers(upper.rows));
+        const Columns own = copied(upper, memory);
+        inflate(own, degrees, deviations.data, memory);
+        copy(own, upper, upper.rows, upper.columns);
     });
 }
 
@@ -153,7 +162,7 @@ struct IncrementArrays {
     Increments columns() const {
         return {
             ::columns(dq), ::columns(dv), ::columns(dp), ::columns(omega_end), ::columns(alpha_end), ::columns(u_end),
-            ::columns(u_path), ::columns(q_path),
+            u_path, ::columns(q_path),
         };
     }
 };
@@ -176,7 +185,7 @@ EXPORTED int KREISEL(noise_covariance)(
     return guarded([&] {
         Workspace memory;
         noise_covariance(
-            span_between(*signal, first, last), every, *signal, columns(u_path), columns(q_path), block(K_omega, 0, 0),
+            span_between(*signal, first, last), every, *signal, u_path, columns(q_path), block(K_omega, 0, 0),
             block(K_a, 0, 0), Q, memory);
     });
 }
@@ -216,13 +225,32 @@ struct MotionArrays {
 };
 
 EXPORTED int KREISEL(predict_poses)(
-    const Model *model, const MotionArrays *motion, Table t, double dt_before, double dt_after, Table regressor,
+    const Model *model, const MotionArrays *motion, Table t, double dt_before, double dt_after, Table robot,
     Index at_standstill, Table states, Table q, Table p
 ) {
     return guarded([&] {
         Workspace memory;
-        const Moment moment = {columns(t), dt_before, dt_after, regressor, at_standstill != 0};
+        const Moment moment = {columns(t), dt_before, dt_after, columns(robot), at_standstill != 0};
         predict_poses(*model, motion->columns(), moment, {false}, columns(states), columns(q), columns(p), memory);
+    });
+}
+
+EXPORTED int KREISEL(robot_motion)(const Model *model, Table regressor, const Gaussian *belief, Table out) {
+    return guarded([&] {
+        Workspace memory;
+        const Columns upper = copied(belief->upper, memory);
+        const Index n = upper.rows;
+        const SigmaOrder order(model->gyro_degrees, model->sensor_degrees, n);
+        copy(robot_motion(*model, order, regressor, belief->mean.data, upper, memory), out, 6, out.columns);
+    });
+}
+
+EXPORTED int KREISEL(renew)(Table upper, Index first, double deviation) {
+    return guarded([&] {
+        Workspace memory;
+        const Columns own = copied(upper, memory);
+        renew(own, first, deviation, memory);
+        copy(own, upper, upper.rows, upper.columns);
     });
 }
 
@@ -252,13 +280,12 @@ EXPORTED int KREISEL(update)(
     return guarded([&] {
         Workspace memory;
         const Index n = of->upper.rows, m = of->seen.rows;
-        const Columns upper = memory.zeros(n, n);
-        copy(of->upper, upper, n, n);
+        const Columns upper = copied(of->upper, memory), posterior = memory.zeros(n, n);
         const Updated done = update(
             parts, tail, SigmaOrder(gyro, sensors, n), weights, of->mean.data, upper,
-            {columns(of->points), of->noise, columns(of->seen), columns(of->seen_noise)}, of->innovation.data, of->factor,
+            posterior, {columns(of->points), of->noise, columns(of->seen), columns(of->seen_noise)}, of->innovation.data, of->factor,
             gate, memory);
-        copy(upper, of->upper, n, n);
+        copy(posterior, of->upper, n, n);
         copy(done.gain, of->gain, m, n);
         copy(done.factor, of->innovation_factor, m, m);
         std::memcpy(of->whitened.data, done.whitened, m * sizeof(double));

@@ -4,6 +4,8 @@
 /// measurement_model.hpp.
 #pragma once
 
+#include <utility>
+
 #include "measurement_model.hpp"
 
 namespace {
@@ -35,6 +37,16 @@ inline void note_gain(Table record, Columns gain, Index n) {
     }
 }
 
+/// At the beginning of a standstill the reference's error is a new one, independent of all earlier ones.
+inline void renew_standstill(const Model &model, double *mean, Columns upper, Workspace &memory) {
+    for (Index kind = 0; kind < 2; kind++) {
+        const Index at = model.stored[STANDSTILL_POSITION + kind];
+        if (at < 0) continue;
+        for (Index axis = 0; axis < 3; axis++) mean[at + axis] = 0.0;
+        renew(upper, degree_of(model.parts, at), model.standstill[kind], memory);
+    }
+}
+
 /// Carry a belief over the updates from `begin` to `end`, in place.
 ///
 /// Returns the update it stopped before: less than `end` if too many measurements were rejected in a row, or the state is
@@ -46,26 +58,29 @@ inline Index run(
     const Index n = belief.upper.rows, size = belief.mean.count;
     const SigmaOrder order(model.gyro_degrees, model.sensor_degrees, n);
     Workspace lasting, memory;
-    const Columns upper = lasting.zeros(n, n), points = lasting.columns(size, order.points());
-    double *extra = lasting.numbers(n);
+    Columns upper = lasting.zeros(n, n), posterior = lasting.zeros(n, n);
+    const Columns points = lasting.columns(size, order.points());
+    double *walked = lasting.numbers(model.walking.count);
     copy(belief.upper, upper, n, n);
     Index i = begin;
     for (bool going = true; going && i < end; i++) {
         memory.clear();
         const double duration = signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]];
-        for (Index j = 0; j < model.walking.count; j++) {
-            inflate(upper, model.walking[j], model.walk[j] * std::sqrt(duration), extra);
-        }
-        draw(model.parts, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
+        for (Index j = 0; j < model.walking.count; j++) walked[j] = model.walk[j] * std::sqrt(duration);
+        inflate(upper, model.walking, walked, memory);
+        if (steps.new_standstill[i]) renew_standstill(model, belief.mean.data, upper, memory);
+        draw(model.drawn, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
         const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);
         const Table noise = process_noise(model, motion.noise, duration, points, memory);
-        const Prediction predicted = predict_measurement(model, signal, steps, i, motion, points, noise, memory);
+        const Prediction predicted = predict_measurement(
+            model, order, signal, steps, i, motion, belief.mean.data, upper, points, noise, memory);
         const Vector<double> velocity = points.rows_from(model.stored[VELOCITY], 3).vector_at(0);
         const Table factor = measurement_noise(model, steps, i, velocity, motion.omega.vector_at(0), memory);
         const Updated done = update(
-            model.parts, model.tail, order, model.weights, belief.mean.data, upper,
+            model.parts, model.tail, order, model.weights, belief.mean.data, upper, posterior,
             {points, noise, predicted.seen, predicted.seen_noise}, predicted.innovation, factor,
             gate.bounds[factor.rows], memory);
+        std::swap(upper, posterior);
         gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
         note(record, i, belief.mean.data, predicted.innovation, factor, done);
         note_gain(record.gain[i], done.gain, n);

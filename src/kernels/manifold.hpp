@@ -17,6 +17,13 @@ inline Index stored_of(IndexTable parts) {
     return parts(last, STORED) + (parts(last, ROTATION) ? 4 : parts(last, DEGREES)) - parts(0, STORED);
 }
 
+/// The degree of freedom of a stored number that is not part of a rotation.
+inline Index degree_of(IndexTable parts, Index stored) {
+    Index i = parts.rows - 1;
+    while (parts(i, STORED) > stored) i--;
+    return parts(i, DEGREE) + stored - parts(i, STORED);
+}
+
 /// Whether all columns of rows (3, m) are shorter than a bound.
 inline bool all_below(Columns rows, double bound) {
     Lanes beyond = 0.0;

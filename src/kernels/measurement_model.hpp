@@ -38,9 +38,53 @@ inline Table measurement_noise(
 struct Moment {
     Columns t;                      // (1, 2 n + 1): seconds after the last sample, for each sigma point
     double dt_before, dt_after;     // sampling intervals on either side of the last sample, s
-    Table regressor;                // (6, e): of the robot's errors
+    Columns robot;                  // (6, 2 n + 1): what its errors add to the nominal arm's pose; no columns without
     bool at_standstill;
 };
+
+/// What the robot's errors, (e,), add to the pose of the nominal arm, of each sigma point: the regressor (6, e) times them.
+///
+/// They enter linearly and are not rotations, so the points themselves are not needed: in direction j they differ from the
+/// mean by `spread` times row j of the factor, which is as many products for all of them.
+inline Columns robot_motion(
+    const Model &model, const SigmaOrder &order, Table regressor, const double *mean, Columns upper, Workspace &memory
+) {
+    const Index errors = regressor.columns, n = upper.rows;
+    if (errors == 0) return {{nullptr, 6, 0}};
+    const Columns by = memory.zeros(6, n), out = memory.zeros(6, order.points());
+    double at_mean[6] = {};
+    Index first = n, last = 0;
+    for (Index e = 0; e < errors; e++) {
+        const Index row = model.robot.source[e];
+        const double error = row >= 0 ? mean[row] : model.robot.known[e];
+        for (Index i = 0; i < 6; i++) at_mean[i] += regressor(i, e) * error;
+        if (row < 0) continue;
+        const Index degree = degree_of(model.parts, row);
+        for (Index i = 0; i < 6; i++) by(i, degree) = regressor(i, e);
+        first = degree < first ? degree : first;
+        last = degree + 1 > last ? degree + 1 : last;
+    }
+    const double spread = model.weights[SPREAD];
+    for (Index i = 0; i < 6; i++) {
+        for (Index s = 0; s < out.columns; s++) out(i, s) = at_mean[i];
+    }
+    for (const SigmaGroup &group : order.group) {
+        for (Index j = group.degree; j < group.degree + group.degrees && j < last; j++) {
+            Lanes moved[6];
+            for (Lanes &lanes : moved) lanes = 0.0;
+            for (Index x = (first > j ? first : j) / LANES * LANES; x < last; x += LANES) {
+                const Lanes along = load(upper.row(j) + x);
+                for (Index i = 0; i < 6; i++) moved[i] += load(by.row(i) + x) * along;
+            }
+            for (Index i = 0; i < 6; i++) {
+                const double d = spread * sum(moved[i]);
+                out(i, group.plus(j)) += d;
+                out(i, group.minus(j)) -= d;
+            }
+        }
+    }
+    return out;
+}
 
 /// Columns of what belongs to a sigma point: each its own, or all the centre's.
 struct Whose {
@@ -66,8 +110,8 @@ inline void predict_poses(
     const Columns attitude = states.rows_from(at[ATTITUDE], 4);
     const Index of_position = at[moment.at_standstill ? STANDSTILL_POSITION : PATH_POSITION];
     const Index of_attitude = at[moment.at_standstill ? STANDSTILL_ORIENTATION : PATH_ORIENTATION];
-    const Columns turned = memory.zeros(3, states.columns);
-    const Index errors = moment.regressor.columns;
+    const Columns turned = memory.columns(3, states.columns);
+    const bool robot = moment.robot.columns > 0;
     for (Index s = 0; s < states.columns; s += LANES) {
         const End end = {
             own.quaternion(motion.q_first, s), own.vector(motion.omega, 0, s), own.vector(motion.alpha, 0, s),
@@ -77,21 +121,15 @@ inline void predict_poses(
         const Navigation here = {attitude.quaternion(s), velocity.vector(s), position.vector(s)};
         Pose pose = pose_at(own.number(moment.t, 0, s), moment.dt_before, moment.dt_after, end, here);
         if (of_position >= 0) pose.p += states.vector(of_position, s);
-        // The reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it.
-        Vector<Lanes> moves = {0.0, 0.0, 0.0}, turns = {0.0, 0.0, 0.0};
-        for (Index e = 0; e < errors; e++) {
-            const Index row = model.robot.source[e];
-            const Lanes error = row >= 0 ? load(states.row(row) + s) : Lanes(model.robot.known[e]);
-            const double *by = moment.regressor.data + e;
-            moves += error * Vector<Lanes>{by[0], by[errors], by[2 * errors]};
-            turns += error * Vector<Lanes>{by[3 * errors], by[4 * errors], by[5 * errors]};
-        }
         q.set(s, pose.q);
-        p.set(s, pose.p - moves);
-        turned.set(s, -turns);
+        if (robot) {  // the reported pose is the nominal arm's: the tool's own, less what the arm's errors add to it
+            pose.p -= own.vector(moment.robot, 0, s);
+            turned.set(s, -own.vector(moment.robot, 3, s));
+        }
+        p.set(s, pose.p);
     }
     if (of_attitude >= 0) turn_each(q, states.rows_from(of_attitude, 3));
-    if (errors > 0) turn_each(q, turned);
+    if (robot) turn_each(q, turned);
 }
 
 /// Write three rows of points from `at` on, less the first column of centre's from `centre_at` on, to `out`.
@@ -103,18 +141,25 @@ inline void distances(Columns points, Index at, Columns centre, Index centre_at,
 }
 
 /// The centre with columns of noise (c, k) added, (size, 2 k): all in plus, then all in minus.
+///
+/// Of what does not move only the rows of the reference's error at standstill are written.
 inline Columns disturbed(const Model &model, Columns points, Table noise, Workspace &memory) {
-    const Index size = points.rows, c = noise.rows, k = noise.columns, n = degrees_of(model.parts);
-    const Columns change = memory.zeros(n, 2 * k), out = memory.columns(size, 2 * k);
-    double *centre = memory.numbers(size);
-    for (Index i = 0; i < size; i++) centre[i] = points(i, 0);
+    const Index size = points.rows, c = noise.rows, k = noise.columns, at = size - stored_of(model.tail);
+    const Columns change = memory.zeros(c, 2 * k), out = memory.columns(size, 2 * k);
+    double *centre = memory.numbers(size - at);
+    for (Index i = at; i < size; i++) centre[i - at] = points(i, 0);
     for (Index i = 0; i < c; i++) {
         for (Index j = 0; j < k; j++) {
-            change(n - c + i, j) = noise(i, j);
-            change(n - c + i, k + j) = -noise(i, j);
+            change(i, j) = noise(i, j);
+            change(i, k + j) = -noise(i, j);
         }
     }
-    plus(model.parts, centre, change, out, memory);
+    plus(model.tail, centre, change, out.rows_from(at, size - at), memory);
+    for (Index part : {STANDSTILL_POSITION, STANDSTILL_ORIENTATION}) {
+        for (Index i = model.stored[part]; 0 <= i && i < model.stored[part] + 3; i++) {
+            for (Index s = 0; s < out.columns; s++) out(i, s) = points(i, 0);
+        }
+    }
     return out;
 }
 
@@ -126,16 +171,18 @@ struct Prediction {
 };
 
 /// Predict the measurement of update i from points (size, 2 n + 1), and from the centre with columns of noise added.
+///
+/// mean, upper: the belief before the step.
 inline Prediction predict_measurement(
-    const Model &model, const Samples &signal, const Steps &steps, Index i, const IntegratedMotion &motion,
-    Columns points, Table noise, Workspace &memory
+    const Model &model, const SigmaOrder &order, const Samples &signal, const Steps &steps, Index i,
+    const IntegratedMotion &motion, const double *mean, Columns upper, Columns points, Table noise, Workspace &memory
 ) {
     const Index last = steps.last[i], m = measured_numbers(steps, i);
     const Columns others = disturbed(model, points, noise, memory);
     const Numbers stamps = signal.stamps;
     const Moment moment = {
         memory.columns(1, points.columns), stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last],
-        steps.regressor[i], steps.at_standstill[i] != 0,
+        robot_motion(model, order, steps.regressor[i], mean, upper, memory), steps.at_standstill[i] != 0,
     };
     for (Index s = 0; s < points.columns; s += LANES) {
         const Lanes start = load(motion.around.row(TIME_OFFSET) + s), skew = load(motion.around.row(TIME_SKEW) + s);

@@ -79,7 +79,7 @@ inline void preintegrate(
     Span span, const Samples &signal, const Coefficients &coefficients, const Increments &out, Workspace &memory
 ) {
     const Index m = coefficients.m, others = coefficients.others;
-    Path path = centre_path(span, signal, coefficients, memory);
+    const Path path = centre_path(span, signal, coefficients, memory);
     Relative relative = {
         memory.zeros(4, m), {memory.zeros(3, m), memory.zeros(3, m)},
         {memory.numbers(18 * path.psi.columns), 18, path.psi.columns},
@@ -94,7 +94,7 @@ inline void preintegrate(
         set_others(shared, m, others, which == 0 ? out.dv : out.dp);
     }
     finish(span, signal, coefficients, path, relative, out, memory);
-    copy(path.u, out.u_path, 3, out.u_path.columns);
+    copy(path.u, out.u_path, span.count(), LANES);
     copy(path.q, out.q_path, 4, out.q_path.columns);
 }
 

@@ -28,9 +28,9 @@ inline Columns rows_of(const ParameterRows &rows, Columns points, Index first, I
     const Columns out = memory.columns(rows.source.count, m);
     for (Index e = 0; e < out.rows; e++) {
         const Index source = rows.source[e];
-        for (Index s = 0; s < out.columns; s++) {
-            out(e, s) = source < 0 ? rows.known[e] : points(source, first + (s < m ? s : m - 1));
-        }
+        double *row = out.row(e);
+        if (source >= 0) std::memcpy(row, points.row(source) + first, m * sizeof(double));
+        for (Index s = source < 0 ? 0 : m; s < out.columns; s++) row[s] = source < 0 ? rows.known[e] : row[m - 1];
     }
     return out;
 }
@@ -87,8 +87,8 @@ inline IntegratedMotion propagate(
     const Index sigma = order.points(), moving = coefficients.m + coefficients.others;
     const Increments motion = {
         memory.columns(4, sigma), memory.columns(3, sigma), memory.columns(3, sigma), memory.columns(3, sigma),
-        memory.columns(3, sigma), memory.columns(9, sigma), memory.columns(3, span.count()),
-        memory.columns(4, span.count()),
+        memory.columns(3, sigma), memory.columns(9, sigma),
+        {memory.numbers(span.count() * LANES), span.count(), LANES}, memory.columns(4, span.count()),
     };
     preintegrate(span, signal, coefficients, motion, memory);
     // All other sigma points have the centre's sensor parameters.

@@ -12,7 +12,10 @@
 namespace {
 
 /// rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected.
-constexpr double SMALL_TURN = 1.5e-5;
+constexpr double SMALL_TURN = 1e-4;
+
+/// Sets side by side, at most: the centre and two for each of the gyros' parameters, of polynomials up to the tenth order.
+constexpr Index MOST_COLUMNS = 128;
 
 /// The sets against the centre, and the sums over all samples.
 struct Relative {
@@ -22,28 +25,26 @@ struct Relative {
 };
 
 /// How many samples a block may have for sets whose rate coefficients differ by `difference` (3 P, m).
-inline Index block_length(Span span, const Samples &signal, Columns difference, Workspace &memory) {
-    const Index P = signal.rates.rows, samples = span.last - span.first + 1;
-    double *largest = memory.numbers(P);
+inline Index block_length(Span span, const Samples &signal, Columns difference) {
+    const Index P = signal.rates.rows, count = span.count();
+    Vector<Lanes> reach[MOST_COLUMNS / LANES];  // of each set: the sum of |coefficient| times the largest |feature|
+    const Index groups = difference.columns / LANES;
+    for (Index g = 0; g < groups; g++) reach[g] = {0.0, 0.0, 0.0};
     for (Index f = 0; f < P; f++) {
-        const double *rates = signal.rates.row(f) + span.first;
-        double most = 0.0;
-        for (Index k = 0; k < samples; k++) most = std::fmax(most, std::fabs(rates[k]));
-        largest[f] = most;
-    }
-    double fastest = 0.0;
-    for (Index s = 0; s < difference.columns; s++) {
-        double square = 0.0;
-        for (Index row = 0; row < 3; row++) {
-            double total = 0.0;
-            for (Index f = 0; f < P; f++) total += std::fabs(difference(3 * f + row, s)) * largest[f];
-            square += total * total;
+        const double *rates = signal.rates.row(f) + span.low;
+        Lanes most = 0.0;
+        for (Index k = 0; k < count; k += LANES) most = larger(most, absolute(load(rates + k, count - k)));
+        const double peak = largest(most);
+        for (Index g = 0; g < groups; g++) {
+            const Vector<Lanes> d = difference.vector(3 * f, g * LANES);
+            reach[g] += peak * Vector<Lanes>{absolute(d.x), absolute(d.y), absolute(d.z)};
         }
-        fastest = std::fmax(fastest, square);
     }
-    const double turned = std::sqrt(fastest) * (signal.stamps[span.last] - signal.stamps[span.first]);
-    const double share = turned > SMALL_TURN ? SMALL_TURN / turned : 1.0;
-    const Index length = static_cast<Index>(share * static_cast<double>(span.last - span.first));
+    Lanes fastest = 0.0;
+    for (Index g = 0; g < groups; g++) fastest = larger(fastest, dot(reach[g], reach[g]));
+    const double turned = std::sqrt(largest(fastest)) * (signal.stamps[span.high] - signal.stamps[span.low]);
+    if (!(turned > SMALL_TURN)) return count;
+    const Index length = static_cast<Index>(SMALL_TURN / turned * static_cast<double>(count));
     return length > 1 ? length : 1;
 }
 
@@ -52,24 +53,46 @@ inline Index block_length(Span span, const Samples &signal, Columns difference, 
 ///
 /// It is the mean of C (of the cubic through four samples, of a line at either end) times the feature's integral, and
 /// what both change together.
-inline void unit_turns(Span span, const Samples &signal, Columns C, Table units) {
-    const Index P = signal.rates.rows, Q = padded(P), count = span.count();
-    for (Index j = 0; j < count - 1; j++) {
-        const Index k = span.low + j;
-        const double h = signal.stamps[k + 1] - signal.stamps[k];
-        const double inside = 0 < j && j < count - 2 ? 1.0 / 24.0 : 0.0;
-        const Index before = j > 0 ? j - 1 : 0, after = j + 2 < count ? j + 2 : count - 1;
-        double integral[64], slope[64];
-        for (Index f = 0; f < Q; f++) {
-            integral[f] = f < P ? signal.integrals(f, k) : 0.0;
-            slope[f] = f < P ? h * h * (1.0 / 24.0) * (signal.slopes(f, k) + signal.slopes(f, k + 1)) : 0.0;
+inline void unit_turns(Span span, const Samples &signal, Columns C, Table units, Workspace &memory) {
+    const Index P = signal.rates.rows, Q = padded(P), count = span.count(), intervals = count - 1;
+    const Columns mean = memory.columns(9, count), change = memory.columns(9, count);
+    for (Index i = 0; i < 9; i++) {
+        const double *c = C.row(i);
+        double *m = mean.row(i), *d = change.row(i);
+        Index j = 1;
+        for (; j + LANES < intervals; j += LANES) {
+            const Lanes here = load(c + j), next = load(c + j + 1), both = here + next;
+            store(0.5 * both - (1.0 / 24.0) * (load(c + j + 2) - both + load(c + j - 1)), m + j);
+            store(next - here, d + j);
         }
-        for (Index i = 0; i < 9; i++) {
-            const double *c = C.row(i);
-            const double both = c[j] + c[j + 1], mean = 0.5 * both - inside * (c[after] - both + c[before]);
-            const double change = c[j + 1] - c[j];
-            for (Index f = 0; f < Q; f += LANES) {
-                store(Lanes(mean) * load(integral + f) + Lanes(change) * load(slope + f), units.row(j) + i * Q + f);
+        for (Index k : {Index(0), j, j + 1, j + 2, j + 3}) {
+            if (k >= intervals) continue;
+            const double both = c[k] + c[k + 1], curved = 0 < k && k < intervals - 1 ? c[k + 2] - both + c[k - 1] : 0.0;
+            m[k] = 0.5 * both - (1.0 / 24.0) * curved;
+            d[k] = c[k + 1] - c[k];
+        }
+    }
+    // Integrals of the features, and what their slopes add, of one interval side by side.
+    const Table integral = {memory.numbers(padded(intervals) * Q), intervals, Q};
+    const Table slope = {memory.numbers(padded(intervals) * Q), intervals, Q};
+    const Index n = signal.stamps.count;
+    const From stamps(signal.stamps.data, span.low, n), next(signal.stamps.data, span.low + 1, n);
+    for (Index j = 0; j < intervals; j += LANES) {
+        const Lanes h = next[j] - stamps[j], share = h * h * (1.0 / 24.0);
+        FeatureRows whole(integral, j), rising(slope, j);
+        for (Index f = 0; f < P; f++) {
+            const double *slopes = signal.slopes.row(f);
+            whole.add(From(signal.integrals.row(f), span.low, n - 1)[j]);
+            rising.add(share * (From(slopes, span.low, n)[j] + From(slopes, span.low + 1, n)[j]));
+        }
+        whole.flush();
+        rising.flush();
+    }
+    for (Index j = 0; j < intervals; j++) {
+        for (Index f = 0; f < Q; f += LANES) {
+            const Lanes whole = load(integral.row(j) + f), rising = load(slope.row(j) + f);
+            for (Index i = 0; i < 9; i++) {
+                store(Lanes(mean(i, j)) * whole + Lanes(change(i, j)) * rising, units.row(j) + i * Q + f);
             }
         }
     }
@@ -135,7 +158,7 @@ inline void sum_products(Index begin, Index end, const Path &path, Table sums) {
     for (; g < sums.columns; g += LANES) sum_some_products<1>(begin, end, path, g, sums);
 }
 
-/// Add the sums of `unit_turns` times what is carried, (c, 6), over samples to (6, 9 Q), for G groups of lanes.
+/// Write the sums of `unit_turns` times what is carried, (c, 8), over samples to (6, 9 Q), for G groups of lanes.
 template <int G>
 inline void sum_some_turns(Index begin, Index end, const double *carried, Table units, Index first, Table turns) {
     Lanes sums[6][G];
@@ -145,7 +168,7 @@ inline void sum_some_turns(Index begin, Index end, const double *carried, Table 
     for (Index j = begin; j < end; j++) {
         for (int g = 0; g < G; g++) {
             const Lanes unit = load(units.row(j) + first + g * LANES);
-            for (int x = 0; x < 6; x++) sums[x][g] += Lanes(carried[6 * j + x]) * unit;
+            for (int x = 0; x < 6; x++) sums[x][g] += Lanes(carried[2 * LANES * j + x + x / 3]) * unit;
         }
     }
     for (int x = 0; x < 6; x++) {
@@ -157,25 +180,26 @@ inline void sum_some_turns(Index begin, Index end, const double *carried, Table 
 ///
 /// R_k is the sum of weights times forces of the samples that the turn I_k moves: those after k, or those up to k and
 /// with a minus, as k lies after the block's centre or before it. The first three rows are its components with the
-/// weights of the velocity, the others with those of the position. carried (c, 6) is scratch.
+/// weights of the velocity, the others with those of the position. carried (c, 8) is scratch.
 inline void sum_turns(
     Index begin, Index centre, Index end, const Path &path, Table units, double *carried, Table turns
 ) {
-    const auto moved = [&](Index j, double sign, double *sum) {
-        for (Index i = 0; i < 3; i++) {
-            sum[i] += sign * path.weights(0, j) * path.u(i, j);
-            sum[3 + i] += sign * path.weights(1, j) * path.u(i, j);
-        }
+    const double *velocity = path.weights.row(0), *position = path.weights.row(1);
+    Lanes v = 0.0, p = 0.0;
+    const auto carry = [&](Index j) {
+        store(v, carried + 2 * LANES * j);
+        store(p, carried + 2 * LANES * j + LANES);
     };
-    double sum[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
     for (Index j = begin; j < centre; j++) {
-        moved(j, -1.0, sum);
-        std::memcpy(carried + 6 * j, sum, sizeof sum);
+        v -= velocity[j] * load(path.u.row(j));
+        p -= position[j] * load(path.u.row(j));
+        carry(j);
     }
-    std::memset(sum, 0, sizeof sum);
+    v = p = 0.0;
     for (Index j = end - 2; j >= centre; j--) {
-        moved(j + 1, 1.0, sum);
-        std::memcpy(carried + 6 * j, sum, sizeof sum);
+        v += velocity[j + 1] * load(path.u.row(j + 1));
+        p += position[j + 1] * load(path.u.row(j + 1));
+        carry(j);
     }
     Index g = 0;
     for (; g + 2 * LANES <= turns.columns; g += 2 * LANES) sum_some_turns<2>(begin, end - 1, carried, units, g, turns);
@@ -224,11 +248,11 @@ inline void relative_motion(
             store(load(rate.row(row) + s) - Lanes(rate(row, 0)), difference.row(row) + s);
         }
     }
-    const Index length = block_length(span, signal, difference, memory), blocks = (count + length - 1) / length;
+    const Index length = block_length(span, signal, difference), blocks = (count + length - 1) / length;
     const Table units = {memory.numbers((count - 1) * 9 * Q), count - 1, 9 * Q};
-    unit_turns(span, signal, path.C, units);
+    unit_turns(span, signal, path.C, units, memory);
     const Table sums = {memory.numbers(18 * features), 18, features}, turns = {memory.numbers(54 * Q), 6, 9 * Q};
-    double *carried = memory.numbers(6 * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
+    double *carried = memory.numbers(2 * LANES * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
     Turning last = {memory.zeros(3, coefficients.m), memory.zeros(3, coefficients.m)};
     fill(out.dv, 0.0);
     fill(out.dp, 0.0);

@@ -43,7 +43,7 @@ struct StepNoise {
 /// White noise of a density, and where samples are missing what interpolating across a gap of length h leaves, about
 /// h^3/12 times the second derivative the readings usually have.
 inline void noise_covariance(
-    Span span, Index every, const Samples &signal, Columns u_path, Columns q_path, Matrix<double> K_omega,
+    Span span, Index every, const Samples &signal, Table u_path, Columns q_path, Matrix<double> K_omega,
     Matrix<double> K_a, Table Q, Workspace &memory
 ) {
     const Index samples = span.last - span.first, steps = (samples + every - 1) / every;
@@ -74,7 +74,7 @@ inline void noise_covariance(
         of.S(0, step) = S.x, of.S(1, step) = S.y, of.S(2, step) = S.z;
         of.rest(0, step) = rest;
         of.dt(0, step) = dt;
-        const Vector<double> u = u_path.vector_at(middle);
+        const Vector<double> u = vector_from(u_path.row(middle));
         S += (0.5 * dt * dt + dt * rest) * u;
         V += dt * u;
         rest += dt;

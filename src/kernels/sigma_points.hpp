@@ -38,33 +38,38 @@ struct SigmaOrder {
     Index points() const { return 1 + 2 * degrees(); }
 };
 
-/// Write the sigma points (size, 2 n + 1): equation (17).
+/// Write the sigma points (size, 2 n + 1): equation (17). Only the rows of the given parts are written.
 inline void draw(
     IndexTable parts, const SigmaOrder &order, const double *mean, Table upper, double spread, Columns points,
     Workspace &memory
 ) {
-    const auto change = [&](Index i, double about, double *row) {
-        for (const SigmaGroup &group : order.group) {
-            const Index end = group.degree + group.degrees < i + 1 ? group.degree + group.degrees : i + 1;
-            for (Index j = group.degree; j < end; j++) {
-                const double d = spread * upper(j, i);
-                row[group.plus(j)] = about + d;
-                row[group.minus(j)] = about - d;
+    // Rows i of the state, `about` their means: row j of the factor changes them in points plus(j) and minus(j).
+    const auto change = [&](Index first, Index degrees, const double *about, Columns rows) {
+        for (Index i = 0; i < degrees; i++) {
+            const double at = about ? about[i] : 0.0;
+            double *row = rows.row(i);
+            for (Index s = 0; s < rows.columns; s += LANES) store(Lanes(at), row + s);
+            for (const SigmaGroup &group : order.group) {
+                const Index reached = first + i + 1 - group.degree;
+                const Index count = reached < group.degrees ? reached : group.degrees;
+                const double *factor = upper.row(group.degree) + first + i;
+                double *plus = row + group.column, *minus = plus + group.degrees;
+                for (Index j = 0; j < count; j++) {
+                    const double d = spread * factor[j * upper.columns];
+                    plus[j] = at + d;
+                    minus[j] = at - d;
+                }
             }
         }
     };
     for (Index k = 0; k < parts.rows; k++) {
         const Index d = parts(k, DEGREE), at = parts(k, STORED), degrees = parts(k, DEGREES);
         if (!parts(k, ROTATION)) {
-            for (Index i = 0; i < degrees; i++) {
-                double *row = points.row(at + i);
-                for (Index s = 0; s < points.columns; s += LANES) store(Lanes(mean[at + i]), row + s);
-                change(d + i, mean[at + i], row);
-            }
+            change(d, degrees, mean + at, points.rows_from(at, degrees));
             continue;
         }
         const Columns theta = memory.zeros(3, points.columns);
-        for (Index i = 0; i < degrees; i++) change(d + i, 0.0, theta.row(i));
+        change(d, degrees, nullptr, theta.rows_from(0, degrees));
         turn_by(quaternion_from(mean + at), theta, points.rows_from(at, 4));
     }
 }
@@ -128,7 +133,7 @@ inline void deviations(Table upper, Index k, double *out) {
 
 /// Sigma points carried to an update, and the measurements they predict.
 struct Predicted {
-    Columns points;        // (size, 2 n + 1): at the update
+    Columns points;        // (size, 2 n + 1): at the update; of these the rows of what has moved are used
     Table noise;           // (c, k): columns of noise of the degrees of freedom that have moved
     Columns seen;          // (m, 2 n + 1): predictions of the points, as distances from the centre's
     Columns seen_noise;    // (m, 2 k): of the centre with noise put in, plus and minus
@@ -143,22 +148,23 @@ struct Updated {
     Columns gain;             // (m, n): on what is so divided, transposed
 };
 
-/// Predict and update: change a belief in place by a measurement that sigma points predict.
+/// Predict and update: change a belief by a measurement that sigma points predict, the mean in place; the factor of its
+/// covariance, upper (n, n), is written to `posterior`.
 ///
 /// parts, tail: tables of the state and of its last parts, which have moved. innovation (m,): the measurement's distance
 /// from the centre's prediction; from the mean prediction on return. factor (m, e): of the measurement's noise. gate: bound
 /// of the normalised innovation squared, beyond which only the prediction is taken over: equation (20).
 inline Updated update(
     IndexTable parts, IndexTable tail, const SigmaOrder &order, Numbers w, double *mean, Columns upper,
-    const Predicted &predicted, double *innovation, Table factor, double gate, Workspace &memory
+    Columns posterior, const Predicted &predicted, double *innovation, Table factor, double gate, Workspace &memory
 ) {
     const Index n = order.degrees(), m = predicted.seen.rows, size = predicted.points.rows, e = factor.columns;
     const Index c = predicted.noise.rows, k = predicted.noise.columns, at = size - stored_of(tail), r = m + c;
     const Columns points = predicted.points, distance = memory.columns(r, order.points());
     copy(predicted.seen, distance, m, distance.columns);
-    double *centre = memory.numbers(size);
-    for (Index i = 0; i < size; i++) centre[i] = points(i, 0);
-    minus(tail, points.rows_from(at, size - at), centre + at, distance.rows_from(m, c), memory);
+    double *centre = memory.numbers(size - at);
+    for (Index i = at; i < size; i++) centre[i - at] = points(i, 0);
+    minus(tail, points.rows_from(at, size - at), centre, distance.rows_from(m, c), memory);
     const Table further = memory.columns(r, n + 2 + k + e);
     Moments moments = {memory.columns(r, n + LANES), further, 0, memory.numbers(r)};
     unscented_moments(distance, order, w, moments, memory);
@@ -176,14 +182,12 @@ inline Updated update(
     }
     const Columns shift = memory.zeros(c, 1), moved = memory.columns(size - at, 1);
     for (Index i = 0; i < c; i++) shift(i, 0) = moments.shift[m + i];
-    plus(tail, centre + at, shift, moved, memory);
-    for (Index i = 0; i < size; i++) mean[i] = i < at ? centre[i] : moved(i - at, 0);
+    plus(tail, centre, shift, moved, memory);
+    for (Index i = at; i < size; i++) mean[i] = moved(i - at, 0);
 
-    const Columns before = memory.columns(n, n);
-    copy(upper, before, n, upper.columns);
     Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n)};
-    const Joint joint = {moments.first, before, further, curved + k + e};
-    condition(joint, n, m, innovation, {done.factor, done.whitened, done.gain, upper}, memory);  // equation (19)
+    const Joint joint = {moments.first, upper, further, curved + k + e};
+    condition(joint, n, m, innovation, {done.factor, done.whitened, done.gain, posterior}, memory);  // equation (19)
     for (Index i = 0; i < m; i++) done.nis += done.whitened[i] * done.whitened[i];
     done.used = done.nis <= gate;
     if (done.used) {
@@ -198,8 +202,8 @@ inline Updated update(
         return done;
     }
     const Table of_state = {further.row(m), c, further.columns};
-    const Joint unmeasured = {moments.first.rows_from(m, c), before, of_state, curved + k};
-    condition(unmeasured, n, 0, nullptr, {{nullptr, 0, 0}, nullptr, {{nullptr, 0, before.columns}}, upper}, memory);
+    const Joint unmeasured = {moments.first.rows_from(m, c), upper, of_state, curved + k};
+    condition(unmeasured, n, 0, nullptr, {{nullptr, 0, 0}, nullptr, {{nullptr, 0, upper.columns}}, posterior}, memory);
     return done;
 }
 

@@ -119,7 +119,7 @@ def test_geometry_is_seen_by_the_imu_and_not_by_the_controller():
     assert 1e-3 < np.sqrt(np.mean(error**2)) < 0.05
     # and to first order it is what the regressor says; to second, (7 * 3 mrad)^2 of 2.6 m
     some = slice(0, len(p), 500)
-    J = kinematics.regressor(load_arm("kr125"), other.joints.angles[some])
+    J = kinematics.derivatives(load_arm("kr125"), other.joints.angles[some]).regressor
     first_order = J[:, :3] @ truth.arm.placement.ravel()
     np.testing.assert_allclose((p - other.reference.positions)[some], first_order, rtol=0, atol=(7 * size) ** 2 * 2.6)
 

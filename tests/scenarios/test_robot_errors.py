@@ -55,7 +55,7 @@ def test_poses_not_used_are_better_after(inaccurate):
     found = outcome.estimate.run.parameters.robot.placement
     rng = np.random.default_rng(0)
     angles = rng.uniform(0.8 * np.maximum(nominal.lower, -np.pi), 0.8 * np.minimum(nominal.upper, np.pi), (200, 6))
-    J = kinematics.regressor(nominal, angles).reshape(-1, 42)
+    J = kinematics.derivatives(nominal, angles).regressor.reshape(-1, 42)
     frames = np.hstack([J[:, :6], J[:, -6:]])
 
     def left(arm):

@@ -65,8 +65,9 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    parts, tail : (p, 4), (t, 4)
-        Tables of `manifold` for the state, and for its last parts alone, which change between updates.
+    parts, tail, drawn : (p, 4), (t, 4), (d, 4)
+        Tables of `manifold` for the state; for its last parts alone, which change between updates; and for the parts of
+        which sigma points are needed: all but the robot's errors, which enter linearly.
     weights : (5,)
         See `sigma_points.FIGURES`.
     gyro, accel, around, robot : ParameterRows
@@ -81,6 +82,8 @@ class Model(NamedTuple):
         Earth rate that a unit of north, and of its downward part, stands for, rad/s.
     noise : (6,)
         Standard deviations; see `AT_POSITION`.
+    standstill : (2,)
+        Deviations of the reference's error at a standstill, in position and orientation.
     coloured : (3,)
         Time constant of the reference's coloured noise, s, and its deviations in position and orientation.
     walking, walk : (w,)
@@ -91,6 +94,7 @@ class Model(NamedTuple):
 
     parts: IndexTable
     tail: IndexTable
+    drawn: IndexTable
     weights: Numbers
     gyro: ParameterRows
     accel: ParameterRows
@@ -105,6 +109,7 @@ class Model(NamedTuple):
     level: float
     down: float
     noise: Numbers
+    standstill: Numbers
     coloured: Numbers
     walking: Indices
     walk: Numbers
@@ -114,14 +119,15 @@ class Model(NamedTuple):
 class Steps(NamedTuple):
     """Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
 
-    first, last, tau, at_standstill (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says whether
-    they are measured; regressor (u, 6, e), with e = 0 without a robot.
+    first, last, tau, at_standstill, new_standstill (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says
+    whether they are measured; regressor (u, 6, e), with e = 0 without a robot.
     """
 
     first: Indices
     last: Indices
     tau: Numbers
     at_standstill: Mask
+    new_standstill: Mask
     position: Table
     quaternion: Table
     given: Mask

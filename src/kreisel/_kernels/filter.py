@@ -49,7 +49,8 @@ def _check_model(model: Model, belief: Gaussian) -> None:
         tail=(model.tail, (len(model.tail), 4)), weights=(model.weights, (5,)),
         gyro=(model.gyro.source, (9 + 3 * order,)),
         accel=(model.accel.source, (18 + 3 * order,)), around=(model.around.source, (10,)), stored=(model.stored, (7,)),
-        noise=(model.noise, (6,)), coloured=(model.coloured, (3,)), walk=(model.walk, model.walking.shape),
+        noise=(model.noise, (6,)), standstill=(model.standstill, (2,)), coloured=(model.coloured, (3,)),
+        walk=(model.walk, model.walking.shape),
     )  # fmt: skip
     for name in ("gyro", "accel", "around", "robot"):
         rows = getattr(model, name)
@@ -64,6 +65,8 @@ def _check_model(model: Model, belief: Gaussian) -> None:
         raise ValueError(f"the parts do not make up a state of {n} degrees of freedom and {size} numbers")
     if not np.array_equal(stored[1:], held[:-1]) or np.any(degrees[rotation == 1] > 3):
         raise ValueError("the parts do not lie one after another")
+    if not {*map(tuple, model.drawn)} <= {*map(tuple, model.parts)}:
+        raise ValueError("parts are drawn that are not in the state")
     last = model.parts[len(model.parts) - len(model.tail) :]
     if not np.array_equal(last - [last[0, 0], 0, last[0, 2], 0], model.tail):
         raise ValueError("the tail is not the last parts of the state")
@@ -87,6 +90,7 @@ def _check_steps(model: Model, signal: Samples, steps: Steps, begin: int, end: i
         raise ValueError(f"updates {begin} to {end} of {u}")
     check_lengths(
         last=(steps.last, (u,)), tau=(steps.tau, (u,)), at_standstill=(steps.at_standstill, (u,)),
+        new_standstill=(steps.new_standstill, (u,)),
         position=(steps.position, (u, 3)), quaternion=(steps.quaternion, (u, 4)), given=(steps.given, (2,)),
         regressor=(steps.regressor, (u, 6, steps.regressor.shape[2])),
     )  # fmt: skip

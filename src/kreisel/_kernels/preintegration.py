@@ -33,8 +33,8 @@ class Increments(NamedTuple):
         Rate and angular acceleration at the last sample.
     u_end : (3, 3, M)
         Specific force at the sample before the last, at it, and at the one behind it.
-    u_path, q_path : (3, c), (4, c)
-        Specific force and attitude along the way, of the first column, at the samples from `low` on.
+    u_path, q_path : (c, 4), (4, c)
+        Specific force (and a zero) and attitude along the way, of the first column, at the samples from `low` on.
     """
 
     dq: Table
@@ -71,11 +71,11 @@ def preintegrate(signal: Samples, first: int, last: int, rate: Array, force: Arr
         raise ValueError(f"samples {first} to {last} of {signal.stamps.size}")
     count = max(last, int(signal.base[last - 1]) + POINTS - 1) - low_of(signal, first, last) + 1
     M = max(m + others, m + -m % 4)
-    shapes = (4, M), *[(3, M)] * 4, (3, 3, M), (3, count), (4, count)
+    shapes = (4, M), *[(3, M)] * 4, (3, 3, M), (count, 4), (4, count)
     out = Increments(*(for_columns(*shape) for shape in shapes))
     empty = for_columns(*force.shape[:2], 0)
     _preintegrate(first, last, signal, padded(rate), padded(force), padded(shared) if others else empty, m, others, out)
-    lengths = (*[m + others] * 6, count, count)
+    lengths = (*[m + others] * 6, 4, count)
     return Increments(*(part[..., :length] for part, length in zip(out, lengths, strict=True)))
 
 
@@ -89,5 +89,7 @@ def noise_covariance(
     """
     Q = np.empty((9, 9))
     check_lengths(K_omega=(K_omega, (3, 3)), K_a=(K_a, (3, 3)))
-    _noise_covariance(first, last, every, signal, padded(motion.u_path), padded(motion.q_path), K_omega, K_a, Q)
+    _noise_covariance(
+        first, last, every, signal, np.ascontiguousarray(motion.u_path), padded(motion.q_path), K_omega, K_a, Q
+    )
     return Q

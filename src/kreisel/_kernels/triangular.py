@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import ctypes
 
-from kreisel._kernels.arrays import Array, TableView
+from kreisel._kernels.arrays import (
+    Array,
+    Indices,
+    IndicesView,
+    NumbersView,
+    TableView,
+    check_indices,
+    check_lengths,
+)
 from kreisel._kernels.library import function
 
 _triangularise = function("triangularise", TableView)
-_inflate = function("inflate", TableView, ctypes.c_int64, ctypes.c_double)
+_renew = function("renew", TableView, ctypes.c_int64, ctypes.c_double)
+_inflate = function("inflate", TableView, IndicesView, NumbersView)
 
 
 def triangularise(rows: Array) -> None:
@@ -21,11 +30,24 @@ def triangularise(rows: Array) -> None:
     _triangularise(rows)
 
 
-def inflate(upper: Array, index: int, deviation: float) -> None:
-    """Add the square of a deviation to the variance of one degree of freedom, in place.
+def inflate(upper: Array, degrees: Indices, deviations: Array) -> None:
+    """Add the squares of deviations (k,) to the variances of degrees of freedom (k,), in place.
 
-    upper (n, n): a lower triangular factor, transposed. Only the rows from `index` on change.
+    upper (n, n): a lower triangular factor, transposed, with a diagonal that is not negative.
     """
-    if not 0 <= index < upper.shape[0] == upper.shape[1]:
-        raise ValueError(f"degree of freedom {index} of a factor {upper.shape}")
-    _inflate(upper, index, deviation)
+    n = upper.shape[0]
+    check_lengths(upper=(upper, (n, n)), deviations=(deviations, degrees.shape))
+    check_indices("degrees", degrees, 0, n)
+    _inflate(upper, degrees, deviations)
+
+
+def renew(upper: Array, first: int, deviation: float) -> None:
+    """Replace three degrees of freedom by new ones, with a deviation and independent of all others, in place.
+
+    upper (n, n): as for `inflate`.
+    """
+    n = upper.shape[0]
+    check_lengths(upper=(upper, (n, n)))
+    if not 0 <= first <= n - 3:
+        raise ValueError(f"degrees of freedom {first} to {first + 2} of {n}")
+    _renew(upper, first, deviation)

@@ -51,8 +51,8 @@ def triangularise(columns: Array) -> Array:
 def inflate_variance(layout: StateLayout, belief: Belief, name: str, deviation: float) -> Belief:
     """Return the belief with the square of a deviation added to a part's variances."""
     upper = belief.factor.T.copy()
-    for i in range(layout[name].start, layout[name].stop):
-        triangular.inflate(upper, i, deviation)
+    degrees = np.arange(layout[name].start, layout[name].stop)
+    triangular.inflate(upper, degrees, np.full(degrees.size, deviation))
     return replace(belief, factor=upper.T.copy())
 
 

@@ -11,7 +11,7 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, gate_bound
 from kreisel.filtering.history import FilterRun
-from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of, renewed_standstill
+from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of
 from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
 from kreisel.filtering.record import history_of, joined
 from kreisel.model.parameters import CellParameters
@@ -22,7 +22,7 @@ from kreisel.progress import StepProgress
 MAX_REJECTED_IN_A_ROW = 6
 """After so many rejected updates in a row the estimate, not the measurement, is assumed to be wrong."""
 
-_MAX_BETWEEN_REPORTS = 256
+_MAX_BETWEEN_REPORTS = 1024
 """Updates between two reports of progress, at most."""
 
 _CHUNK = 4096
@@ -87,13 +87,11 @@ def run_filter(
 def _belief_before(
     problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
 ) -> Belief:
-    """Return the belief before an update, with a new start of navigation or of a standstill where there is one."""
+    """Return the belief before an update, with a new start of navigation where there is one."""
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
         belief = navigation_from_reference(problem, start, belief, at)
         rejected[0] = 0
-    if update.new_standstill and "standstill_position" in problem.layout:
-        belief = renewed_standstill(problem, belief)
     return belief
 
 
@@ -104,6 +102,6 @@ def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> 
     """
     stop = min(at + _MAX_BETWEEN_REPORTS, stop)
     for i in range(at + 1, stop):
-        if updates[i].new_segment or updates[i].new_standstill or updates[i].last > until:
+        if updates[i].new_segment or updates[i].last > until:
             return i
     return stop

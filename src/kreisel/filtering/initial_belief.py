@@ -1,4 +1,4 @@
-"""The filter's belief at its start: at the first update, where navigation starts again, and at a standstill."""
+"""The filter's belief at its start: at the first update, where navigation starts again."""
 
 from __future__ import annotations
 
@@ -90,11 +90,3 @@ def pose_near(reference: ReferencePoses, at: float) -> tuple[Array, Array, Array
     if reference.quaternions is not None:
         q = slerp(reference.quaternions[k], reference.quaternions[k + 1], share)
     return q, p, v
-
-
-def renewed_standstill(problem: Problem, belief: Belief) -> Belief:
-    """Return the belief at the beginning of a standstill, whose error is independent of all earlier ones."""
-    names = ("standstill_position", "standstill_orientation")
-    for name, deviation in zip(names, problem.noise.standstill_error, strict=True):
-        belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
-    return belief

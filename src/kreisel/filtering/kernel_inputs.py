@@ -41,6 +41,7 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     return cell.Model(
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
+        drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in ROBOT_GROUPS]),
         weights=np.array([w.spread, w.mean, w.second, w.shift, w.centre]),
         gyro=rows(_GYRO),
         accel=rows(_ACCEL),
@@ -58,6 +59,7 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
             coloured.white_factor * noise.position, coloured.white_factor * noise.orientation,
             noise.jitter_position, noise.jitter_orientation, noise.velocity, noise.stamp,
         ]),
+        standstill=np.array(problem.noise.standstill_error, dtype=float),
         coloured=np.array([coloured.time, coloured.position, coloured.orientation]),
         walking=np.array(walking, dtype=np.int64),
         walk=np.repeat(list(walks.values()), 3).astype(float),
@@ -80,6 +82,7 @@ def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
         last=np.array([update.last for update in updates]),
         tau=np.array([update.tau for update in updates]),
         at_standstill=np.array([update.standstill is not None for update in updates]),
+        new_standstill=np.array([update.new_standstill for update in updates]),
         position=positions,
         quaternion=quaternions,
         given=np.array([reference.positions is not None, reference.quaternions is not None]),

@@ -29,7 +29,7 @@ class RobotParameters:
     Attributes
     ----------
     placement : (n + 1, 6)
-        Small motions of the placements of joints and tool; see `robot.kinematics.regressor`.
+        Small motions of the placements of joints and tool; see `robot.kinematics.derivatives`.
     gears : (n, 2)
         Angle of a joint beyond its motor's, gears[:, 0] sin(angle) + gears[:, 1] cos(angle), rad.
     compliance : (n,)

@@ -50,11 +50,9 @@ class RobotModel:
 
 def pose_regressor(arm: Arm, angles: Array) -> Array:
     """Return the effect of an arm's errors (9 n + 6) on its tool's pose at joint angles (k, n), (k, 6, 9 n + 6)."""
-    placement = kinematics.regressor(arm, angles)  # equation (16)
-    J = kinematics.joint_jacobian(arm, angles)
+    placement, J, torques = kinematics.derivatives(arm, angles)  # equation (16)
     gears = np.stack([J * np.sin(angles)[:, None], J * np.cos(angles)[:, None]], axis=-1).reshape(len(angles), 6, -1)
-    sag = -J * kinematics.gravity_torques(arm, angles)[:, None]
-    return np.concatenate([placement, gears, sag], axis=2)
+    return np.concatenate([placement, gears, -J * torques[:, None]], axis=2)
 
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -233,42 +233,51 @@ def _last_changed(rows: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return np.maximum.accumulate(changed)
 
 
-def regressor(arm: Arm, angles: Array) -> Array:
-    """Return the tool's pose differentiated by small errors of the placements, (n, 6, 6 (joints + 1)).
+class Derivatives(NamedTuple):
+    """How a tool's pose changes at n sets of joint angles, and what holds the arm there.
 
-    An error of joint i is a small motion (position, then rotation) of its placement in the frame of the
-    link before, in coordinates of the placement itself; the last six are the same for the tool on the last link.
-    Rows: position in the base's frame, rotation as a right perturbation (in the tool's frame).
+    Attributes
+    ----------
+    regressor : (n, 6, 6 (joints + 1))
+        The pose differentiated by small errors of the placements. An error of joint i is a small motion (position, then
+        rotation) of its placement in the frame of the link before, in coordinates of the placement itself; the last six
+        are the same for the tool on the last link. Rows: position in the base's frame, rotation as a right perturbation
+        (in the tool's frame).
+    jacobian : (n, 6, joints)
+        The pose differentiated by the joint angles; rows likewise.
+    torques : (n, joints)
+        That hold the arm against gravity, N m.
     """
-    pin = pinocchio()
-    model, data, frame = arm.model, arm.model.createData(), arm.frame
-    joints = 6 * model.nv
-    J = np.zeros((len(angles), 6, joints + 6))
-    angles = np.ascontiguousarray(angles, dtype=float)
-    for k in range(len(angles)):
-        pin.forwardKinematics(model, data, angles[k])
-        C = pin.updateFramePlacement(model, data, frame).rotation
-        local = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL)
-        J[k, :3, :joints] = C @ local[:3]
-        J[k, 3:, :joints] = local[3:]
-        J[k, :3, joints : joints + 3] = C
-    J[:, 3:, joints + 3 :] = np.eye(3)
-    return J
+
+    regressor: Array
+    jacobian: Array
+    torques: Array
 
 
-def joint_jacobian(arm: Arm, angles: Array) -> Array:
-    """Return the tool's pose differentiated by the joint angles, (n, 6, joints); rows as in `regressor`."""
+def derivatives(arm: Arm, angles: Array) -> Derivatives:
+    """Return how the tool's pose changes at joint angles (n, joints)."""
     pin = pinocchio()
     model, data, frame = arm.model, arm.model.createData(), arm.frame
-    J = np.empty((len(angles), 6, model.nv))
+    n, joints = len(angles), model.nv
+    local, jacobian, torques = np.empty((n, 6, 6 * joints)), np.empty((n, 6, joints)), np.empty((n, joints))
+    C = np.empty((n, 3, 3))
     angles = np.ascontiguousarray(angles, dtype=float)
-    for k in range(len(angles)):
+    changed = _changed(angles)
+    for k in changed:
         pin.computeJointJacobians(model, data, angles[k])
-        placement = pin.updateFramePlacement(model, data, frame)
-        local = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-        J[k, :3] = placement.rotation @ local[:3]
-        J[k, 3:] = local[3:]
-    return J
+        C[k] = pin.updateFramePlacement(model, data, frame).rotation
+        local[k] = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL)
+        jacobian[k] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+        torques[k] = pin.computeGeneralizedGravity(model, data, angles[k])
+    same = _last_changed(angles)
+    C, local, jacobian = C[same], local[same], jacobian[same]
+    jacobian[:, :3] = C @ jacobian[:, :3]
+    regressor = np.zeros((n, 6, 6 * joints + 6))
+    regressor[:, :3, : 6 * joints] = C @ local[:, :3]
+    regressor[:, 3:, : 6 * joints] = local[:, 3:]
+    regressor[:, :3, 6 * joints : 6 * joints + 3] = C
+    regressor[:, 3:, 6 * joints + 3 :] = np.eye(3)
+    return Derivatives(regressor, jacobian, torques[same])
 
 
 def gravity_torques(arm: Arm, angles: Array) -> Array:

@@ -11,7 +11,6 @@ from kreisel.filtering.initial_belief import (
     navigation_from_reference,
     parameters_of,
     pose_near,
-    renewed_standstill,
     stored_state,
 )
 from kreisel.model.noise import PoseError
@@ -83,24 +82,6 @@ def test_errors_of_the_reference_begin_with_their_own_variance():
     np.testing.assert_allclose(
         block(coloured, belief, "path_position"), 0.9 * noise.position**2 * np.eye(3), rtol=1e-12
     )
-
-
-def test_a_part_forgotten_at_a_standstill_keeps_no_correlation_and_changes_nothing_else():
-    problem = small_problem()
-    belief = random_belief(problem, np.random.default_rng(1))
-    mean = belief.mean.copy()
-    mean[problem.layout.stored("standstill_position")] = 1e-3
-    new = renewed_standstill(problem, replace(belief, mean=mean))
-    position, orientation = problem.noise.standstill_error
-    others = np.ones(problem.layout.degrees, dtype=bool)
-    for name, deviation in (("standstill_position", position), ("standstill_orientation", orientation)):
-        d = problem.layout[name]
-        others[d] = False
-        np.testing.assert_allclose(block(problem, new, name), deviation**2 * np.eye(3), rtol=1e-10, atol=1e-16)
-        assert not new.mean[problem.layout.stored(name)].any()
-    kept = np.ix_(others, others)
-    np.testing.assert_allclose(new.covariance[kept], belief.covariance[kept], rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(new.covariance[np.ix_(others, ~others)], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("at", [3.2, 10.0001, 25.7])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kreisel._kernels.cell import ParameterRows
-from kreisel._kernels.measurement_model import Motion, predict_poses
+from kreisel._kernels.cell import Gaussian, ParameterRows
+from kreisel._kernels.measurement_model import Motion, predict_poses, robot_motion
+from kreisel._kernels.sigma_points import draw
 from kreisel.filtering.initial_belief import stored_state
 from kreisel.filtering.kernel_inputs import filter_model
 
@@ -102,17 +103,13 @@ def test_the_reference_shows_its_own_error_and_not_the_robots(at_standstill):
     for name in ("velocity", "position"):
         points[layout.stored(name)] += rng.normal(size=(3, m))
     motion = motion_of(rng, m)
-    # two errors of the robot from rows of the state, and two that are known
-    rows, errors = layout.stored("lever_arms"), rng.normal(size=(6, 4))
-    robot = ParameterRows(np.array([rows.start, -1, rows.start + 1, -1]), np.array([0.0, 0.03, 0.0, -0.02]))
-    model, moved = model._replace(robot=robot), points[rows.start : rows.start + 2]
-    own = np.stack([moved[0], np.full(m, 0.03), moved[1], np.full(m, -0.02)])
-    q, p = predict_poses(model, motion, np.zeros(m), BEFORE, AFTER, errors, at_standstill, points)
+    robot = 0.03 * rng.normal(size=(6, m))
+    q, p = predict_poses(model, motion, np.zeros(m), BEFORE, AFTER, robot, at_standstill, points)
     kind = "standstill" if at_standstill else "path"
     of_position, of_attitude = (points[layout.stored(f"{kind}_{what}")] for what in ("position", "orientation"))
-    shown = points[layout.stored("position")] + of_position - errors[:3] @ own
+    shown = points[layout.stored("position")] + of_position - robot[:3]
     np.testing.assert_allclose(p, shown, rtol=1e-12, atol=1e-12)
-    turned = -(errors[3:] @ own)
+    turned = -robot[3:]
     for s in range(m):
         expected = (
             rotation(points[layout.stored("attitude"), s])
@@ -120,3 +117,21 @@ def test_the_reference_shows_its_own_error_and_not_the_robots(at_standstill):
             * Rotation.from_rotvec(turned[:, s])
         )
         assert (expected.inv() * rotation(q[:, s])).magnitude() < 1e-12
+
+
+def test_the_robots_errors_move_the_pose_by_its_regressor():
+    """Two errors from rows of the state and two that are known, of points drawn from a belief."""
+    rng = np.random.default_rng(5)
+    problem = small_problem()
+    layout, model = problem.layout, filter_model(problem, problem.prior.start)
+    rows, errors = layout.stored("lever_arms"), rng.normal(size=(6, 4))
+    model = model._replace(
+        robot=ParameterRows(np.array([rows.start, -1, rows.start + 1, -1]), np.array([0.0, 0.03, 0.0, -0.02]))
+    )
+    mean = layout.plus(stored_state(problem, problem.prior.start), rng.normal(0, 0.1, (layout.degrees, 1)))[:, 0].copy()
+    belief = Gaussian(mean, np.linalg.qr(rng.normal(size=(layout.degrees, layout.degrees)))[1])
+    points = draw(layout.table, belief, model.weights[0], model.gyro_degrees, model.sensor_degrees)
+    own = np.vstack(
+        [points[rows.start], np.full(points.shape[1], 0.03), points[rows.start + 1], np.full(points.shape[1], -0.02)]
+    )
+    np.testing.assert_allclose(robot_motion(model, errors, belief), errors @ own, rtol=1e-12, atol=1e-12)

@@ -45,7 +45,11 @@ def columns_of(sets, turning, form):
 @pytest.mark.parametrize("spread", [1e-6, 1e-4, 2e-3])
 @pytest.mark.parametrize("uneven", [False, True])
 def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneven):
-    """Sets carried along by small turns in blocks against the plain form, every sample of every set."""
+    """Sets carried along by small turns in blocks against the plain form, every sample of every set.
+
+    A set turns against the centre by at most 1e-4 rad in a block, by half of it from the block's middle. That times
+    itself, and times what the set's force differs by, is neglected.
+    """
     w, a = readings()
     t = T + (RNG.uniform(-5e-5, 5e-5, T.size) if uneven else 0.0)
     signal = prepare(t, w, a, order=order)
@@ -59,6 +63,7 @@ def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneve
     def with_gyros_of(p, other):
         return replace(p, K_omega=other.K_omega, k_w=other.k_w)
 
+    neglected = 0.5e-4 * (1e-4 + 20.0 * spread)
     sets = [centre, *(near(centre, spread) for _ in range(3))]
     sets += [with_gyros_of(near(centre, 0.1), centre) for _ in range(3)]
     together = preintegrate(signal, 60, 156, columns_of(sets, 4, form))
@@ -66,7 +71,7 @@ def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneve
         alone = preintegrate(signal, 60, 156, SensorColumns.single(p, form))
         for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_end"):
             x, y = getattr(alone.motion, name)[..., 0], getattr(together.motion, name)[..., i]
-            np.testing.assert_allclose(y, x, rtol=0, atol=1e-9 * np.abs(x).max(), err_msg=f"{name} of set {i}")
+            np.testing.assert_allclose(y, x, rtol=0, atol=neglected * np.abs(x).max(), err_msg=f"{name} of set {i}")
 
 
 @pytest.mark.parametrize("form", list(SizeEffect))
@@ -79,7 +84,7 @@ def test_coefficients_are_the_sensor_model(form):
     slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
     force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
     np.testing.assert_allclose(step.motion.omega_end[:, 0], omega[101], rtol=1e-13)
-    np.testing.assert_allclose(step.motion.u_path[:, 100 - step.low], force[100], rtol=1e-13)
+    np.testing.assert_allclose(step.motion.u_path[100 - step.low, :3], force[100], rtol=1e-13)
 
 
 def test_noise_covariance_is_that_of_disturbed_readings():

@@ -233,7 +233,7 @@ def test_regressor_is_the_derivative_to_placement_errors(arm):
     """Sixth order, steps of 1e-3: (1e-3)^6 is nothing, rounding 1e-15 / 1e-3 = 1e-12."""
     angles = random_angles(arm, 6, seed=2)
     p, q = kinematics.poses(arm, angles)
-    J = kinematics.regressor(arm, angles)
+    J = kinematics.derivatives(arm, angles).regressor
     assert J.shape == (6, 6, 42)
     for column in range(42):
 
@@ -249,7 +249,7 @@ def test_regressor_is_the_derivative_to_placement_errors(arm):
 def test_joint_jacobian_is_the_derivative_to_angles(arm):
     angles = random_angles(arm, 20, seed=4)
     p, q = kinematics.poses(arm, angles)
-    J = kinematics.joint_jacobian(arm, angles)
+    J = kinematics.derivatives(arm, angles).jacobian
     for joint in range(6):
 
         def moved(h, joint=joint):
@@ -267,8 +267,8 @@ def test_joint_jacobian_is_part_of_the_regressor(arm):
     about = np.zeros((42, 6))
     for joint, axis in enumerate(axes):
         about[6 * joint + 3 : 6 * joint + 6, joint] = axis
-    found = kinematics.regressor(arm, angles) @ about
-    np.testing.assert_allclose(found, kinematics.joint_jacobian(arm, angles), rtol=0, atol=1e-12)
+    found = kinematics.derivatives(arm, angles).regressor @ about
+    np.testing.assert_allclose(found, kinematics.derivatives(arm, angles).jacobian, rtol=0, atol=1e-12)
 
 
 def potential_energy(urdf, angles):
@@ -429,7 +429,10 @@ def test_other_joints_do_not_move_the_tool():
         kinematics.poses(with_gripper, angles)[0], kinematics.poses(plain, angles)[0], rtol=0, atol=1e-15
     )
     np.testing.assert_allclose(
-        kinematics.regressor(with_gripper, angles), kinematics.regressor(plain, angles), rtol=0, atol=1e-14
+        kinematics.derivatives(with_gripper, angles).regressor,
+        kinematics.derivatives(plain, angles).regressor,
+        rtol=0,
+        atol=1e-14,
     )
 
 
@@ -513,7 +516,7 @@ def test_a_joint_may_share_its_links_name():
 @pytest.mark.parametrize("model", ["kr125", "ur10e"])
 def test_home_is_no_singularity(model):
     arm = load_arm(model)
-    assert np.linalg.cond(kinematics.joint_jacobian(arm, home(arm)[None])[0]) < 100
+    assert np.linalg.cond(kinematics.derivatives(arm, home(arm)[None]).jacobian[0]) < 100
 
 
 def test_joints_with_several_angles_are_refused():
