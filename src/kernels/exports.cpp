@@ -6,6 +6,7 @@
 #include "filter.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
+#include "table.hpp"
 #include "unit_forces.hpp"
 
 #if defined(_WIN32)
@@ -138,6 +139,13 @@ EXPORTED int KREISEL(force_coefficients)(
 ) {
     force_coefficients(
         columns(rate), common != 0, columns(K_a), columns(k_a), columns(arms), {products, inside != 0}, columns(out));
+    return DONE;
+}
+
+EXPORTED int KREISEL(read_rows)(Bytes text, Indices stamps, Table values, IndexTable places, Indices found) {
+    OddCells odd = {places.data, places.rows};
+    found[0] = read_rows(text, stamps, values, odd);
+    found[1] = odd.count;
     return DONE;
 }
 

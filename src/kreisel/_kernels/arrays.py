@@ -45,6 +45,7 @@ TableView = _view("TableView", np.float64, "rows", "columns")
 StackView = _view("StackView", np.float64, "tables", "rows", "columns")
 IndicesView = _view("IndicesView", np.int64, "count")
 IndexTableView = _view("IndexTableView", np.int64, "rows", "columns")
+BytesView = _view("BytesView", np.uint8, "count")
 MaskView = _view("MaskView", np.bool_, "count")
 
 Array = NDArray[np.float64]

@@ -5,12 +5,16 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kreisel._kernels.table import read_rows
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS
@@ -120,45 +124,65 @@ def read_table(path: Path, what: str) -> Table:
     for text, line in _text_blocks(path, what, warnings):
         body = text
         if not columns:
-            header, _, body = text.partition("\n")
+            head, _, body = text.partition(b"\n")
+            header = head.decode()
             if not header.strip():
                 break
             columns, comma = _parse_header(header, path), header.rstrip().endswith(",")
             line += 1
         if comma:
-            body = re.sub(r",[ \t]*$", "", body, flags=re.MULTILINE)
+            body = re.sub(rb",[ \t]*$", b"", body, flags=re.MULTILINE)
         if body.strip():
-            found = _parse_rows(body, columns, path, line)
+            lines = body.count(b"\n") + 1
             if rows is None:
-                rows = _Rows(round(1.02 * path.stat().st_size / len(body) * len(found[0])) + 16, len(columns))
-            rows.add(*found)
+                whole = _time_unit(columns, path) == "ns"
+                rows = _Rows(round(1.02 * path.stat().st_size / len(body) * lines) + 16, len(columns), whole)
+            rows.read(body, lines, partial(_parse_rows, body, columns, path, line))
     if not columns:
         raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
     if rows is None:
         raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
-    return Table(path, columns, rows.stamps[: rows.count], rows.values[: rows.count], tuple(warnings))
+    values = rows.values[: rows.count]
+    unit = _time_unit(columns, path)
+    stamps = rows.stamps[: rows.count] if rows.whole else _in_nanoseconds(values[:, 0], unit, path)
+    return Table(path, columns, stamps, values, tuple(warnings))
 
 
 class _Rows:
-    """Arrays for the rows of a table, as many as its size suggests: joining chunks would take twice the memory."""
+    """Arrays for the rows of a table, as many as its size suggests: joining chunks would take twice the memory.
 
-    def __init__(self, room: int, columns: int) -> None:
-        self.stamps = np.empty(room, dtype=np.int64)
+    Stamps that are whole numbers stand in an array of their own, for they may have more digits than other numbers.
+    """
+
+    def __init__(self, room: int, columns: int, whole: bool) -> None:
+        self.whole = whole
+        self.stamps = np.empty(room if whole else 0, dtype=np.int64)
         self.values = np.empty((room, columns))
         self.count = 0
 
-    def add(self, stamps: Stamps, values: Array) -> None:
-        end = self.count + len(stamps)
-        if end > len(self.stamps):
-            self.stamps = np.resize(self.stamps, 2 * end)
+    def read(self, body: bytes, lines: int, otherwise: Callable[[], NDArray[Any]]) -> None:
+        """Read rows of numbers; if they are not regular ones, take the structured rows that `otherwise` returns."""
+        end = self.count + lines
+        if end > len(self.values):
+            self.stamps = np.resize(self.stamps, 2 * end if self.whole else 0)
             self.values = np.resize(self.values, (2 * end, self.values.shape[1]))
-        self.stamps[self.count : end] = stamps
-        self.values[self.count : end] = values
-        self.count = end
+        part = slice(self.count, end)
+        found = read_rows(body, self.stamps[part], self.values[part])
+        if found is None:
+            rows = otherwise()
+            found = len(rows)
+            part = slice(self.count, self.count + found)
+            self.values[part] = rows.view(np.float64).reshape(found, -1)
+            if self.whole:
+                self.stamps[part] = rows["stamp"]
+        self.count += found
 
 
-def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
-    """Yield a file's text in blocks of whole lines, and the number of their first line; drop a truncated last line."""
+def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator[tuple[bytes, int]]:
+    """Yield a file's text, in UTF-8, in blocks of whole lines, and the number of their first line.
+
+    A truncated last line is left out.
+    """
     try:
         if not path.is_file():
             raise RecordingError(f"{_instead(path)}; expected {what} there", file=path)
@@ -173,11 +197,11 @@ def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator
                 cut = max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end)) + 1
                 left = data[cut:]
                 if cut:
-                    text = _decoded(data[:cut], done, line, what, path)
+                    text = _checked(data[:cut], done, line, what, path)
                     yield text, line
-                    done, line = done + cut, line + text.count("\n")
+                    done, line = done + cut, line + text.count(b"\n")
             if left:
-                yield from _last_line(_decoded(left, done, line, what, path), line, path, warnings)
+                yield from _last_line(_checked(left, done, line, what, path), line, path, warnings)
     except OSError as error:
         raise RecordingError(
             f"cannot be read: {error.strerror}; check its permissions, or copy it again", file=path
@@ -214,28 +238,31 @@ def _check_lines(data: bytes, line: int, path: Path) -> None:
         begin = end + 1
 
 
-def _decoded(data: bytes, start: int, line: int, what: str, path: Path) -> str:
-    """Return bytes as text with plain line ends."""
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RecordingError(
-            f"not UTF-8 text (byte {start + error.start}); expected {what} as CSV: save it in UTF-8",
-            file=path,
-            line=line + data.count(b"\n", 0, error.start),
-        ) from error
-    if start == 0:
-        text = text.removeprefix("\ufeff")
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+def _checked(data: bytes, start: int, line: int, what: str, path: Path) -> bytes:
+    """Return bytes that are text in UTF-8, with plain line ends."""
+    if not data.isascii():
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise RecordingError(
+                f"not UTF-8 text (byte {start + error.start}); expected {what} as CSV: save it in UTF-8",
+                file=path,
+                line=line + data.count(b"\n", 0, error.start),
+            ) from error
+        if start == 0:
+            data = data.removeprefix("\ufeff".encode())
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
 
 
-def _last_line(text: str, line: int, path: Path, warnings: list[DataWarning]) -> Iterator[tuple[str, int]]:
+def _last_line(text: bytes, line: int, path: Path, warnings: list[DataWarning]) -> Iterator[tuple[bytes, int]]:
     """Yield a last line that has an end; drop one without: it may be incomplete, as after a recorder was stopped."""
-    if text.endswith("\n") or line == 1:
+    if text.endswith(b"\n") or line == 1:
         yield text, line
         return
     name = f"{path.parent.name}/{path.name}"
-    warnings.append(DataWarning(name, f"the last line has no end ('{text[-40:]}'): it may be cut and was left out"))
+    warnings.append(
+        DataWarning(name, f"the last line has no end ('{text.decode()[-40:]}'): it may be cut and was left out")
+    )
 
 
 def _instead(path: Path) -> str:
@@ -282,8 +309,7 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -> tuple[Stamps, Array]:
-    """Return stamps and all columns (n, columns) of rows; `line` is the line of the first in the file."""
+def _time_unit(columns: tuple[Column, ...], path: Path) -> str:
     unit = columns[0].unit or "ns"
     if unit not in UNITS["time"]:
         raise RecordingError(
@@ -291,18 +317,21 @@ def _parse_rows(body: str, columns: tuple[Column, ...], path: Path, line: int) -
             file=path,
             line=1,
         )
-    stamp_type = "i8" if unit == "ns" else "f8"
+    return unit
+
+
+def _parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) -> NDArray[Any]:
+    """Return rows with comments or unusual numbers, (n,) structured; `line` is the line of the first in the file."""
+    stamp_type = "i8" if _time_unit(columns, path) == "ns" else "f8"
     dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
     # a StringIO would keep four bytes a character and be read three times slower
-    text = io.TextIOWrapper(io.BytesIO(body.encode()), encoding="utf-8")
+    text = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # rows of only comments need no warning
-            rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
+            return np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
-        raise _bad_row(body, columns, stamp_type, path, error, line) from error
-    stamps = rows["stamp"].copy() if unit == "ns" else _in_nanoseconds(rows["stamp"], unit, path)
-    return stamps, rows.view(np.float64).reshape(-1, len(columns))
+        raise _bad_row(body.decode(), columns, stamp_type, path, error, line) from error
 
 
 def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
