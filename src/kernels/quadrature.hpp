@@ -5,32 +5,53 @@
 
 namespace {
 
+/// Integrals from 0 to 1 of the polynomials through six nodes x that are 1 at one of them and 0 at the others: once, and
+/// times 1 - t.
+template <class T>
+inline void cardinal_integrals(const T *x, T *once, T *again) {
+    for (Index i = 0; i < STENCIL; i++) {
+        T c[STENCIL] = {1.0, 0.0, 0.0, 0.0, 0.0, 0.0}, scale = 1.0;
+        Index degree = 0;
+        for (Index m = 0; m < STENCIL; m++) {
+            if (m == i) continue;
+            scale *= x[i] - x[m];
+            degree++;
+            for (Index j = degree; j > 0; j--) c[j] = c[j - 1] - x[m] * c[j];
+            c[0] = -x[m] * c[0];
+        }
+        scale = 1.0 / scale;
+        once[i] = again[i] = 0.0;
+        for (Index j = 0; j < STENCIL; j++) {
+            once[i] += c[j] * T(1.0 / static_cast<double>(j + 1));
+            again[i] += c[j] * T(1.0 / static_cast<double>((j + 1) * (j + 2)));
+        }
+        once[i] *= scale;
+        again[i] *= scale;
+    }
+}
+
 /// Write for every sampling interval [t_k, t_k+1] the weights of its two integrals, (n - 1, 6) each.
 ///
 /// sum_i single[k, i] u[base[k] + i] is the integral of u over the interval and sum_i twice[k, i] u[base[k] + i] that of
 /// (t_k+1 - t) u, for u the quintic through the six samples from base[k] on.
 inline void interval_weights(Numbers stamps, Indices base, Table single, Table twice) {
-    for (Index k = 0; k < stamps.count - 1; k++) {
-        const double h = stamps[k + 1] - stamps[k];
-        double x[STENCIL];
-        for (Index i = 0; i < STENCIL; i++) x[i] = (stamps[base[k] + i] - stamps[k]) / h;
-        for (Index i = 0; i < STENCIL; i++) {
-            // coefficients of the polynomial that is 1 at x_i and 0 at the other nodes
-            double c[STENCIL] = {1.0, 0.0, 0.0, 0.0, 0.0, 0.0};
-            Index degree = 0;
-            for (Index m = 0; m < STENCIL; m++) {
-                if (m == i) continue;
-                const double scale = 1.0 / (x[i] - x[m]);
-                degree++;
-                for (Index j = degree; j >= 0; j--) c[j] = ((j > 0 ? c[j - 1] : 0.0) - x[m] * c[j]) * scale;
+    const Index intervals = stamps.count - 1;
+    for (Index k = 0; k < intervals; k += LANES) {
+        Lanes h, x[STENCIL], once[STENCIL], again[STENCIL];
+        const auto interval = [&](Index lane) { return k + lane < intervals ? k + lane : intervals - 1; };
+        for (Index lane = 0; lane < LANES; lane++) {
+            const Index at = interval(lane);
+            h.four[lane] = stamps[at + 1] - stamps[at];
+            for (Index i = 0; i < STENCIL; i++) x[i].four[lane] = stamps[base[at] + i] - stamps[at];
+        }
+        for (Lanes &node : x) node = node / h;
+        cardinal_integrals(x, once, again);
+        for (Index lane = 0; lane < LANES; lane++) {
+            const Index at = interval(lane);
+            for (Index i = 0; i < STENCIL; i++) {
+                single(at, i) = h[lane] * once[i][lane];
+                twice(at, i) = h[lane] * h[lane] * again[i][lane];
             }
-            double once = 0.0, again = 0.0;
-            for (Index j = 0; j < STENCIL; j++) {
-                once += c[j] / static_cast<double>(j + 1);
-                again += c[j] / static_cast<double>((j + 1) * (j + 2));
-            }
-            single(k, i) = h * once;
-            twice(k, i) = h * h * again;
         }
     }
 }
@@ -94,21 +115,46 @@ inline void double_integral(Numbers stamps, Table values, Indices before, Number
 
 /// Write the attitudes q (n, 4) that start at the first and turn with the rate, coning included.
 ///
-/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp.
+/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp. A product waits for the one
+/// before, so four stretches of the signal are integrated side by side, and then turned onto each other's ends.
 inline void integrate_attitude(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
+    const Index length = (stamps.count - 1) / LANES, n = stamps.count;
+    const auto at = [&](const double *row, Index k) {
+        return Lanes(Lanes::Four{row[k], row[k + length], row[k + 2 * length], row[k + 3 * length]});
+    };
     const auto rate = [&](Table features, Index k) {
-        Vector<double> out = {0.0, 0.0, 0.0};
-        for (Index f = 0; f < features.rows; f++) out += features(f, k) * vector_from(coefficients.row(f));
+        Vector<Lanes> out = {0.0, 0.0, 0.0};
+        for (Index f = 0; f < features.rows; f++) {
+            out += at(features.row(f), k) * in_all_lanes(vector_from(coefficients.row(f)));
+        }
         return out;
     };
-    Quaternion<double> now = quaternion_from(q.row(0));
-    Vector<double> omega = rate(rates, 0);
-    for (Index k = 1; k < stamps.count; k++) {
-        const double dt = stamps[k] - stamps[k - 1];
-        const Vector<double> ahead = rate(rates, k);
-        now = now * small_rotation(rate(integrals, k - 1) + (dt * dt / 12.0) * cross(omega, ahead));
+    const auto step = [&](auto integral, auto here, auto ahead, auto dt) {
+        return small_rotation(integral + (dt * dt * (1.0 / 12.0)) * cross(here, ahead));
+    };
+    const auto set = [&](Index k, Quaternion<double> turn) {
+        q(k, 0) = turn.w, q(k, 1) = turn.x, q(k, 2) = turn.y, q(k, 3) = turn.z;
+    };
+    const Quaternion<double> begin = quaternion_from(q.row(0));
+    Quaternion<Lanes> now = {1.0, 0.0, 0.0, 0.0};
+    Vector<Lanes> omega = length > 0 ? rate(rates, 0) : Vector<Lanes>{0.0, 0.0, 0.0};
+    for (Index k = 0; k < length; k++) {
+        const Vector<Lanes> ahead = rate(rates, k + 1);
+        now = now * step(rate(integrals, k), omega, ahead, at(stamps.data, k + 1) - at(stamps.data, k));
         omega = ahead;
-        q(k, 0) = now.w, q(k, 1) = now.x, q(k, 2) = now.y, q(k, 3) = now.z;
+        for (Index i = 0; i < LANES; i++) set(k + 1 + i * length, {now.w[i], now.x[i], now.y[i], now.z[i]});
+    }
+    for (Index i = 0; i < LANES && length > 0; i++) {
+        const Quaternion<double> before = i == 0 ? begin : quaternion_from(q.row(i * length));
+        for (Index k = i * length + 1; k <= (i + 1) * length; k++) set(k, before * quaternion_from(q.row(k)));
+    }
+    for (Index k = LANES * length; k < n - 1; k++) {
+        const auto one = [&](Table features, Index j) {
+            Vector<double> out = {0.0, 0.0, 0.0};
+            for (Index f = 0; f < features.rows; f++) out += features(f, j) * vector_from(coefficients.row(f));
+            return out;
+        };
+        set(k + 1, quaternion_from(q.row(k)) * step(one(integrals, k), one(rates, k), one(rates, k + 1), stamps[k + 1] - stamps[k]));
     }
 }
 

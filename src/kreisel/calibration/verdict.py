@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
-from kreisel.estimation.consistency import GATE, gate_bound, lag_one, mean_normalised
+from kreisel.estimation.consistency import GATE, chi_square_bound, lag_one, mean_normalised
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
 from kreisel.synchronization.results import Correlation
@@ -31,7 +31,7 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     not use it, but the size of a single gross outlier must not dominate the mean.
     """
     h = estimate.run.history
-    bound = np.array([gate_bound(GATE, int(m)) for m in h.degrees])
+    bound = np.array([chi_square_bound(GATE, int(m)) for m in h.degrees])
     nis = estimate.run.excess * np.minimum(h.nis, bound)
     path, standstill = ~h.at_standstill, h.at_standstill
     return Consistency(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from functools import cache
+from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array
 
@@ -13,35 +16,53 @@ GATE = 1e-6
 """A measurement less probable than one in a million is rejected: equation (20) of docs/explanation/model.md."""
 
 
-def chi_square(level: float, degrees: ArrayLike) -> Array:
-    """Return the bound below which a chi-square variable lies with the probability `level`."""
-    from scipy.special import chdtri  # imported here, because it takes as long as filtering a minute of data
+@cache
+def chi_square_bound(tail: float, degrees: float) -> float:
+    """Return the bound that a chi-square variable exceeds with the probability `tail`.
 
-    return np.asarray(chdtri(degrees, 1.0 - level))
-
-
-def gate_bound(tail: float, degrees: int) -> float:
-    """Return the bound that a chi-square variable of a few whole degrees exceeds with the probability `tail`.
-
-    By bisection; the probabilities are finite sums (Abramowitz and Stegun, 26.4.4 and 26.4.5). It saves the import of
-    SciPy, 0.2 to 0.3 s of a command.
+    Newton's method on the logarithm of the smaller tail, from the approximation of Wilson and Hilferty (1931). It saves
+    the import of SciPy, a tenth of a command.
     """
-    low, high = 0.0, 2.0 * (degrees - 4.0 * math.log(tail))
-    while high - low > 1e-13 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _exceeds(middle, degrees) > tail else (low, middle)
-    return high
+    a = 0.5 * degrees
+    spread = 2.0 / (9.0 * degrees)
+    y = a * max(1.0 - spread - NormalDist().inv_cdf(tail) * math.sqrt(spread), 0.05) ** 3
+    for _ in range(50):
+        below, above = _gamma_tails(a, y)
+        density = math.exp((a - 1.0) * math.log(y) - y - math.lgamma(a))
+        if tail < 0.5:
+            step = above / density * math.log(above / tail)
+        else:
+            step = -below / density * math.log(below / (1.0 - tail))
+        y = max(y + step, 0.1 * y)
+        if abs(step) < 1e-14 * y:
+            break
+    return 2.0 * y
 
 
-def _exceeds(x: float, degrees: int) -> float:
-    """Return the probability that a chi-square variable exceeds x."""
-    half, odd = 0.5 * x, degrees % 2
-    total = math.erfc(math.sqrt(half)) if odd else 0.0
-    term = math.exp(-half) / (math.gamma(1.5) * half**-0.5 if odd else 1.0) if half > 0.0 else 1.0 - odd
-    for k in range(degrees // 2):
-        total += term
-        term *= half / (k + 1.0 + 0.5 * odd)
-    return total
+def _gamma_tails(a: float, y: float) -> tuple[float, float]:
+    """Return the regularised incomplete gamma functions P(a, y) and Q(a, y) (Abramowitz and Stegun, 6.5.29, 6.5.31)."""
+    factor = math.exp(a * math.log(y) - y - math.lgamma(a))
+    if y < a + 1.0:
+        term = total = 1.0 / a
+        n = a
+        while term > 1e-17 * total:
+            n += 1.0
+            term *= y / n
+            total += term
+        return factor * total, 1.0 - factor * total
+    # the continued fraction by Lentz's method
+    b = y + 1.0 - a
+    c, d = 1e300, 1.0 / b
+    h = d
+    for n in itertools.count(1):
+        b += 2.0
+        share = -n * (n - a)
+        d = 1.0 / (share * d + b)
+        c = b + share / c
+        h *= c * d
+        if abs(c * d - 1.0) < 1e-16 or n > 100_000:
+            break
+    return 1.0 - factor * h, factor * h
 
 
 def mean_normalised(nis: Array, degrees: Array) -> float:
@@ -53,7 +74,7 @@ def normalised_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float
     """Return the interval that contains a consistent filter's mean NIS per degree of freedom at the given level."""
     total = float(np.sum(degrees))
     tail = 0.5 * (1.0 - level)
-    return float(chi_square(tail, total) / total), float(chi_square(1.0 - tail, total) / total)
+    return chi_square_bound(1.0 - tail, total) / total, chi_square_bound(tail, total) / total
 
 
 def autocorrelation(x: Array, lags: int) -> Array:

@@ -9,7 +9,7 @@ from kreisel._kernels import cell
 from kreisel._kernels.filter import run
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
-from kreisel.estimation.consistency import GATE, gate_bound
+from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of
 from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
@@ -55,7 +55,7 @@ def run_filter(
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
     belief = first_belief(problem, start) if belief is None else belief
-    bounds = np.array([0.0, *(gate * gate_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
+    bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
     limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
     histories = []
     for begin in range(0, len(updates), _CHUNK):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.estimation.consistency import GATE, correlation_time, gate_bound, lag_one, mean_normalised
+from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.noise_adaptation import (
@@ -215,7 +215,7 @@ def _another_pass(problem: Problem, run: FilterRun, moved: float, count: int) ->
 
 def _wide_gate_mattered(run: FilterRun) -> bool:
     """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
-    bounds = {m: gate_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
+    bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
     beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import CrossValidation, Drift, Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
-from kreisel.estimation.consistency import autocorrelation, chi_square, mean_normalised, normalised_bounds
+from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.filtering.history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.inertial.sensor_model import polynomial
@@ -336,7 +336,7 @@ def _residuals(h: History) -> Residuals:
 def _kind(name: str, h: History, which: Mask) -> Kind:
     used = h.used & which
     degrees = int(np.median(h.degrees[which]))
-    low, high = (chi_square(level, degrees) / degrees for level in (0.025, 0.975))
+    low, high = (chi_square_bound(tail, degrees) / degrees for tail in (0.975, 0.025))
     return Kind(
         name=name,
         count=int(which.sum()),

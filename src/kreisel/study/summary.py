@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.estimation.consistency import chi_square
+from kreisel.estimation.consistency import chi_square_bound
 from kreisel.geometry.rotation import Array
 from kreisel.study.trial import Trial
 from kreisel.units import DEG_PER_HOUR, MG
@@ -83,7 +83,7 @@ def summarise(trials: Sequence[Trial]) -> Summary | None:
     if not good:
         return None
     degrees = float(sum(len(trial.names) for trial in judged))
-    tails = tuple(float(chi_square(level, degrees)) / degrees for level in (0.025, 0.975))
+    tails = tuple(chi_square_bound(tail, degrees) / degrees for tail in (0.975, 0.025))
     groups = [_group(judged, *group) for group in GROUPS]
     return Summary(
         trials=len(trials),

@@ -49,8 +49,8 @@ def test_rows_are_lines_that_are_not_empty(text):
 
 @pytest.mark.parametrize(
     "text",
-    ["1,2,3\n", "1\n", "1,2 # two\n", "# 1,2\n", "a,2\n", "1,x\n", "1,\n", "1,1_0\n", "1.5,2\n", "1234567890123456789,2\n",
-     "1;2\n", " \n", "1,2\r3,4\n", "1,0x10\n", "1,--2\n", "1,2e\n", "1,nan(3)\n"],
+    ["1,2,3\n", "1\n", "1,2 # two\n", "# 1,2\n", "a,2\n", "1,x\n", "1,\n", "1,1_0\n", "1.5,2\n",
+     "1234567890123456789,2\n", "1;2\n", " \n", "1,2\r3,4\n", "1,0x10\n", "1,--2\n", "1,2e\n", "1,nan(3)\n"],
 )  # fmt: skip
 def test_what_is_not_regular_is_left_to_others(text):
     assert read(text, 2, whole=True)[0] is None
