@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.validation import cross_validate, inject
+from kreisel.calibration.injection import inject
 from kreisel.model.settings import CalibrationSettings
 from kreisel.report.page import write_report
 
@@ -26,10 +26,10 @@ WIDE, NARROW, TALL = 1280, 420, 900
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    outcome = run_calibration(simulate(np.random.default_rng(7), 60.0, folder / "small")[1], CalibrationSettings())
-    found = outcome.estimate
+    recording = simulate(np.random.default_rng(7), 60.0, folder / "small")[1]
+    outcome = run_calibration(recording, CalibrationSettings(), validate=True)
     path = folder / "report.html"
-    write_report(outcome, path, cross=cross_validate(found), injection=inject(outcome))
+    write_report(outcome, path, injection=inject(outcome))
     return path
 
 

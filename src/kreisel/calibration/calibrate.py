@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 from kreisel.calibration.assembly import Judged, assemble
+from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.inflation import with_unestimated_errors
 from kreisel.calibration.latitude_check import check_latitude
@@ -18,7 +20,7 @@ from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress
+from kreisel.progress import Progress, Together, of_parts, one_by_one
 from kreisel.recording.recording import Recording
 
 
@@ -33,13 +35,24 @@ def calibrate(recording: Recording, settings: CalibrationSettings | None = None)
     return run_calibration(recording, settings or CalibrationSettings()).calibration
 
 
-def run_calibration(recording: Recording, settings: CalibrationSettings, progress: Progress | None = None) -> Outcome:
+def run_calibration(
+    recording: Recording,
+    settings: CalibrationSettings,
+    progress: Progress | None = None,
+    *,
+    together: Together = one_by_one,
+    validate: bool = False,
+) -> Outcome:
     """Return the calibration of a recording with all intermediate results.
 
     Parameters
     ----------
     progress
         Called with the name of the step and the share of it that is done.
+    together
+        Does checks that do not depend on each other.
+    validate
+        Whether to cross-validate, too.
     """
     if progress is not None:
         progress("synchronise", 0.0)
@@ -51,12 +64,20 @@ def run_calibration(recording: Recording, settings: CalibrationSettings, progres
     stated = table.position_sd is not None or table.orientation_sd is not None
     found = with_unestimated_errors(estimate(problem, Given(stated, preparation.imu_noise.given), progress))
     seconds = time.perf_counter() - began
-    halves = split_halves(found, progress)
+    halves = split_halves(found, progress, together)
+    shares = of_parts(progress, "checks", 2 if validate else 1)
+    latitude, *crossed = together(
+        [
+            partial(check_latitude, found.problem, found.run, shares[0]),
+            *(partial(cross_validate, found, share) for share in shares[1:]),
+        ]
+    )
     found = with_disagreement(found, halves)
     seen = observability(found.problem, found.run)
     facts = consistency(found, preparation.correlation)
-    latitude = check_latitude(found.problem, found.run)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     calibration = assemble(recording, found, Judged(seen, facts, verdict, seconds), warnings)
-    return Outcome(recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration)
+    return Outcome(
+        recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
+    )

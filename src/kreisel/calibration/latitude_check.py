@@ -16,12 +16,13 @@ from kreisel.model.layout import group_part
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem
 from kreisel.preparation.start_values import EARTH_SD
+from kreisel.progress import Progress, of_step
 
 SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
 
 
-def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
+def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None = None) -> LatitudeCheck | None:
     """Return the stated latitude compared with the data; None without a latitude, or if it is not observable."""
     layout, site = problem.layout, problem.site
     if site.earth_rate_n is None or "north" not in layout:
@@ -31,7 +32,7 @@ def check_latitude(problem: Problem, run: FilterRun) -> LatitudeCheck | None:
     if abs(level) / EARTH_RATE * float(np.max(north_sd)) > SEEN and abs(level) > 0.1 * EARTH_RATE:
         return None
     free = _with_free_earth_rate(problem, run)
-    found = first_pass(free)
+    found = first_pass(free, progress=of_step(progress, "latitude"))
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = found.belief.covariance[np.ix_(index, index)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kreisel.calibration.evidence import SplitHalves
+from kreisel.calibration.evidence import CrossValidation, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.calibration.result import Calibration
 from kreisel.filtering.estimate import Estimate
@@ -28,3 +28,4 @@ class Outcome:
     verdict: Verdict
     warnings: tuple[DataWarning, ...]
     calibration: Calibration
+    cross: CrossValidation | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -10,20 +11,21 @@ from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.model.parameters import SENSOR_GROUPS
-from kreisel.model.problem import Problem
+from kreisel.model.problem import part_of
 from kreisel.model.schedule import MIN_UPDATES
-from kreisel.progress import Progress, of_step
+from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
 from kreisel.recording.recording import DataWarning
 
 MAX_RMS = 2.0
 """Root mean square of a group's scores above which the halves count as different; by chance, in one case of 200."""
 
 
-def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalves | None:
+def split_halves(
+    found: Estimate, progress: Progress | None = None, together: Together = one_by_one
+) -> SplitHalves | None:
     """Return the difference between the estimates of the two halves of a recording; None if these are too short.
 
     Notes
@@ -37,9 +39,12 @@ def split_halves(found: Estimate, progress: Progress | None = None) -> SplitHalv
     middle = len(problem.schedule.updates) // 2
     if middle < MIN_UPDATES:
         return None
-    a, b = (
-        run_part(problem, part, found.run, progress, name)
-        for part, name in ((slice(0, middle), "first half"), (slice(middle, None), "second half"))
+    halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
+    a, b = together(
+        [
+            partial(further_pass, part_of(problem, half), found.run, progress=of_step(share, "half"))
+            for half, share in halves
+        ]
     )
     n = len(problem.parameter_names)
     difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
@@ -78,20 +83,3 @@ def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
     )
     belief = Belief(belief.mean, scale[:, None] * belief.factor)
     return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))
-
-
-def part_of(problem: Problem, part: slice) -> Problem:
-    """Return the problem of a part of the updates."""
-    updates = list(problem.schedule.updates[part])
-    first = updates[0]
-    updates[0] = replace(first, first=first.last, new_segment=True, new_standstill=first.standstill is not None)
-    schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
-    return replace(problem, schedule=schedule)
-
-
-def run_part(problem: Problem, part: slice, whole: FilterRun, progress: Progress | None, name: str) -> FilterRun:
-    """Run one pass over a part of the updates.
-
-    It starts near the estimates from the whole recording; these enter only as the point of linearisation.
-    """
-    return further_pass(part_of(problem, part), whole, progress=of_step(progress, name))

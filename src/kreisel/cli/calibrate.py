@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.calibration.evidence import CrossValidation, Injection
+    from kreisel.calibration.evidence import Injection
     from kreisel.calibration.outcome import Outcome
 
 
@@ -38,10 +38,10 @@ def calibrate(
 ) -> None:
     """Calibrate an IMU from a recording of its readings and of reference poses."""
     from kreisel.calibration.calibrate import run_calibration
-    from kreisel.calibration.validation import cross_validate
-    from kreisel.calibration.validation import inject as inject_errors
+    from kreisel.calibration.injection import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
+    from kreisel.cli.threads import side_by_side
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
 
@@ -58,16 +58,14 @@ def calibrate(
     )
     if output is not None:
         check_output(output)
-    cross: CrossValidation | None = None
     injection: Injection | None = None
     with progress_bar() as show:
-        outcome = run_calibration(load(recording, reference, imu), settings, show)
-        if validate and output is not None:
-            cross = cross_validate(outcome.estimate, show)
+        read = load(recording, reference, imu)
+        outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:
             injection = inject_errors(outcome, show)
         if output is not None:
-            _save(outcome, output, cross, injection)
+            _save(outcome, output, injection)
     _say(outcome, output, injection, as_json=json)
     if not outcome.verdict.accepted:
         raise typer.Exit(3)
@@ -76,7 +74,6 @@ def calibrate(
 def _save(
     outcome: Outcome,
     output: Path,
-    cross: CrossValidation | None,
     injection: Injection | None,
 ) -> None:
     from kreisel.calibration.result import RESULT_FILES
@@ -85,7 +82,7 @@ def _save(
 
     with replaced_together(output, RESULT_FILES) as writing:
         outcome.calibration.write(writing)
-        write_report(outcome, writing / "report.html", cross=cross, injection=injection)
+        write_report(outcome, writing / "report.html", injection=injection)
 
 
 def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, as_json: bool) -> None:

@@ -94,13 +94,15 @@ class Readings:
 
     def _usual(self, start: int) -> InertialSignal:
         """Return the chunk that begins at one of the `_starts`; it is kept in memory for the next call."""
-        signal = self._ready.pop(start, None)
+        signal = self._ready.get(start)
         if signal is None:
-            while len(self._ready) >= _HELD:
-                del self._ready[next(iter(self._ready))]
             last = start == self._starts()[-1]
             signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + CHUNK + _REACH)
-        self._ready[start] = signal  # the most recent one is deleted last
+        # The most recent one is deleted last. Other threads may do the same: no step here depends on the one before.
+        self._ready.pop(start, None)
+        self._ready[start] = signal
+        for oldest in list(self._ready)[:-_HELD]:
+            self._ready.pop(oldest, None)
         return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _between(self, low: int, high: int) -> InertialSignal:

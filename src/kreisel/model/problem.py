@@ -151,3 +151,12 @@ def with_correlation_time(problem: Problem, time: float) -> Problem:
     present = (problem.reference.positions is not None, problem.reference.quaternions is not None)
     layout = with_coloured_noise(problem.layout, present)
     return replace(problem, layout=layout, noise=replace(problem.noise, correlation_time=time))
+
+
+def part_of(problem: Problem, part: slice) -> Problem:
+    """Return the problem of a part of the updates."""
+    updates = list(problem.schedule.updates[part])
+    first = updates[0]
+    updates[0] = replace(first, first=first.last, new_segment=True, new_standstill=first.standstill is not None)
+    schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
+    return replace(problem, schedule=schedule)

@@ -195,7 +195,6 @@ class ReportData:
 
 def extract(
     outcome: Outcome,
-    cross: CrossValidation | None = None,
     injection: Injection | None = None,
 ) -> ReportData:
     """Return what a report shows of an outcome and its validations."""
@@ -206,7 +205,7 @@ def extract(
         residuals=_residuals(outcome.estimate.run.history),
         difference=_difference(outcome, excerpt),
         uncertainty=_uncertainty(outcome),
-        unseen=None if cross is None else _unseen(cross),
+        unseen=None if outcome.cross is None else _unseen(outcome.cross),
         halves=outcome.halves,
         injection=injection,
     )

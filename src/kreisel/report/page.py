@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.evidence import CrossValidation, Injection
+from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -23,17 +23,16 @@ def write_report(
     outcome: Outcome,
     path: Path,
     *,
-    cross: CrossValidation | None = None,
     injection: Injection | None = None,
 ) -> None:
     """Write the report of a calibration as one HTML file that works offline.
 
     Parameters
     ----------
-    cross, injection
+    injection
         Validations; the report names the missing ones.
     """
-    Path(path).write_text(render(extract(outcome, cross, injection)), encoding="utf-8")
+    Path(path).write_text(render(extract(outcome, injection)), encoding="utf-8")
 
 
 def render(data: ReportData) -> str:

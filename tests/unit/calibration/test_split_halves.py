@@ -8,11 +8,11 @@ import pytest
 from kreisel.calibration import split_halves as module
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
-from kreisel.calibration.split_halves import part_of, run_part, split_halves, with_disagreement
+from kreisel.calibration.split_halves import split_halves, with_disagreement
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.initial_belief import first_belief, stored_state
-from kreisel.filtering.prior_exchange import first_pass
-from kreisel.model.problem import hold
+from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.model.problem import hold, part_of
 from kreisel.model.schedule import MIN_UPDATES
 
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
@@ -50,7 +50,7 @@ def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
 def compared(monkeypatch, **made):
     found, runs, exact = linear_halves(**made)
     waiting = iter(runs)
-    monkeypatch.setattr(module, "run_part", lambda *_: next(waiting))
+    monkeypatch.setattr(module, "further_pass", lambda *_, **__: next(waiting))
     return split_halves(found), runs, exact
 
 
@@ -69,7 +69,7 @@ def test_the_prior_holds_halves_together_that_see_nothing(monkeypatch):
     prior = first_belief(found.problem, found.problem.prior.value, found.problem.prior.covariance)
     blind = [replace(run, belief=replace(run.belief, factor=prior.factor)) for run in runs]
     waiting = iter(blind)
-    monkeypatch.setattr(module, "run_part", lambda *_: next(waiting))
+    monkeypatch.setattr(module, "further_pass", lambda *_, **__: next(waiting))
     halves = split_halves(found)
     own = prior.standard_deviation[:6]
     assert np.all(halves.deviation > 0.0)
@@ -126,7 +126,7 @@ def test_a_part_of_all_updates_gives_the_result_of_all():
     """Relinearised about a result that needed no further pass: it moves by far less than a deviation."""
     problem = camera_problem()
     run = first_pass(problem)
-    again = run_part(problem, slice(0, None), run, None, "all")
+    again = further_pass(part_of(problem, slice(0, None)), run)
     n = len(problem.parameter_names)
     off = problem.layout.minus(again.belief.mean[:, None], run.belief.mean)[:n, 0]
     assert np.abs(off / run.belief.standard_deviation[:n]).max() < 0.2

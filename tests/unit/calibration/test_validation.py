@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.split_halves import part_of
-from kreisel.calibration.validation import TRAINING, _drift, _errors, _navigation_only, cross_validate, inject
+from kreisel.calibration.cross_validation import TRAINING, _drift, _navigation_only, cross_validate
+from kreisel.calibration.injection import _errors, inject
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.history import FilterRun
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
+from kreisel.model.problem import part_of
 from kreisel.units import DEG_PER_HOUR, MG
 
 from ...small_problem import calibrated, history, recorded

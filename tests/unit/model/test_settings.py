@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.validation import inject
+from kreisel.calibration.injection import inject
 from kreisel.errors import SettingsError
 from kreisel.model.settings import CalibrationSettings
 

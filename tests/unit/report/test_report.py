@@ -13,10 +13,11 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import CrossValidation, Injection
+from kreisel.calibration.injection import inject
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.parts import Verdict
-from kreisel.calibration.validation import cross_validate, inject
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.settings import CalibrationSettings
@@ -59,7 +60,7 @@ def parts(outcome: Outcome) -> Parts:
 @pytest.fixture(scope="module")
 def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(outcome, path, cross=parts[0], injection=parts[1])
+    write_report(replace(outcome, cross=parts[0]), path, injection=parts[1])
     assert path.stat().st_size < MAX_PAGE
     return path.read_text(encoding="utf-8")
 
@@ -133,7 +134,7 @@ def test_missing_parts_are_said_with_how_to_get_them(outcome: Outcome, parts: Pa
     bare = written(replace(outcome, halves=None), tmp_path)
     for sentence in sentences.values():
         assert sentence in bare
-    for way in ("--no-validate", "--inject", "cross_validate(outcome.estimate)"):
+    for way in ("--no-validate", "--inject", "validate=True"):
         assert way in bare
     half = written(outcome, tmp_path)
     assert sentences["halves"] not in half
@@ -168,7 +169,7 @@ def test_a_reference_of_positions_alone_has_no_attitude_figures(recording: Recor
     assert recording.reference is not None
     alone = replace(recording, reference=replace(recording.reference, quaternions=None))
     found = run_calibration(alone, CalibrationSettings())
-    own = written(found, tmp_path, cross=cross_validate(found.estimate))
+    own = written(replace(found, cross=cross_validate(found.estimate)), tmp_path)
     shown = drawings(own)
     assert {"innovations-position", "drift-position"} <= set(shown)
     assert not {"innovations-attitude", "drift-attitude", "synchronisation"} & set(shown)

@@ -1,9 +1,4 @@
-"""Validation of a result without a known truth; see also `calibration.split_halves`.
-
-Cross-validation navigates through the part of the recording that the calibration did not use, once with
-nominal and once with calibrated parameters. Injection adds known errors to the raw readings and checks
-whether they are found.
-"""
+"""Injection: known errors are added to the raw readings, and it is checked whether they are found."""
 
 from __future__ import annotations
 
@@ -13,43 +8,14 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.evidence import CrossValidation, Drift, Injection
+from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
-from kreisel.calibration.split_halves import part_of, run_part
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import stored_state
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.model.layout import without
 from kreisel.model.parameters import SENSOR_GROUPS, CellParameters
-from kreisel.model.problem import Problem
-from kreisel.progress import Progress, of_step
+from kreisel.progress import Progress
 from kreisel.units import DEG_PER_HOUR, MG
-
-TRAINING = 0.6
-"""Share of the updates that the calibration for the cross-validation uses."""
-
-
-def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
-    """Return the drift on the last part of the recording, with a calibration of its first part only."""
-    problem = found.problem
-    count = len(problem.schedule.updates)
-    cut = int(TRAINING * count)
-    trained = run_part(problem, slice(0, cut), found.run, progress, "train")
-    nominal = replace(
-        problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
-        q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
-    )  # fmt: skip
-    unseen = _navigation_only(part_of(problem, slice(cut, count)))
-    return CrossValidation(
-        trained_until=float(problem.readings.stamps[problem.schedule.updates[cut - 1].last]),
-        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=of_step(progress, "nominal"))),
-        calibrated=_drift(
-            run_filter(unseen, trained.parameters, gate=np.inf, progress=of_step(progress, "calibrated"))
-        ),
-    )
 
 
 def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
@@ -120,21 +86,4 @@ def _errors() -> _Errors:
         accel_offset=np.array([5.0, -3.0, 4.0]) * MG,
         gyro_scale=np.array([2e-3, 0.0, 0.0]),
         accel_scale=np.array([2e-3, 0.0, 0.0]),
-    )
-
-
-def _navigation_only(problem: Problem) -> Problem:
-    """Return the problem with every parameter assumed known."""
-    prior = replace(problem.prior, start_covariance={}, covariance={})
-    return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)
-
-
-def _drift(run: FilterRun) -> Drift:
-    h = run.history
-    path = ~h.at_standstill
-    path[:2] = False  # navigation has just started
-    return Drift(
-        h.seconds[path],
-        np.linalg.norm(h.innovation[path, 0:3], axis=1),
-        np.linalg.norm(h.innovation[path, 3:6], axis=1),
     )
