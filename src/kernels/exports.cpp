@@ -6,6 +6,7 @@
 #include "filter.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
+#include "rotation_fit.hpp"
 #include "table.hpp"
 #include "unit_forces.hpp"
 
@@ -103,6 +104,13 @@ EXPORTED int KREISEL(double_integral)(Numbers stamps, Table values, Indices befo
 
 EXPORTED int KREISEL(integrate_attitude)(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
     integrate_attitude(stamps, rates, integrals, coefficients, q);
+    return DONE;
+}
+
+EXPORTED int KREISEL(compare_rotations)(
+    const RateSignal *signal, Table q, Table K, Numbers b, Table t, Table rotations, Table turned, Table residual, Table slope
+) {
+    compare_rotations(*signal, q, block(K, 0, 0), vector_from(b.data), t, rotations, turned, residual, slope);
     return DONE;
 }
 

@@ -61,6 +61,11 @@ class Readings:
                 return i
         return None
 
+    @property
+    def count(self) -> int:
+        """The number of chunks."""
+        return int(self._starts().size)
+
     def chunks(self) -> Iterator[InertialSignal]:
         """Yield consecutive chunks, prepared for integration."""
         for start in self._starts():

@@ -12,10 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from kreisel._kernels.rotation_fit import RateSignal, compare_rotations
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.interpolation import running_mean
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording.recording import ReferencePoses
@@ -80,6 +81,11 @@ class _Integrated:
         rates = np.ascontiguousarray(signal.rates)
         width = max(1, round(SMOOTHED / max(float(np.median(np.diff(signal.stamps[:1000]))), 1e-6)))
         return cls(replace(signal, samples=slim), rates, running_mean(rates, width), integral)
+
+    @property
+    def rate_signal(self) -> RateSignal:
+        """The rates as the library takes them."""
+        return RateSignal(self.signal.stamps, self.rates, self.smooth, self.integral)
 
     def between(self, t1: Array, t2: Array) -> Array:
         """Return integrated readings from times t1 to times t2, (m, 3)."""
@@ -178,7 +184,7 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     if abs(fit.clock.skew) < uncertainty and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
         clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
         fit = _settle(parts, rotations, fit.K_omega, fit.rate_at_zero, clock, skewed=False)
-    everything = (_Integrated.of(part) for part in readings.chunks())
+    everything = parts if len(parts) == readings.count else (_Integrated.of(part) for part in readings.chunks())
     seen = _compare(everything, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
     return replace(fit, clock_drift=_clock_drift(seen))
 
@@ -240,19 +246,10 @@ def _compare(parts: Iterable[_Integrated], rotations: _Rotations, K: Array, b: A
 def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
     q = integrate_attitude(part.signal, linear_rate(K, b, part.signal.order))
     within = rotations.inside(part.signal, clock)
-    t1, t2 = clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)
-    q1, w1 = _attitude_at(part, q, K, b, t1)
-    q2, w2 = _attitude_at(part, q, K, b, t2)
-    predicted = multiply(conjugate(q1), q2)
-    return _Comparison(
-        part.between(t1, t2),
-        t2 - t1,
-        tau=0.5 * (within.tau_first + within.tau_last),
-        rotation=within.rotation,
-        residual=log(multiply(conjugate(predicted), exp(within.rotation))),
-        # The rate at the end, less the rate at the beginning turned by the rotation between them.
-        slope=w2 - apply(conjugate(predicted), w1),
-    )
+    t = np.column_stack([clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)])
+    turned, residual, slope = compare_rotations(part.rate_signal, q, np.ascontiguousarray(K), b, t, within.rotation)
+    middle = 0.5 * (within.tau_first + within.tau_last)
+    return _Comparison(turned, t[:, 1] - t[:, 0], middle, within.rotation, residual, slope)
 
 
 def _refine(
@@ -322,19 +319,6 @@ def _clock_drift(seen: _Comparison) -> Array:
         variance = 8.0 * left / (3.0 * float(weight.sum())) / max(normal, 1e-30)
         found.append((float(np.mean(seen.tau[part])), shift, float(np.sqrt(variance))))
     return np.array(found).reshape(-1, 3)
-
-
-def _attitude_at(part: _Integrated, q: Array, K: Array, b: Array, t: Array) -> tuple[Array, Array]:
-    """Return attitude and smoothed rate at times between samples, of attitudes (n, 4) at the samples."""
-    stamps = part.signal.stamps
-    k = np.clip(np.searchsorted(stamps, t) - 1, 0, stamps.size - 2)
-    s = (t - stamps[k])[:, None]
-    h = (stamps[k + 1] - stamps[k])[:, None]
-    omega, after = (part.rates[at] @ K.T + b for at in (k, k + 1))
-    slope = (after - omega) / h
-    share = s / h
-    smooth = (1.0 - share) * part.smooth[k] + share * part.smooth[k + 1]
-    return multiply(q[k], exp(omega * s + 0.5 * slope * s**2)), smooth @ K.T + b
 
 
 def _weights(residual: Array) -> Array:
