@@ -75,38 +75,11 @@ inline Vector<T> rotation_step(Vector<T> step, Vector<T> omega, Vector<T> next, 
     return step + T(1.0 / 240.0) * cross(u, v);
 }
 
-/// Write the products of turns (4, c) from `begin` on: q (4, c) of sample j + 1 is that of sample j times turn j.
-///
-/// A product waits for the one before, so four stretches are multiplied side by side, and then each by the end of the one
-/// before.
-inline void accumulate(Columns turns, Index begin, Index end, Columns q) {
-    const Index length = (end - begin) / LANES, rest = begin + LANES * length;
-    Quaternion<Lanes> now = {1.0, 0.0, 0.0, 0.0};
-    const auto across = [&](const double *row) {
-        return Lanes(Lanes::Four{row[0], row[length], row[2 * length], row[3 * length]});
-    };
-    for (Index j = begin; j < begin + length; j++) {
-        now = now * Quaternion<Lanes>{
-            across(turns.row(0) + j), across(turns.row(1) + j), across(turns.row(2) + j), across(turns.row(3) + j)};
-        for (Index i = 0; i < LANES; i++) q.set_at(j + 1 + i * length, {now.w[i], now.x[i], now.y[i], now.z[i]});
-    }
-    q.set_at(begin, {1.0, 0.0, 0.0, 0.0});
-    for (Index i = 1; i < LANES && length > 0; i++) {
-        const Quaternion<double> before = q.quaternion_at(begin + i * length);
-        const Quaternion<Lanes> all = {before.w, before.x, before.y, before.z};
-        const Index last = begin + (i + 1) * length;
-        Index j = begin + i * length + 1;
-        for (; j + LANES <= last + 1; j += LANES) q.set(j, all * q.quaternion(j));
-        for (; j <= last; j++) q.set_at(j, before * q.quaternion_at(j));
-    }
-    for (Index j = rest; j < end; j++) q.set_at(j + 1, q.quaternion_at(j) * turns.quaternion_at(j));
-}
-
 /// Write the attitude (4, c) of the first column of `rate` at the samples of a span, seen from the span's first.
 inline void centre_attitude(Span span, const Samples &signal, Columns rate, Columns q, Workspace &memory) {
     const Index count = span.count(), start = span.first - span.low;
     const Columns omega = memory.columns(3, count + LANES), alpha = memory.columns(3, count + LANES);
-    const Columns turns = memory.columns(4, count);
+    const Columns turns = memory.columns(4, count + LANES);
     for (Index k = 0; k < count; k += LANES) {
         omega.set(k, weighted(rate, signal.rates, span.low + k));
         alpha.set(k, weighted(rate, signal.slopes, span.low + k));
@@ -117,7 +90,13 @@ inline void centre_attitude(Span span, const Samples &signal, Columns rate, Colu
         turns.set(k, small_rotation(rotation_step(
             step, omega.vector(k), omega.vector(k + 1), alpha.vector(k), alpha.vector(k + 1), next[k] - stamps[k])));
     }
-    accumulate(turns, start, count - 1, q);
+    q.set_at(start, {1.0, 0.0, 0.0, 0.0});
+    Quaternion<Lanes> last = {1.0, 0.0, 0.0, 0.0};
+    for (Index j = start; j < count - 1; j += LANES) {
+        const Quaternion<Lanes> along = products_from(last, turns.quaternion(j));
+        q.set(j + 1, along);
+        last = last_lane(along);
+    }
     Quaternion<double> now = {1.0, 0.0, 0.0, 0.0};
     for (Index j = start - 1; j >= 0; j--) {
         now = now * conjugate(turns.quaternion_at(j));
@@ -177,13 +156,13 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
 inline Path centre_path(Span span, const Samples &signal, const Coefficients &coefficients, Workspace &memory) {
     const Index count = span.count(), features = coefficients.force.rows / 3;
     const Path path = {
-        memory.columns(2, count + 1), memory.columns(4, count + LANES), memory.columns(9, count + LANES),
+        memory.columns(2, count + 1), memory.columns(4, count + 2 * LANES), memory.columns(9, count + LANES),
         {memory.numbers(padded(count) * LANES), padded(count), LANES},
         {memory.numbers(padded(count) * padded(features)), padded(count), padded(features)},
     };
     outer_weights(span, signal, path.weights);
     centre_attitude(span, signal, coefficients.rate, path.q, memory);
-    for (Index k = 0; k < path.q.columns; k += LANES) {
+    for (Index k = 0; k < path.C.columns; k += LANES) {
         const Matrix<Lanes> C = direction_cosines(path.q.quaternion(k));
         for (Index i = 0; i < 3; i++) path.C.set(3 * i, k, C.row[i]);
     }

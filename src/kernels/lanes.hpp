@@ -57,18 +57,28 @@ inline Lanes load(const double *p, Index left) {
 
 inline void store(Lanes a, double *p) { std::memcpy(p, &a, sizeof a); }
 
+#if defined(__clang__) || __GNUC__ >= 12
+#define SHUFFLED(a, b, i, j, k, l) Lanes(__builtin_shufflevector((a).four, (b).four, i, j, k, l))
+#else
+inline double of_both(Lanes a, Lanes b, Index i) { return i < LANES ? a[i] : b[i - LANES]; }
+#define SHUFFLED(a, b, i, j, k, l) Lanes(Lanes::Four{of_both(a, b, i), of_both(a, b, j), of_both(a, b, k), of_both(a, b, l)})
+#endif
+
+/// The lanes moved up by one or by two; `fill` moves in.
+inline Lanes up_by_one(Lanes a, Lanes fill) { return SHUFFLED(fill, a, 0, 4, 5, 6); }
+inline Lanes up_by_two(Lanes a, Lanes fill) { return SHUFFLED(fill, a, 0, 1, 4, 5); }
+
+/// The last lane in all of them.
+inline Lanes last_lane(Lanes a) { return SHUFFLED(a, a, 3, 3, 3, 3); }
+
 /// Write a 4 x 4 matrix, given by its columns, row by row, `stride` apart.
 inline void store_transposed(Lanes a, Lanes b, Lanes c, Lanes d, double *p, Index stride) {
-#if defined(__clang__) || __GNUC__ >= 12
-    const auto low = __builtin_shufflevector(a.four, b.four, 0, 4, 2, 6), high = __builtin_shufflevector(a.four, b.four, 1, 5, 3, 7);
-    const auto more = __builtin_shufflevector(c.four, d.four, 0, 4, 2, 6), most = __builtin_shufflevector(c.four, d.four, 1, 5, 3, 7);
-    store(__builtin_shufflevector(low, more, 0, 1, 4, 5), p);
-    store(__builtin_shufflevector(high, most, 0, 1, 4, 5), p + stride);
-    store(__builtin_shufflevector(low, more, 2, 3, 6, 7), p + 2 * stride);
-    store(__builtin_shufflevector(high, most, 2, 3, 6, 7), p + 3 * stride);
-#else
-    for (Index i = 0; i < LANES; i++) store(Lanes::Four{a[i], b[i], c[i], d[i]}, p + i * stride);
-#endif
+    const Lanes low = SHUFFLED(a, b, 0, 4, 2, 6), high = SHUFFLED(a, b, 1, 5, 3, 7);
+    const Lanes more = SHUFFLED(c, d, 0, 4, 2, 6), most = SHUFFLED(c, d, 1, 5, 3, 7);
+    store(SHUFFLED(low, more, 0, 1, 4, 5), p);
+    store(SHUFFLED(high, most, 0, 1, 4, 5), p + stride);
+    store(SHUFFLED(low, more, 2, 3, 6, 7), p + 2 * stride);
+    store(SHUFFLED(high, most, 2, 3, 6, 7), p + 3 * stride);
 }
 
 }  // namespace

@@ -115,46 +115,30 @@ inline void double_integral(Numbers stamps, Table values, Indices before, Number
 
 /// Write the attitudes q (n, 4) that start at the first and turn with the rate, coning included.
 ///
-/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp. A product waits for the one
-/// before, so four stretches of the signal are integrated side by side, and then turned onto each other's ends.
+/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp.
 inline void integrate_attitude(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
-    const Index length = (stamps.count - 1) / LANES, n = stamps.count;
-    const auto at = [&](const double *row, Index k) {
-        return Lanes(Lanes::Four{row[k], row[k + length], row[k + 2 * length], row[k + 3 * length]});
-    };
+    const Index n = stamps.count;
     const auto rate = [&](Table features, Index k) {
         Vector<Lanes> out = {0.0, 0.0, 0.0};
         for (Index f = 0; f < features.rows; f++) {
-            out += at(features.row(f), k) * in_all_lanes(vector_from(coefficients.row(f)));
+            out += load(features.row(f) + k, features.columns - k) * in_all_lanes(vector_from(coefficients.row(f)));
         }
         return out;
     };
-    const auto step = [&](auto integral, auto here, auto ahead, auto dt) {
-        return small_rotation(integral + (dt * dt * (1.0 / 12.0)) * cross(here, ahead));
-    };
-    const auto set = [&](Index k, Quaternion<double> turn) {
-        q(k, 0) = turn.w, q(k, 1) = turn.x, q(k, 2) = turn.y, q(k, 3) = turn.z;
-    };
     const Quaternion<double> begin = quaternion_from(q.row(0));
-    Quaternion<Lanes> now = {1.0, 0.0, 0.0, 0.0};
-    Vector<Lanes> omega = length > 0 ? rate(rates, 0) : Vector<Lanes>{0.0, 0.0, 0.0};
-    for (Index k = 0; k < length; k++) {
-        const Vector<Lanes> ahead = rate(rates, k + 1);
-        now = now * step(rate(integrals, k), omega, ahead, at(stamps.data, k + 1) - at(stamps.data, k));
-        omega = ahead;
-        for (Index i = 0; i < LANES; i++) set(k + 1 + i * length, {now.w[i], now.x[i], now.y[i], now.z[i]});
-    }
-    for (Index i = 0; i < LANES && length > 0; i++) {
-        const Quaternion<double> before = i == 0 ? begin : quaternion_from(q.row(i * length));
-        for (Index k = i * length + 1; k <= (i + 1) * length; k++) set(k, before * quaternion_from(q.row(k)));
-    }
-    for (Index k = LANES * length; k < n - 1; k++) {
-        const auto one = [&](Table features, Index j) {
-            Vector<double> out = {0.0, 0.0, 0.0};
-            for (Index f = 0; f < features.rows; f++) out += features(f, j) * vector_from(coefficients.row(f));
-            return out;
-        };
-        set(k + 1, quaternion_from(q.row(k)) * step(one(integrals, k), one(rates, k), one(rates, k + 1), stamps[k + 1] - stamps[k]));
+    Quaternion<Lanes> now = {begin.w, begin.x, begin.y, begin.z};
+    for (Index k = 0; k < n - 1; k += LANES) {
+        const Lanes dt = load(stamps.data + k + 1, n - 1 - k) - load(stamps.data + k, n - 1 - k);
+        const Vector<Lanes> coning = (dt * dt * (1.0 / 12.0)) * cross(rate(rates, k), rate(rates, k + 1));
+        now = products_from(now, small_rotation(rate(integrals, k) + coning));
+        if (k + LANES < n) {
+            store_transposed(now.w, now.x, now.y, now.z, q.row(k + 1), 4);
+        } else {
+            for (Index i = 0; i < n - 1 - k; i++) {
+                q(k + 1 + i, 0) = now.w[i], q(k + 1 + i, 1) = now.x[i], q(k + 1 + i, 2) = now.y[i], q(k + 1 + i, 3) = now.z[i];
+            }
+        }
+        now = last_lane(now);
     }
 }
 

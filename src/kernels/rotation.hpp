@@ -62,6 +62,18 @@ inline Quaternion<double> rotation(Vector<double> theta) {
     return {std::cos(half), k * theta.x, k * theta.y, k * theta.z};
 }
 
+/// The products of the turns up to each lane, begun with `before`.
+inline Quaternion<Lanes> products_from(Quaternion<Lanes> before, Quaternion<Lanes> turn) {
+    const Lanes one = 1.0, zero = 0.0;
+    turn = Quaternion<Lanes>{up_by_one(turn.w, one), up_by_one(turn.x, zero), up_by_one(turn.y, zero), up_by_one(turn.z, zero)} * turn;
+    turn = Quaternion<Lanes>{up_by_two(turn.w, one), up_by_two(turn.x, zero), up_by_two(turn.y, zero), up_by_two(turn.z, zero)} * turn;
+    return before * turn;
+}
+
+inline Quaternion<Lanes> last_lane(Quaternion<Lanes> q) {
+    return {last_lane(q.w), last_lane(q.x), last_lane(q.y), last_lane(q.z)};
+}
+
 /// log(q), at most pi long.
 inline Vector<double> rotation_vector(Quaternion<double> q) {
     const Vector<double> v = q.imaginary();
