@@ -11,7 +11,7 @@
     ├── ProtocolError           bytes that are not what the protocol says
     ├── DeviceError             a device that cannot be reached, or does not answer
     ├── EstimationError         the estimator could not continue, with advice
-    └── LibraryError            the compiled library does not load
+    └── LibraryError            a part made by the build is missing: the compiled library, the script of plots
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class ExcitationError(KreiselError):
 
 
 class LibraryError(KreiselError):
-    """The compiled library is missing, or is not for this machine."""
+    """A part of the package that its build makes is missing, or is not for this machine."""
 
 
 class SettingsError(KreiselError):

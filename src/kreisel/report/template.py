@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from kreisel._version import __version__
+from kreisel.errors import LibraryError
 from kreisel.report.plots import PALETTES, Figure
 
 
@@ -25,11 +26,25 @@ def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
     )
     return environment.get_template(template).render(
         version=__version__,
-        plotlyjs=Markup(get_plotlyjs()),  # plotly's own script, not data
+        plotlyjs=Markup(plots_script()),  # plotly's own script, not data
         drawings=_script({f.name: f.plot for f in drawn}),
         palettes=_script(PALETTES),
         **values,
     )
+
+
+def plots_script() -> str:
+    """Return the script that draws plots in a browser, as the build of the package took it from plotly.
+
+    Raises
+    ------
+    LibraryError
+        If it is missing.
+    """
+    path = Path(__file__).with_name("plotly.min.js")
+    if not path.is_file():
+        raise LibraryError(f"the script of plots is missing: {path}; install kreisel again")
+    return path.read_text(encoding="utf-8")
 
 
 def _script(content: object) -> Markup:

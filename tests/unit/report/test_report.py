@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import pytest
-from plotly.offline import get_plotlyjs
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.cross_validation import cross_validate
@@ -26,6 +25,7 @@ from kreisel.report.data import extract
 from kreisel.report.page import snippet, write_report
 from kreisel.report.plots import PALETTES, packed
 from kreisel.report.tables import number, pair
+from kreisel.report.template import plots_script
 from kreisel.report.thinning import MAX_POINTS, thinned
 
 from ...small_cell import simulate
@@ -68,7 +68,7 @@ def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactor
 def written(outcome: Outcome, folder: Path, **parts: Any) -> str:
     """Return the page without plotly's script."""
     write_report(outcome, folder / "report.html", **parts)
-    return (folder / "report.html").read_text(encoding="utf-8").replace(get_plotlyjs(), "")
+    return (folder / "report.html").read_text(encoding="utf-8").replace(plots_script(), "")
 
 
 def drawings(page: str) -> dict[str, Any]:
@@ -87,8 +87,8 @@ def test_the_five_sections_stand_in_their_order(page: str) -> None:
 
 
 def test_plotly_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
-    assert page.count(get_plotlyjs()) == 1
-    own = page.replace(get_plotlyjs(), "")
+    assert page.count(plots_script()) == 1
+    own = page.replace(plots_script(), "")
     assert re.findall(r"\bsrc\s*=", own) == []
     assert {link for link in re.findall(r'href="([^"]*)"', own) if not link.startswith("#")} == set()
     for word in ("http:", "https:", "//cdn", "fetch(", "XMLHttpRequest", "import(", "@import", "url(", "WebSocket"):
@@ -97,7 +97,7 @@ def test_plotly_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
 
 
 def test_every_link_of_the_page_has_its_target(page: str) -> None:
-    own = page.replace(get_plotlyjs(), "")
+    own = page.replace(plots_script(), "")
     assert set(re.findall(r'href="#([^"]+)"', own)) <= set(re.findall(r'id="([^"]+)"', own))
 
 
