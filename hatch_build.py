@@ -1,7 +1,7 @@
-"""Make what the package needs besides its sources when it is built or installed: the library of `src/kernels`, and the
-script that draws the plots of reports.
+"""Make what the package needs besides its sources, when it is built or installed.
 
-Run by hand, ``python hatch_build.py`` compiles the library into the package's folder; ``--help`` lists what else it does.
+That is the library of `src/kernels`, and the script that draws the plots of reports. Run by hand,
+``python hatch_build.py`` compiles the library into the package's folder; ``--help`` lists what else it does.
 """
 
 from __future__ import annotations
