@@ -1,0 +1,95 @@
+"""The compiled library itself: of these sources, of both sets of instructions, in threads, with numbers that are none."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel._kernels import arrays, library, manifold, quadrature
+from kreisel.filtering.filter_pass import run_filter
+
+from ...small_problem import small_problem
+
+ROOT = Path(__file__).resolve().parents[3]
+NUMBERS = """
+import numpy as np
+from tests.small_problem import plain_run, small_problem
+from kreisel._kernels import library
+run = plain_run()
+print(library.variant, *run.belief.mean, *run.belief.standard_deviation)
+"""
+
+
+def test_the_library_is_that_of_the_sources():
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build)
+    assert library.sources() == build.source_hash(ROOT), "compile the library again: python hatch_build.py"
+
+
+def numbers_of(variant):
+    environment = os.environ | {"KREISEL_INSTRUCTIONS": variant}
+    command = [sys.executable, "-c", NUMBERS]
+    ended = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    used, *numbers = ended.stdout.split()
+    assert used == variant
+    return np.array(numbers, dtype=float)
+
+
+@pytest.mark.skipif(library.variant != "avx2", reason="this processor has one set of instructions")
+def test_both_sets_of_instructions_give_the_same_result():
+    plain, fast = (numbers_of(variant) for variant in ("baseline", "avx2"))
+    layout = small_problem().layout
+    x, deviation = plain[: layout.size], plain[layout.size :]
+    np.testing.assert_allclose(fast[layout.size :], deviation, rtol=1e-7)
+    assert np.all(np.abs(layout.minus(fast[: layout.size, None], x)[:, 0]) < 1e-6 * deviation)
+
+
+def test_an_unknown_set_of_instructions_is_refused():
+    command = [sys.executable, "-m", "kreisel.cli.main", "info", "nothing"]
+    environment = os.environ | {"KREISEL_INSTRUCTIONS": "avx9"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert "KREISEL_INSTRUCTIONS is 'avx9'; this processor has" in ended.stderr
+
+
+def test_runs_in_two_threads_are_those_of_one():
+    problem = small_problem()
+    alone = run_filter(problem, problem.prior.start)
+    with ThreadPoolExecutor(2) as pool:
+        runs = list(pool.map(lambda _: run_filter(problem, problem.prior.start), range(4)))
+    for run in runs:
+        np.testing.assert_array_equal(run.belief.factor, alone.belief.factor)
+        np.testing.assert_array_equal(run.history.whitened, alone.history.whitened)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [np.zeros(3, dtype=np.float32), np.zeros((3, 3)), np.zeros(6)[::2], np.zeros(3, dtype=np.int64)],
+)
+def test_an_array_of_another_form_is_refused(array):
+    with pytest.raises(TypeError, match="expected float64"):
+        arrays.NumbersView.from_param(array)
+
+
+def test_indices_and_lengths_that_do_not_fit_are_refused():
+    t, values, out = np.arange(4.0), np.zeros((4, 3)), np.zeros((1, 3))
+    with pytest.raises(ValueError, match="before from 3 to 3; expected 0 to 2"):
+        quadrature.double_integral(t, values, np.array([3]), np.zeros(1), out)
+    with pytest.raises(ValueError, match="out has the shape"):
+        quadrature.double_integral(t, values, np.array([0]), np.zeros(1), out[:, :2].copy())
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+def test_numbers_that_are_none_come_out_as_such(bad):
+    table = np.array([[0, 3, 0, 0], [3, 3, 3, 1]])
+    x = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    moved = manifold.plus(table, x, np.full((6, 5), bad))
+    assert moved.shape == (7, 5)
+    back = manifold.minus(table, moved, x, 6)
+    assert not np.isfinite(back).all() or bad == 1e308
