@@ -3,6 +3,7 @@
 /// Every function returns 0, or 1 if there is no memory. Lengths and indices are checked by the caller. Arrays whose last
 /// axis is one of columns have it padded, see arrays.hpp.
 
+#include "chain.hpp"
 #include "filter.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
@@ -124,6 +125,21 @@ EXPORTED int KREISEL(integrate_unit_forces)(
     Numbers stamps, Table q, Table readings, Table omega, Table alpha, Indices before, Numbers share, Table out
 ) {
     integrate_unit_forces(stamps, q, readings, omega, alpha, before, share, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(chain_motion)(
+    const Chain *chain, Table angles, Table rates, Table accelerations, Table C, Table p, Table v, Table a, Table omega,
+    Table alpha
+) {
+    chain_motion(*chain, angles, rates, accelerations, C, p, v, a, omega, alpha);
+    return DONE;
+}
+
+EXPORTED int KREISEL(chain_derivatives)(
+    const Chain *chain, Table angles, double gravity, Stack regressor, Stack jacobian, Table torques
+) {
+    chain_derivatives(*chain, angles, gravity, regressor, jacobian, torques);
     return DONE;
 }
 

@@ -1,16 +1,18 @@
-"""Pose and motion of an arm's tool for given joint angles, by pinocchio."""
+"""Pose and motion of an arm's tool for given joint angles; its description is read by pinocchio."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel._kernels import chain
 from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
 from kreisel.geometry.interpolation import continuous
@@ -19,6 +21,9 @@ from kreisel.markup import screened
 
 MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
+
+STANDARD_GRAVITY = 9.81
+"""m/s^2, for torques."""
 
 _ATTEMPTS = 16
 """Number of start values of the inverse: the given joint angles, then others drawn from the ranges."""
@@ -48,6 +53,24 @@ class Arm:
     velocity: Array
     model: Any
     frame: int
+
+    @cached_property
+    def chain(self) -> chain.Chain:
+        """The arm as the library takes it."""
+        pin = pinocchio()
+        model, data, joints = self.model, self.model.createData(), self.model.nv
+        placements = [*list(model.jointPlacements)[1:], model.frames[self.frame].placement]
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        own = [pin.getJointJacobian(model, data, j + 1, pin.LOCAL).reshape(6, joints)[:, j] for j in range(joints)]
+        turning = np.array([np.linalg.norm(subspace[3:]) > 0.5 for subspace in own])
+        bodies = list(model.inertias)[1:]
+        return chain.Chain(
+            rotations=np.array([placement.rotation.ravel() for placement in placements]),
+            translations=np.array([placement.translation for placement in placements]),
+            axes=np.array([s[3:] if turns else s[:3] for s, turns in zip(own, turning, strict=True)]),
+            turning=turning,
+            bodies=np.array([[body.mass, *body.lever] for body in bodies]),
+        )
 
     @property
     def tcp(self) -> str:
@@ -126,10 +149,10 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
         tcp = [name for name in frames if depth[name] == max(depth.values())][-1] if frames else ""
     if tcp not in frames:
         raise RobotError(f"{source}: {unknown_name('frame', tcp, frames)}")
-    chain = _chain(model, model.getFrameId(tcp, pin.FrameType.BODY))
-    if not chain:
+    moving = _chain(model, model.getFrameId(tcp, pin.FrameType.BODY))
+    if not moving:
         raise RobotError(f"{source}: no joint moves '{tcp}'; name the tool's frame, one of {', '.join(frames)}")
-    others = [j for j in range(1, model.njoints) if j not in chain]
+    others = [j for j in range(1, model.njoints) if j not in moving]
     model = pin.buildReducedModel(model, others, pin.neutral(model))
     if model.nq != model.nv:
         raise RobotError(f"{source}: each joint must have one angle; {tcp} is attached to others")
@@ -176,16 +199,9 @@ def _chain(model: Any, frame: int) -> list[int]:
 
 def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
     """Return positions (n, 3) and quaternions (n, 4) of the tool for joint angles (n, joints)."""
-    pin = pinocchio()
-    model, data, frame = arm.model, arm.model.createData(), arm.frame
-    angles = np.ascontiguousarray(angles, dtype=float)
-    p, C = np.empty((len(angles), 3)), np.empty((len(angles), 3, 3))
-    for k in _changed(angles):
-        pin.forwardKinematics(model, data, angles[k])
-        placement = pin.updateFramePlacement(model, data, frame)
-        p[k], C[k] = placement.translation, placement.rotation
-    same = _last_changed(angles)
-    return p[same], continuous(from_matrix(C[same]))
+    still = np.zeros_like(angles, dtype=float)
+    C, p, *_ = chain.motion(arm.chain, angles, still, still)
+    return p, continuous(from_matrix(C))
 
 
 def skeleton(arm: Arm, angles: Array) -> Array:
@@ -199,38 +215,8 @@ def skeleton(arm: Arm, angles: Array) -> Array:
 
 def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolMotion:
     """Return the tool's motion for joint angles, rates and accelerations, (n, joints) each."""
-    pin = pinocchio()
-    model, data, frame = arm.model, arm.model.createData(), arm.frame
-    everything = np.hstack([angles, rates, accelerations])
-    n, joints = angles.shape
-    p, C, twist = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 2, 6))
-    local = pin.LOCAL
-    for k in _changed(everything):
-        row = everything[k]
-        pin.forwardKinematics(model, data, row[:joints], row[joints : 2 * joints], row[2 * joints :])
-        placement = pin.updateFramePlacement(model, data, frame)
-        p[k], C[k] = placement.translation, placement.rotation
-        twist[k, 0] = pin.getFrameVelocity(model, data, frame, local).vector
-        # the acceleration of a point, as an accelerometer measures it; pinocchio's default is the spatial vector
-        twist[k, 1] = pin.getFrameClassicalAcceleration(model, data, frame, local).vector
-    same = _last_changed(everything)
-    p, C, twist = p[same], C[same], twist[same]
-    v, a = (np.einsum("nij,nj->ni", C, twist[:, i, :3]) for i in range(2))
-    return ToolMotion(p, continuous(from_matrix(C)), v, a, twist[:, 0, 3:], twist[:, 1, 3:])
-
-
-def _changed(rows: Array) -> list[int]:
-    """Return the rows that differ from the one before; an arm at standstill needs one computation."""
-    changed = np.ones(len(rows), dtype=bool)
-    changed[1:] = np.any(rows[1:] != rows[:-1], axis=1)
-    return list(np.flatnonzero(changed))
-
-
-def _last_changed(rows: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    changed = np.zeros(len(rows), dtype=np.int64)
-    places = _changed(rows)
-    changed[places] = places
-    return np.maximum.accumulate(changed)
+    C, p, v, a, omega, alpha = chain.motion(arm.chain, angles, rates, accelerations)
+    return ToolMotion(p, continuous(from_matrix(C)), v, a, omega, alpha)
 
 
 class Derivatives(NamedTuple):
@@ -256,36 +242,12 @@ class Derivatives(NamedTuple):
 
 def derivatives(arm: Arm, angles: Array) -> Derivatives:
     """Return how the tool's pose changes at joint angles (n, joints)."""
-    pin = pinocchio()
-    model, data, frame = arm.model, arm.model.createData(), arm.frame
-    n, joints = len(angles), model.nv
-    local, jacobian, torques = np.empty((n, 6, 6 * joints)), np.empty((n, 6, joints)), np.empty((n, joints))
-    C = np.empty((n, 3, 3))
-    angles = np.ascontiguousarray(angles, dtype=float)
-    changed = _changed(angles)
-    for k in changed:
-        pin.computeJointJacobians(model, data, angles[k])
-        C[k] = pin.updateFramePlacement(model, data, frame).rotation
-        local[k] = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL)
-        jacobian[k] = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-        torques[k] = pin.computeGeneralizedGravity(model, data, angles[k])
-    same = _last_changed(angles)
-    C, local, jacobian = C[same], local[same], jacobian[same]
-    jacobian[:, :3] = C @ jacobian[:, :3]
-    regressor = np.zeros((n, 6, 6 * joints + 6))
-    regressor[:, :3, : 6 * joints] = C @ local[:, :3]
-    regressor[:, 3:, : 6 * joints] = local[:, 3:]
-    regressor[:, :3, 6 * joints : 6 * joints + 3] = C
-    regressor[:, 3:, 6 * joints + 3 :] = np.eye(3)
-    return Derivatives(regressor, jacobian, torques[same])
+    return Derivatives(*chain.derivatives(arm.chain, angles, STANDARD_GRAVITY))
 
 
 def gravity_torques(arm: Arm, angles: Array) -> Array:
     """Return the torques that hold the arm against gravity, (n, joints), N m."""
-    pin = pinocchio()
-    data = arm.model.createData()
-    angles = np.ascontiguousarray(angles, dtype=float)
-    return np.array([pin.computeGeneralizedGravity(arm.model, data, q) for q in angles])
+    return derivatives(arm, angles).torques
 
 
 def with_placement_errors(arm: Arm, errors: Array) -> Arm:

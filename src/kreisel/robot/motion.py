@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import PPoly
 
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm, check_range
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 
 @dataclass(frozen=True)
@@ -240,6 +242,8 @@ class _Cubics:
         self._breaks[joint].append(self._breaks[joint][-1] + seconds)
 
     def plan(self, smoothing: float) -> Plan:
+        from scipy.interpolate import PPoly  # comes with the extra `robot`, as the arm itself
+
         joints = tuple(
             PPoly(np.array(cubics).T, np.array(breaks), extrapolate=True)
             for cubics, breaks in zip(self._cubics, self._breaks, strict=True)

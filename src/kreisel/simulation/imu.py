@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, exp, matrix
@@ -87,6 +86,8 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
         return values
     if 0.0 < bandwidth < _MIN_BANDWIDTH:
         raise SettingsError(f"imu.bandwidth {bandwidth:g} Hz; expected 0 (none), or {_MIN_BANDWIDTH:g} Hz and above")
+    from scipy.interpolate import CubicSpline  # comes with the extra `robot`
+
     n = values.shape[0]
     spline = CubicSpline(np.arange(n) / rate, values)
     if bandwidth > 0.0:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from kreisel._kernels import recursions
 from kreisel.geometry.rotation import Array, exp, multiply
@@ -59,6 +58,8 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
     Each joint is a damped spring driven by its motor's acceleration. The solution is exact for an acceleration that is
     linear between the moments t.
     """
+    from scipy.linalg import expm  # comes with the extra `robot`
+
     q, _, ddq = plan.at(t)
     if errors.oscillation_frequency <= 0.0:
         zero = np.zeros_like(q)
