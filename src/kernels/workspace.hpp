@@ -26,6 +26,13 @@ public:
 
     /// Give back all that was taken. If more than one piece was needed, the next time one is enough.
     void clear() {
+#if defined(__SANITIZE_ADDRESS__)
+        while (newest) {
+            Piece *before = newest->before;
+            std::free(newest);
+            newest = before;
+        }
+#endif
         if (newest && newest->before) {
             Index size = 0;
             while (newest) {
@@ -39,6 +46,15 @@ public:
         used = 0;
     }
 
+#if defined(__SANITIZE_ADDRESS__)
+    /// Every piece by itself, so that the sanitizer sees what is read or written beside it.
+    double *numbers(Index count) {
+        void *memory = std::calloc(1, sizeof(Piece) + count * sizeof(double));
+        if (!memory) throw OutOfMemory();
+        newest = new (memory) Piece{newest, 0};
+        return reinterpret_cast<double *>(newest + 1);
+    }
+#else
     /// Numbers that are not set, at an address that is a multiple of 64.
     double *numbers(Index count) {
         const Index needed = (count + 7) / 8 * 8;
@@ -47,6 +63,7 @@ public:
         used += needed;
         return taken;
     }
+#endif
 
     /// A table with so many rows for m columns, none of them set.
     Columns columns(Index rows, Index m) { return {{numbers(rows * padded(m)), rows, padded(m)}}; }
