@@ -147,6 +147,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
         for (Index f = 1; f < P; f++) take(sample(signal.slopes, f));
         for (Index f = 0; f < signal.forces.rows; f++) take(sample(signal.forces, f));
         psi.flush();
+        if (3 * at != force.rows) throw Mismatch();  // `force_features` and `force_coefficients` count others
         u = matrix(path.C, 0, k) * u;
         store_transposed(u.x, u.y, u.z, 0.0, path.u.row(k), path.u.columns);
     }

@@ -1,6 +1,6 @@
 /// What Python calls, once for each set of instructions: KREISEL(name) is `kreisel_<variant>_<name>`.
 ///
-/// Every function returns 0, or 1 if there is no memory. Lengths and indices are checked by the caller. Arrays whose last
+/// Every function returns 0; 1 if there is no memory, 2 if parts of the library do not fit together. Lengths and indices are checked by the caller. Arrays whose last
 /// axis is one of columns have it padded, see arrays.hpp.
 
 #include "chain.hpp"
@@ -22,7 +22,7 @@
 
 namespace {
 
-enum Status { DONE, NO_MEMORY };
+enum Status { DONE, NO_MEMORY, MISMATCH };
 
 template <class Function>
 int guarded(Function work) {
@@ -31,6 +31,8 @@ int guarded(Function work) {
         return DONE;
     } catch (const OutOfMemory &) {
         return NO_MEMORY;
+    } catch (const Mismatch &) {
+        return MISMATCH;
     }
 }
 
@@ -150,6 +152,11 @@ EXPORTED int KREISEL(drive_oscillators)(Table step, Numbers now, Numbers later, 
 
 EXPORTED int KREISEL(gauss_markov)(Numbers keep, Table white, Table out) {
     gauss_markov(keep, white, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(force_features)(Index order, Indices out) {
+    out[0] = force_features(order);
     return DONE;
 }
 

@@ -11,6 +11,9 @@ namespace {
 /// What is thrown, inside the library alone, when there is no more memory.
 struct OutOfMemory {};
 
+/// What is thrown, inside the library alone, if two parts of it do not fit together.
+struct Mismatch {};
+
 class Workspace {
 public:
     Workspace() = default;

@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import ctypes
 
-from kreisel._kernels.arrays import Array, StackView, check_lengths, for_columns, padded
+import numpy as np
+
+from kreisel._kernels.arrays import Array, IndicesView, StackView, check_lengths, for_columns, padded
 from kreisel._kernels.library import function
 
+_force_features = function("force_features", ctypes.c_int64, IndicesView)
 _rate_coefficients = function("rate_coefficients", StackView, StackView, StackView)
 _force_coefficients = function(
     "force_coefficients", *[StackView] * 4, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, StackView
@@ -27,8 +30,9 @@ def rate_features(order: int) -> int:
 
 def force_features(order: int) -> int:
     """Return the number of features of the specific force, for polynomials of an order N."""
-    P = rate_features(order)
-    return P * (P + 1) // 2 + P - 1 + 3 * order
+    out = np.zeros(1, dtype=np.int64)
+    _force_features(order, out)
+    return int(out[0])
 
 
 def rate_coefficients(K_omega: Array, k_w: Array) -> Array:

@@ -57,7 +57,8 @@ def sources() -> str:
 def function(name: str, *types: Any) -> Callable[..., None]:
     """Return a function of the library that takes arguments of these types.
 
-    The interpreter lock is released while it runs. It raises a MemoryError if there is not enough memory.
+    The interpreter lock is released while it runs. It raises a MemoryError if there is not enough memory, and a
+    LibraryError if parts of the library do not fit together.
     """
     call = getattr(_LIBRARY, f"kreisel_{variant}_{name}")
     call.argtypes, call.restype, call.errcheck = types, ctypes.c_int, _check
@@ -66,5 +67,7 @@ def function(name: str, *types: Any) -> Callable[..., None]:
 
 def _check(status: int, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     del function, arguments
-    if status != 0:
+    if status == 1:
         raise MemoryError("not enough memory for the filter")
+    if status != 0:
+        raise LibraryError("features that are counted and features that are computed differ: see coefficients.hpp")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.sensor_model import SensorParameters, correct_angular_rate, correct_specific_force
 from kreisel.model import groups
 from kreisel.model.groups import REGISTRY, ParameterGroup, group_named
-from kreisel.model.parameters import CellParameters, parameter_names
+from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
 from kreisel.model.settings import CalibrationSettings
 
 from ...small_cell import simulate
@@ -109,3 +109,18 @@ def test_a_value_of_a_new_group_is_kept(with_dummy):
     stored["dummy_effect"] = np.array([1.0, 2.0])
     moved = replace(CellParameters.from_stored(stored), skew=1e-3)
     np.testing.assert_array_equal(moved.stored("dummy_effect"), [1.0, 2.0])
+
+
+@pytest.mark.parametrize("name", SENSOR_GROUPS)
+def test_every_sensor_group_enters_the_corrections_outside_the_filter(name):
+    """A group that only the filter knew would leave `Calibration.correct` wrong without a word."""
+    rng = np.random.default_rng(0)
+    w, a, alpha = rng.normal(size=(3, 20, 3))
+    values = {g: group_named(g).nominal(2, 0) for g in GROUPS}
+    values |= {g: np.eye(3).ravel() for g in ("gyro_cross_coupling", "accel_cross_coupling")}
+    other = values | {name: values[name] + 0.1 * rng.normal(size=values[name].shape)}
+    sensors = [CellParameters.from_stored(known).sensors for known in (values, other)]
+    plain, changed = (
+        (omega := correct_angular_rate(w, s), correct_specific_force(a, omega, alpha, s)) for s in sensors
+    )
+    assert any(np.abs(x - y).max() > 1e-3 for x, y in zip(plain, changed, strict=True))
