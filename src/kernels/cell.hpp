@@ -49,13 +49,13 @@ struct Steps {
     Stack regressor;              // (u, 6, e), e = 0 without a robot
 };
 
-/// What updates leave. Of the nines the first m count.
+/// What updates leave. The nines are position, orientation and velocity, nan where there is no such measurement.
 struct Record {
-    Table mean, deviation;        // (u, size), (u, k)
-    Mask used;                    // (u,)
-    Table innovation, whitened;   // (u, 9)
-    Stack factor, noise;          // (u, 9, 9)
-    Stack gain;                   // (u, 6, 9)
+    Table mean, deviation;                        // (u, first numbers of the state), (u, k)
+    Mask used;                                    // (u,)
+    Numbers nis, log_likelihood, turns;           // (u,)
+    Table whitened, innovation, residual, noise;  // (u, 9)
+    Table correction, correction_variance;        // (u, 6): of velocity and attitude
 };
 
 /// What rejects an update.

@@ -55,6 +55,21 @@ EXPORTED int KREISEL(run)(
     return guarded([&] { *stopped = run(*model, *signal, *steps, begin, end, *gate, *belief, *record); });
 }
 
+/// Python's `MeasuredArrays`.
+struct MeasuredArrays {
+    Numbers innovation;
+    Table noise, factor;
+    Numbers whitened;
+    Table gain;
+    Indices place;
+};
+
+EXPORTED int KREISEL(note)(const Record *record, Index i, const MeasuredArrays *of, Index n, Index used) {
+    const Measured measured = {of->innovation.data, of->noise, of->factor, of->whitened.data, columns(of->gain)};
+    note(*record, i, measured, of->place.data, n, used != 0);
+    return DONE;
+}
+
 EXPORTED int KREISEL(triangularise)(Table rows) {
     return guarded([&] {
         Workspace memory;

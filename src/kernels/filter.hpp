@@ -10,30 +10,72 @@
 
 namespace {
 
-/// Write into the record what update i leaves.
-inline void note(const Record &record, Index i, const double *mean, const double *innovation, Table factor, const Updated &done) {
-    const Index m = factor.rows;
-    record.used[i] = done.used;
-    std::memcpy(record.mean.row(i), mean, record.mean.columns * sizeof(double));
+/// What an update leaves of a measurement with m numbers: see `Record`.
+struct Measured {
+    const double *innovation;  // (m,)
+    Table noise;               // (m, e): factor of its noise
+    Table factor;              // (m, m): of the innovation's covariance, lower triangular
+    const double *whitened;    // (m,)
+    Columns gain;              // (m, n), transposed
+};
+
+/// Write what update i leaves of its measurement, number r of which stands at place[r] of the nines.
+inline void note(const Record &record, Index i, const Measured &of, const Index *place, Index n, bool used) {
+    const Index m = of.factor.rows;
+    const double nan = std::nan("");
+    for (Table rows : {record.whitened, record.innovation, record.residual, record.noise}) {
+        for (Index x = 0; x < MOST_MEASURED; x++) rows(i, x) = nan;
+    }
+    // residual: the noise's covariance times the inverse of the innovation's, times the innovation
+    double solved[MOST_MEASURED];
+    record.nis[i] = record.log_likelihood[i] = record.turns[i] = 0.0;
+    for (Index r = m - 1; r >= 0; r--) {
+        solved[r] = of.whitened[r];
+        for (Index x = r + 1; x < m; x++) solved[r] -= of.factor(x, r) * solved[x];
+        solved[r] /= of.factor(r, r);
+        record.nis[i] += of.whitened[r] * of.whitened[r];
+        record.log_likelihood[i] -= std::log(of.factor(r, r));
+    }
+    record.log_likelihood[i] -= 0.5 * record.nis[i];
     for (Index r = 0; r < m; r++) {
-        record.innovation(i, r) = innovation[r];
-        record.whitened(i, r) = done.whitened[r];
-        for (Index j = 0; j < m; j++) {
-            double variance = 0.0;
-            for (Index e = 0; e < factor.columns; e++) variance += factor(r, e) * factor(j, e);
-            record.noise[i](r, j) = variance;
-            record.factor[i](r, j) = done.factor(r, j);
+        double residual = 0.0, variance = 0.0;
+        for (Index e = 0; e < of.noise.columns; e++) {
+            double along = 0.0;
+            for (Index x = 0; x < m; x++) along += of.noise(x, e) * solved[x];
+            residual += of.noise(r, e) * along;
+            variance += of.noise(r, e) * of.noise(r, e);
         }
+        record.whitened(i, place[r]) = of.whitened[r];
+        record.innovation(i, place[r]) = of.innovation[r];
+        record.residual(i, place[r]) = residual;
+        record.noise(i, place[r]) = variance;
+        if (!used || place[r] < 3 || place[r] > 5) continue;
+        double inverse[MOST_MEASURED];  // column r of the factor's inverse
+        for (Index x = r; x < m; x++) {
+            inverse[x] = x == r ? 1.0 : 0.0;
+            for (Index y = r; y < x; y++) inverse[x] -= of.factor(x, y) * inverse[y];
+            inverse[x] /= of.factor(x, x);
+            record.turns[i] += inverse[x] * inverse[x];
+        }
+    }
+    // velocity and attitude are the first and the last three of the last nine degrees of freedom
+    for (Index j = 0; j < 6; j++) {
+        const Index degree = n - (j < 3 ? 9 - j : 6 - j);
+        double change = 0.0, variance = 0.0;
+        for (Index r = 0; r < m; r++) {
+            change += of.gain(r, degree) * of.whitened[r];
+            variance += of.gain(r, degree) * of.gain(r, degree);
+        }
+        record.correction(i, j) = change;
+        record.correction_variance(i, j) = variance;
     }
 }
 
-/// Write the rows of the gain that change velocity and attitude: the first and the last three of the last nine.
-inline void note_gain(Table record, Columns gain, Index n) {
-    for (Index r = 0; r < gain.rows; r++) {
-        for (Index j = 0; j < 3; j++) {
-            record(j, r) = gain(r, n - 9 + j);
-            record(3 + j, r) = gain(r, n - 3 + j);
-        }
+/// Write which of the nines the numbers of update i are.
+inline void places_of(const Steps &steps, Index i, Index *place) {
+    const bool present[3] = {steps.given[0] != 0, steps.given[1] != 0, steps.at_standstill[i] != 0};
+    for (Index kind = 0; kind < 3; kind++) {
+        for (Index axis = 0; present[kind] && axis < 3; axis++) *place++ = 3 * kind + axis;
     }
 }
 
@@ -82,8 +124,11 @@ inline Index run(
             gate.bounds[factor.rows], memory);
         std::swap(upper, posterior);
         gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
-        note(record, i, belief.mean.data, predicted.innovation, factor, done);
-        note_gain(record.gain[i], done.gain, n);
+        Index place[MOST_MEASURED];
+        places_of(steps, i, place);
+        note(record, i, {predicted.innovation, factor, done.factor, done.whitened, done.gain}, place, n, done.used);
+        record.used[i] = done.used;
+        std::memcpy(record.mean.row(i), belief.mean.data, record.mean.columns * sizeof(double));
         deviations(upper, record.deviation.columns, record.deviation.row(i));
         going = std::isfinite(done.nis) && gate.rejected[0] < gate.most;
     }

@@ -135,20 +135,25 @@ class Steps(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What updates leave: see `filtering.history.History`.
+    """What updates leave: see `filtering.history.History`, whose names some fields have.
 
-    mean (u, size), deviation (u, n), used (u,); innovation and whitened (u, 9), their factor and the
-    noise's covariance (u, 9, 9), gain of velocity and attitude (u, 6, 9). Of the nines the first m count.
+    mean (u, first numbers of the stored state), deviation (u, first degrees of freedom), used (u,); nis,
+    log_likelihood, turn_information (u,); whitened, innovation, residual, noise_variance (u, 9): position, orientation,
+    velocity, nan where there is no such measurement; correction, correction_variance (u, 6).
     """
 
     mean: Table
     deviation: Table
     used: Mask
-    innovation: Table
+    nis: Numbers
+    log_likelihood: Numbers
+    turn_information: Numbers
     whitened: Table
-    factor: Stack
-    noise: Stack
-    gain: Stack
+    innovation: Table
+    residual: Table
+    noise_variance: Table
+    correction: Table
+    correction_variance: Table
 
 
 class Gate(NamedTuple):

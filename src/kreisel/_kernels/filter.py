@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import ctypes
+from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels.arrays import IndicesView, Pointer, check_indices, check_lengths
+from kreisel._kernels.arrays import (
+    Array,
+    Indices,
+    IndicesView,
+    Numbers,
+    Pointer,
+    Table,
+    check_indices,
+    check_lengths,
+    padded,
+)
 from kreisel._kernels.cell import MEASURED, Gate, Gaussian, Model, Record, Samples, Steps
 from kreisel._kernels.library import function
 
@@ -107,10 +118,45 @@ def _check_record(record: Record, begin: int, end: int, belief: Gaussian) -> Non
     u, m = len(record.used), MEASURED
     if end > u:
         raise ValueError(f"updates {begin} to {end} for a record of {u}")
-    check_lengths(
-        mean=(record.mean, (u, belief.mean.size)), deviation=(record.deviation, (u, record.deviation.shape[1])),
-        innovation=(record.innovation, (u, m)), whitened=(record.whitened, (u, m)), factor=(record.factor, (u, m, m)),
-        noise_of_record=(record.noise, (u, m, m)), gain=(record.gain, (u, 6, m)),
-    )  # fmt: skip
-    if record.deviation.shape[1] > belief.upper.shape[0]:
-        raise ValueError("more deviations than degrees of freedom")
+    numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:]
+    shapes = {(u,): numbers, (u, m): wide, (u, 6): six}
+    check_lengths(**{f"record_{len(s)}_{i}": (a, s) for s, arrays in shapes.items() for i, a in enumerate(arrays)})
+    for name, array, most in (
+        ("mean", record.mean, belief.mean.size), ("deviation", record.deviation, belief.upper.shape[0])
+    ):  # fmt: skip
+        if array.shape[0] != u or array.shape[1] > most:
+            raise ValueError(f"the record's {name} has the shape {array.shape}; expected {u} and at most {most}")
+
+
+class MeasuredArrays(NamedTuple):
+    """What `note` is given of an update."""
+
+    innovation: Numbers
+    noise: Table
+    factor: Table
+    whitened: Numbers
+    gain: Table
+    place: Indices
+
+
+_note = function("note", Pointer(Record), ctypes.c_int64, Pointer(MeasuredArrays), ctypes.c_int64, ctypes.c_int64)
+
+
+def note(
+    record: Record, i: int, innovation: Array, noise: Array, factor: Array, whitened: Array, gain: Array,
+    place: Indices, *, used: bool,
+) -> None:  # fmt: skip
+    """Write into a record what update i leaves of a measurement of m numbers.
+
+    Parameters
+    ----------
+    innovation, whitened : (m,)
+    noise, factor : (m, e), (m, m)
+        Factor of the measurement's noise; of the innovation's covariance, lower triangular.
+    gain : (n, m)
+        On the whitened innovation; the last nine degrees of freedom are velocity, position and attitude.
+    place : (m,)
+        Where the numbers stand among position, orientation and velocity.
+    """
+    of = MeasuredArrays(innovation, noise, factor, whitened, padded(gain.T), place)
+    _note(record, i, of, len(gain), int(used))

@@ -72,7 +72,7 @@ def run_filter(
                 limit, filtered, record,
             )  # fmt: skip
             belief = Belief(filtered.mean, filtered.upper.T.copy())
-            if not np.isfinite(record.whitened[done - 1 - begin]).all():
+            if not np.isfinite(record.nis[done - 1 - begin]):
                 raise EstimationError(
                     f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "
                     "s; check units and noise figures, or fix groups that are not observable"

@@ -94,12 +94,16 @@ def filter_record(problem: Problem, u: int) -> cell.Record:
     """Return empty arrays for the record of so many updates."""
     m = cell.MEASURED
     return cell.Record(
-        mean=np.empty((u, problem.layout.size)),
+        mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),
         deviation=np.empty((u, len(problem.parameter_names))),
         used=np.zeros(u, dtype=bool),
+        nis=np.zeros(u),
+        log_likelihood=np.empty(u),
+        turn_information=np.empty(u),
+        whitened=np.empty((u, m)),
         innovation=np.empty((u, m)),
-        whitened=np.zeros((u, m)),
-        factor=np.empty((u, m, m)),
-        noise=np.empty((u, m, m)),
-        gain=np.empty((u, 6, m)),
+        residual=np.empty((u, m)),
+        noise_variance=np.empty((u, m)),
+        correction=np.empty((u, 6)),
+        correction_variance=np.empty((u, 6)),
     )

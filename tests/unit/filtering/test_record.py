@@ -7,7 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from kreisel._kernels.cell import Record
+from kreisel._kernels.filter import note
 from kreisel.filtering.history import History
+from kreisel.filtering.kernel_inputs import filter_record
 from kreisel.filtering.record import history_of, joined
 
 from ...oracle import quaternions as quat
@@ -17,23 +19,21 @@ PRESENT = {False: np.arange(6), True: np.arange(9)}
 
 
 def made_up(problem, updates, rng, present):
-    """Innovations of a linear measurement with covariances P_zz, and the record a filter would leave of them."""
+    """Innovations of a linear measurement with covariances P_zz, and the record the filter leaves of them."""
     u, n = len(updates), len(problem.parameter_names)
-    record = Record(
-        rng.normal(size=(u, problem.layout.size)), rng.uniform(size=(u, n)), rng.uniform(size=u) < 0.7,
-        np.full((u, 9), 7.0), np.full((u, 9), 7.0), np.full((u, 9, 9), 7.0), np.full((u, 9, 9), 7.0),
-        np.full((u, 6, 9), 7.0),
-    )  # fmt: skip
+    record = filter_record(problem, u)
+    record.mean[:], record.deviation[:] = rng.normal(size=record.mean.shape), rng.uniform(size=(u, n))
+    record.used[:] = rng.uniform(size=u) < 0.7
     exact = []
     for i, update in enumerate(updates):
-        m = present[update.standstill is not None].size
-        H, root = rng.normal(size=(m, 6)), rng.normal(size=(m, m))
-        P, R = np.diag(rng.uniform(0.5, 2.0, 6)), root @ root.T + np.eye(m)
+        place = present[update.standstill is not None]
+        m = place.size
+        H, root = rng.normal(size=(m, 6)), rng.normal(size=(m, m + 2))
+        P, R = np.diag(rng.uniform(0.5, 2.0, 6)), root @ root.T
         Pzz, z = H @ P @ H.T + R, rng.normal(size=m)
-        S = np.linalg.cholesky(Pzz)
-        record.innovation[i, :m], record.factor[i, :m, :m], record.noise[i, :m, :m] = z, S, R
-        record.whitened[i, :m] = np.linalg.solve(S, z)
-        record.gain[i, :, :m] = P @ H.T @ np.linalg.inv(S).T
+        S, gain = np.linalg.cholesky(Pzz), np.full((20, m), 7.0)
+        gain[[11, 12, 13, 17, 18, 19]] = P @ H.T @ np.linalg.inv(S).T
+        note(record, i, z, root, S, np.linalg.solve(S, z), gain, place, used=bool(record.used[i]))
         exact.append((H, P, R, Pzz, z))
     return record, exact
 
