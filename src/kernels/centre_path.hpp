@@ -49,9 +49,10 @@ inline void outer_weights(Span span, const Samples &signal, Columns weights) {
 }
 
 /// The sum of the features (P, n) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
+template <Index N>
 inline Vector<Lanes> weighted(Columns coefficients, Table features, Index s) {
     Vector<Lanes> out = {0.0, 0.0, 0.0};
-    for (Index f = 0; f < features.rows; f++) {
+    for (Index f = 0; f < (N ? rate_features(N) : features.rows); f++) {
         const Lanes feature = From(features.row(f), s, features.columns)[0];
         out += feature * in_all_lanes(coefficients.rows_from(3 * f, 3).vector_at(0));
     }
@@ -76,17 +77,18 @@ inline Vector<T> rotation_step(Vector<T> step, Vector<T> omega, Vector<T> next, 
 }
 
 /// Write the attitude (4, c) of the first column of `rate` at the samples of a span, seen from the span's first.
+template <Index N>
 inline void centre_attitude(Span span, const Samples &signal, Columns rate, Columns q, Workspace &memory) {
     const Index count = span.count(), start = span.first - span.low;
     const Columns omega = memory.columns(3, count + LANES), alpha = memory.columns(3, count + LANES);
     const Columns turns = memory.columns(4, count + LANES);
     for (Index k = 0; k < count; k += LANES) {
-        omega.set(k, weighted(rate, signal.rates, span.low + k));
-        alpha.set(k, weighted(rate, signal.slopes, span.low + k));
+        omega.set(k, weighted<N>(rate, signal.rates, span.low + k));
+        alpha.set(k, weighted<N>(rate, signal.slopes, span.low + k));
     }
     const From stamps(signal.stamps.data, span.low, signal.stamps.count), next(signal.stamps.data, span.low + 1, signal.stamps.count);
     for (Index k = 0; k < count - 1; k += LANES) {
-        const Vector<Lanes> step = weighted(rate, signal.integrals, span.low + k);
+        const Vector<Lanes> step = weighted<N>(rate, signal.integrals, span.low + k);
         turns.set(k, small_rotation(rotation_step(
             step, omega.vector(k), omega.vector(k + 1), alpha.vector(k), alpha.vector(k + 1), next[k] - stamps[k])));
     }
@@ -129,8 +131,10 @@ private:
 };
 
 /// Write the features of the specific force (c, features), and the force of the first column turned by C, (c, 4).
+template <Index N>
 inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
-    const Index P = signal.rates.rows, count = span.count(), n = signal.stamps.count;
+    const Index P = N ? rate_features(N) : signal.rates.rows, powers = N ? 3 * N : signal.forces.rows;
+    const Index count = span.count(), n = signal.stamps.count;
     for (Index k = 0; k < count; k += LANES) {
         Vector<Lanes> u = {0.0, 0.0, 0.0};
         FeatureRows psi(path.psi, k);
@@ -145,7 +149,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
             for (Index g = f; g < P; g++) take(rate * sample(signal.rates, g));
         }
         for (Index f = 1; f < P; f++) take(sample(signal.slopes, f));
-        for (Index f = 0; f < signal.forces.rows; f++) take(sample(signal.forces, f));
+        for (Index f = 0; f < powers; f++) take(sample(signal.forces, f));
         psi.flush();
         if (3 * at != force.rows) throw Mismatch();  // `force_features` and `force_coefficients` count others
         u = matrix(path.C, 0, k) * u;
@@ -154,6 +158,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
 }
 
 /// The path of the first parameter set.
+template <Index N>
 inline Path centre_path(Span span, const Samples &signal, const Coefficients &coefficients, Workspace &memory) {
     const Index count = span.count(), features = coefficients.force.rows / 3;
     const Path path = {
@@ -162,12 +167,12 @@ inline Path centre_path(Span span, const Samples &signal, const Coefficients &co
         {memory.numbers(padded(count) * padded(features)), padded(count), padded(features)},
     };
     outer_weights(span, signal, path.weights);
-    centre_attitude(span, signal, coefficients.rate, path.q, memory);
+    centre_attitude<N>(span, signal, coefficients.rate, path.q, memory);
     for (Index k = 0; k < path.C.columns; k += LANES) {
         const Matrix<Lanes> C = direction_cosines(path.q.quaternion(k));
         for (Index i = 0; i < 3; i++) path.C.set(3 * i, k, C.row[i]);
     }
-    force_along(span, signal, coefficients.force, path);
+    force_along<N>(span, signal, coefficients.force, path);
     return path;
 }
 

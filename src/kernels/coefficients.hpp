@@ -21,6 +21,15 @@ inline Index force_features(Index order) {
     return P * (P + 1) / 2 + P - 1 + 3 * order;
 }
 
+/// Numbers of features, known to the compiler for the usual order N = 1, and for N = 0 taken from the arrays.
+template <Index N>
+struct Features {
+    Index P, Q, force;  // features of the rate, padded; features of the force
+
+    explicit Features(Index order)
+        : P(rate_features(N ? N : order)), Q(padded(P)), force(force_features(N ? N : order)) {}
+};
+
 inline Matrix<Lanes> matrix(Columns rows, Index first, Index s) {
     return {{rows.vector(first, s), rows.vector(first + 3, s), rows.vector(first + 6, s)}};
 }
@@ -74,10 +83,12 @@ inline Matrix<Lanes> size_effect_field(
 /// Write what equation (2) multiplies the features by, (3 features, m).
 ///
 /// rate (3 P, m), or its first column for all where it is `common`; K_a and arms (9, m), k_a (3 N, m).
+template <Index N>
 inline void force_coefficients(
     Columns rate, bool common, Columns K_a, Columns k_a, Columns arms, SizeEffect form, Columns out
 ) {
-    const Index P = rate.rows / 3, order = k_a.rows / 3, slopes = P * (P + 1) / 2, readings = slopes + P - 1;
+    const Index order = N ? N : k_a.rows / 3, P = rate_features(order);
+    const Index slopes = P * (P + 1) / 2, readings = slopes + P - 1;
     for (Index s = 0; s < out.columns; s += LANES) {
         const Matrix<Lanes> K = matrix(K_a, 0, s), e = matrix(arms, 0, s);
         const Matrix<Lanes> axes = form.inside ? inverse(K) : K;

@@ -183,7 +183,7 @@ EXPORTED int KREISEL(rate_coefficients)(Stack K_omega, Stack k_w, Stack out) {
 EXPORTED int KREISEL(force_coefficients)(
     Stack rate, Stack K_a, Stack k_a, Stack arms, double products, Index inside, Index common, Stack out
 ) {
-    force_coefficients(
+    force_coefficients<0>(
         columns(rate), common != 0, columns(K_a), columns(k_a), columns(arms), {products, inside != 0}, columns(out));
     return DONE;
 }

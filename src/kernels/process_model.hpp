@@ -49,8 +49,8 @@ inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &or
     };
     const auto force = [&](Columns accel, bool common, Columns to) {
         const Index arms = 9 + 3 * N;
-        force_coefficients(
-            out.rate, common, accel.rows_from(0, 9), accel.rows_from(9, 3 * N), accel.rows_from(arms, 9), form, to);
+        const auto write = N == 1 ? force_coefficients<1> : force_coefficients<0>;
+        write(out.rate, common, accel.rows_from(0, 9), accel.rows_from(9, 3 * N), accel.rows_from(arms, 9), form, to);
     };
     rate_coefficients(gyro.rows_from(0, 9), gyro.rows_from(9, 3 * N), out.rate);
     force(own, false, out.force);

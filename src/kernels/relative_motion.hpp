@@ -53,8 +53,10 @@ inline Index block_length(Span span, const Samples &signal, Columns difference) 
 ///
 /// It is the mean of C (of the cubic through four samples, of a line at either end) times the feature's integral, and
 /// what both change together.
+template <Index N>
 inline void unit_turns(Span span, const Samples &signal, Columns C, Table units, Workspace &memory) {
-    const Index P = signal.rates.rows, Q = padded(P), count = span.count(), intervals = count - 1;
+    const Features<N> of(signal.rates.rows / 3);
+    const Index P = of.P, Q = of.Q, count = span.count(), intervals = count - 1;
     const Columns mean = memory.columns(9, count), change = memory.columns(9, count);
     for (Index i = 0; i < 9; i++) {
         const double *c = C.row(i);
@@ -99,8 +101,10 @@ inline void unit_turns(Span span, const Samples &signal, Columns C, Table units,
 }
 
 /// Add sum_fr turns[(3 i + r) Q + f] difference[3 f + r, s] to column s, for component i.
+template <Index N>
 inline Vector<Lanes> contract(const double *turns, Columns difference, Index s) {
-    const Index P = difference.rows / 3, Q = padded(P);
+    const Features<N> of(difference.rows / 9);
+    const Index P = of.P, Q = of.Q;
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < P; f++) {
         const Vector<Lanes> d = difference.vector(3 * f, s);
@@ -113,13 +117,14 @@ inline Vector<Lanes> contract(const double *turns, Columns difference, Index s) 
 }
 
 /// sum_jf sums[3 i + j, f] coefficients[3 f + j, s] for component i; sums (9, features).
+template <Index N>
 inline Vector<Lanes> combine(Table sums, Columns coefficients, Index s) {
-    const Index features = coefficients.rows / 3;
+    const Index features = N ? force_features(N) : coefficients.rows / 3;
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < features; f++) {
         const Vector<Lanes> x = coefficients.vector(3 * f, s);
         const double *a = sums.data + f;
-        const Index n = sums.columns;
+        const Index n = N ? padded(force_features(N)) : sums.columns;
         out.x += Lanes(a[0]) * x.x + Lanes(a[n]) * x.y + Lanes(a[2 * n]) * x.z;
         out.y += Lanes(a[3 * n]) * x.x + Lanes(a[4 * n]) * x.y + Lanes(a[5 * n]) * x.z;
         out.z += Lanes(a[6 * n]) * x.x + Lanes(a[7 * n]) * x.y + Lanes(a[8 * n]) * x.z;
@@ -213,6 +218,7 @@ struct Turning {
 };
 
 /// Turn q (4, m) against the centre from one sample to another.
+template <Index N>
 inline void advance(
     Span span, const Samples &signal, Index begin, Index end, Table units, Columns difference, double *turns,
     Turning &last, Columns q
@@ -228,7 +234,7 @@ inline void advance(
     const double before = last.span;
     const double share = before > 0.0 && now > 0.0 ? now * now / (6.0 * before * (now + before)) : 0.0;
     for (Index s = 0; s < q.columns; s += LANES) {
-        const Vector<Lanes> theta = contract(turns, difference, s), earlier = last.theta.vector(s);
+        const Vector<Lanes> theta = contract<N>(turns, difference, s), earlier = last.theta.vector(s);
         last.theta.set(s, theta);
         q.set(s, q.quaternion(s) * small_rotation(theta + share * cross(earlier, theta)));
     }
@@ -236,12 +242,14 @@ inline void advance(
 }
 
 /// Write dv and dp (3, M) of the sets with gyro parameters of their own, block by block, and fill `relative`.
+template <Index N>
 inline void relative_motion(
     Span span, const Samples &signal, const Coefficients &coefficients, const Path &path, Relative &relative,
     const Increments &out, Workspace &memory
 ) {
     const Columns rate = coefficients.rate, force = coefficients.force;
-    const Index count = span.count(), P = rate.rows / 3, Q = padded(P), features = path.psi.columns;
+    const Features<N> of(rate.rows / 9);
+    const Index count = span.count(), Q = of.Q, features = path.psi.columns;
     const Columns difference = memory.columns(rate.rows, coefficients.m);
     for (Index row = 0; row < rate.rows; row++) {
         for (Index s = 0; s < rate.columns; s += LANES) {
@@ -250,7 +258,7 @@ inline void relative_motion(
     }
     const Index length = block_length(span, signal, difference), blocks = (count + length - 1) / length;
     const Table units = {memory.numbers((count - 1) * 9 * Q), count - 1, 9 * Q};
-    unit_turns(span, signal, path.C, units, memory);
+    unit_turns<N>(span, signal, path.C, units, memory);
     const Table sums = {memory.numbers(18 * features), 18, features}, turns = {memory.numbers(54 * Q), 6, 9 * Q};
     double *carried = memory.numbers(2 * LANES * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
     Turning last = {memory.zeros(3, coefficients.m), memory.zeros(3, coefficients.m)};
@@ -262,7 +270,7 @@ inline void relative_motion(
         sum_products(begin, end, path, sums);
         for (Index i = 0; i < 18 * features; i++) relative.total.data[i] += sums.data[i];
         sum_turns(begin, centre, end, path, units, carried, turns);
-        advance(span, signal, at, centre, units, difference, turned, last, relative.q);
+        advance<N>(span, signal, at, centre, units, difference, turned, last, relative.q);
         at = centre;
         for (Index which = 0; which < 2; which++) {
             for (Index i = 0; i < 3; i++) {
@@ -274,16 +282,16 @@ inline void relative_motion(
             const Columns increment = which == 0 ? out.dv : out.dp;
             const Table own = {sums.row(9 * which), 9, features};
             for (Index s = 0; s < rate.columns; s += LANES) {
-                const Vector<Lanes> part = combine(own, force, s) + contract(lever, difference, s);
+                const Vector<Lanes> part = combine<N>(own, force, s) + contract<N>(lever, difference, s);
                 increment.set(s, increment.vector(s) + rotate(relative.q.quaternion(s), part));
             }
         }
     }
     const Index end = span.last - span.low;
-    advance(span, signal, at, end, units, difference, turned, last, relative.q);
+    advance<N>(span, signal, at, end, units, difference, turned, last, relative.q);
     for (Index s = 0; s < rate.columns; s += LANES) {
-        relative.neighbours[0].set(s, -contract(units.row(end - 1), difference, s));
-        if (end < count - 1) relative.neighbours[1].set(s, contract(units.row(end), difference, s));
+        relative.neighbours[0].set(s, -contract<N>(units.row(end - 1), difference, s));
+        if (end < count - 1) relative.neighbours[1].set(s, contract<N>(units.row(end), difference, s));
     }
 }
 
