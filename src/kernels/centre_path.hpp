@@ -24,28 +24,43 @@ struct From {
     Lanes operator[](Index s) const { return load(data + s, left - s); }
 };
 
+/// Six sums that belong to six neighbouring samples, and move along them.
+struct Window {
+    Lanes first = 0.0, rest = 0.0;
+
+    void add(Lanes four, Lanes two) {
+        first += four;
+        rest += two;
+    }
+    /// Give out the sum of the first sample, which no interval behind reaches.
+    double move_on() {
+        const double out = first[0];
+        first = down_by_one(first, rest);
+        rest = down_by_one(rest, 0.0);
+        return out;
+    }
+};
+
 /// Write the weights (2, c) of the samples in the integrals of velocity and position.
 inline void outer_weights(Span span, const Samples &signal, Columns weights) {
     fill(weights, 0.0);
-    double v[STENCIL] = {}, p[STENCIL] = {};  // of the samples from `at` on
-    Index at = span.first < span.last ? signal.base[span.first] - span.low : 0;
+    if (span.first == span.last) return;
+    Window velocity, position;
+    Index at = signal.base[span.first] - span.low;
     const auto move_on = [&] {
-        weights(0, at) += v[0];
-        weights(1, at) += p[0];
-        for (Index i = 0; i + 1 < STENCIL; i++) v[i] = v[i + 1], p[i] = p[i + 1];
-        v[STENCIL - 1] = p[STENCIL - 1] = 0.0;
+        weights(0, at) += velocity.move_on();
+        weights(1, at) += position.move_on();
         at++;
     };
     for (Index k = span.first; k < span.last; k++) {
         while (at < signal.base[k] - span.low) move_on();
-        const double rest = signal.stamps[span.last] - signal.stamps[k + 1];
+        const Lanes rest = signal.stamps[span.last] - signal.stamps[k + 1];
         const double *once = signal.single.row(k), *twice = signal.twice.row(k);
-        for (Index i = 0; i < STENCIL; i++) {
-            v[i] += once[i];
-            p[i] += twice[i] + rest * once[i];
-        }
+        const Lanes four = load(once), two = load(once + LANES, STENCIL - LANES);
+        velocity.add(four, two);
+        position.add(load(twice) + rest * four, load(twice + LANES, STENCIL - LANES) + rest * two);
     }
-    for (Index i = 0; i < STENCIL && span.first < span.last; i++) move_on();
+    for (Index i = 0; i < STENCIL; i++) move_on();
 }
 
 /// The sum of the features (P, n) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
@@ -107,52 +122,38 @@ inline void centre_attitude(Span span, const Samples &signal, Columns rate, Colu
     for (Index j = count; j < q.columns; j++) q.set_at(j, {1.0, 0.0, 0.0, 0.0});
 }
 
-/// Features of four samples side by side, written sample by sample.
-class FeatureRows {
-public:
-    FeatureRows(Table psi, Index sample) : at(psi.row(sample)), stride(psi.columns) {}
-
-    void add(Lanes feature) {
-        waiting[count++] = feature;
-        if (count == LANES) flush();
+/// Write rows (features, 4 samples) into the rows of a table (samples, features) from a sample on, padded with zeros.
+inline void set_features(const Lanes *features, Index count, Table out, Index sample) {
+    const Lanes none = 0.0;
+    for (Index f = 0; f < count; f += LANES) {
+        const auto at = [&](Index i) { return f + i < count ? features[f + i] : none; };
+        store_transposed(at(0), at(1), at(2), at(3), out.row(sample) + f, out.columns);
     }
-    void flush() {
-        if (count == 0) return;
-        for (Index i = count; i < LANES; i++) waiting[i] = 0.0;
-        store_transposed(waiting[0], waiting[1], waiting[2], waiting[3], at, stride);
-        at += LANES;
-        count = 0;
-    }
+}
 
-private:
-    double *at;
-    Index stride, count = 0;
-    Lanes waiting[LANES];
-};
+constexpr Index MOST_FEATURES = 200;  ///< of the force, for polynomials up to the fifth order
 
 /// Write the features of the specific force (c, features), and the force of the first column turned by C, (c, 4).
 template <Index N>
 inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
     const Index P = N ? rate_features(N) : signal.rates.rows, powers = N ? 3 * N : signal.forces.rows;
     const Index count = span.count(), n = signal.stamps.count;
+    if (3 * (P * (P + 1) / 2 + P - 1 + powers) != force.rows || force.rows > 3 * MOST_FEATURES) throw Mismatch();
     for (Index k = 0; k < count; k += LANES) {
-        Vector<Lanes> u = {0.0, 0.0, 0.0};
-        FeatureRows psi(path.psi, k);
+        const auto samples = [&](Table rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
+        // in the order of `force_coefficients`
+        Lanes features[MOST_FEATURES];
         Index at = 0;
-        const auto take = [&](Lanes feature) {
-            u += feature * in_all_lanes(force.rows_from(3 * at++, 3).vector_at(0));
-            psi.add(feature);
-        };
-        const auto sample = [&](Table rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
         for (Index f = 0; f < P; f++) {
-            const Lanes rate = sample(signal.rates, f);
-            for (Index g = f; g < P; g++) take(rate * sample(signal.rates, g));
+            const Lanes rate = samples(signal.rates, f);
+            for (Index g = f; g < P; g++) features[at++] = rate * samples(signal.rates, g);
         }
-        for (Index f = 1; f < P; f++) take(sample(signal.slopes, f));
-        for (Index f = 0; f < powers; f++) take(sample(signal.forces, f));
-        psi.flush();
-        if (3 * at != force.rows) throw Mismatch();  // `force_features` and `force_coefficients` count others
+        for (Index f = 1; f < P; f++) features[at++] = samples(signal.slopes, f);
+        for (Index f = 0; f < powers; f++) features[at++] = samples(signal.forces, f);
+        Vector<Lanes> u = {0.0, 0.0, 0.0};
+        for (Index f = 0; f < at; f++) u += features[f] * in_all_lanes(force.rows_from(3 * f, 3).vector_at(0));
         u = matrix(path.C, 0, k) * u;
+        set_features(features, at, path.psi, k);
         store_transposed(u.x, u.y, u.z, 0.0, path.u.row(k), path.u.columns);
     }
 }

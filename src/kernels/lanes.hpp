@@ -68,6 +68,9 @@ inline double of_both(Lanes a, Lanes b, Index i) { return i < LANES ? a[i] : b[i
 inline Lanes up_by_one(Lanes a, Lanes fill) { return SHUFFLED(fill, a, 0, 4, 5, 6); }
 inline Lanes up_by_two(Lanes a, Lanes fill) { return SHUFFLED(fill, a, 0, 1, 4, 5); }
 
+/// The lanes moved down by one; the first of `next` moves in.
+inline Lanes down_by_one(Lanes a, Lanes next) { return SHUFFLED(a, next, 1, 2, 3, 4); }
+
 /// The last lane in all of them.
 inline Lanes last_lane(Lanes a) { return SHUFFLED(a, a, 3, 3, 3, 3); }
 

@@ -81,14 +81,14 @@ inline void unit_turns(Span span, const Samples &signal, Columns C, Table units,
     const From stamps(signal.stamps.data, span.low, n), next(signal.stamps.data, span.low + 1, n);
     for (Index j = 0; j < intervals; j += LANES) {
         const Lanes h = next[j] - stamps[j], share = h * h * (1.0 / 24.0);
-        FeatureRows whole(integral, j), rising(slope, j);
+        Lanes whole[MOST_FEATURES], rising[MOST_FEATURES];
         for (Index f = 0; f < P; f++) {
             const double *slopes = signal.slopes.row(f);
-            whole.add(From(signal.integrals.row(f), span.low, n - 1)[j]);
-            rising.add(share * (From(slopes, span.low, n)[j] + From(slopes, span.low + 1, n)[j]));
+            whole[f] = From(signal.integrals.row(f), span.low, n - 1)[j];
+            rising[f] = share * (From(slopes, span.low, n)[j] + From(slopes, span.low + 1, n)[j]);
         }
-        whole.flush();
-        rising.flush();
+        set_features(whole, P, integral, j);
+        set_features(rising, P, slope, j);
     }
     for (Index j = 0; j < intervals; j++) {
         for (Index f = 0; f < Q; f += LANES) {

@@ -38,38 +38,60 @@ struct SigmaOrder {
     Index points() const { return 1 + 2 * degrees(); }
 };
 
+/// Write the lower triangle of upper's transpose, times a factor: rows of the state, columns of directions.
+inline void transpose_scaled(Table upper, double factor, Columns lower) {
+    const Index n = upper.rows;
+    fill(lower, 0.0);
+    for (Index i = 0; i < n; i += LANES) {
+        for (Index j = 0; j <= i; j += LANES) {
+            Lanes row[LANES];
+            for (Index x = 0; x < LANES; x++) {
+                row[x] = j + x < n ? Lanes(factor) * load(upper.row(j + x) + i, n - i) : Lanes(0.0);
+            }
+            if (i + LANES <= n) {
+                store_transposed(row[0], row[1], row[2], row[3], lower.row(i) + j, lower.columns);
+                continue;
+            }
+            for (Index y = 0; i + y < n; y++) {
+                for (Index x = 0; x < LANES; x++) lower(i + y, j + x) = row[x][y];
+            }
+        }
+    }
+}
+
 /// Write the sigma points (size, 2 n + 1): equation (17). Only the rows of the given parts are written.
 inline void draw(
     IndexTable parts, const SigmaOrder &order, const double *mean, Table upper, double spread, Columns points,
     Workspace &memory
 ) {
-    // Rows i of the state, `about` their means: row j of the factor changes them in points plus(j) and minus(j).
-    const auto change = [&](Index first, Index degrees, const double *about, Columns rows) {
-        for (Index i = 0; i < degrees; i++) {
-            const double at = about ? about[i] : 0.0;
-            double *row = rows.row(i);
-            for (Index s = 0; s < rows.columns; s += LANES) store(Lanes(at), row + s);
-            for (const SigmaGroup &group : order.group) {
-                const Index reached = first + i + 1 - group.degree;
-                const Index count = reached < group.degrees ? reached : group.degrees;
-                const double *factor = upper.row(group.degree) + first + i;
-                double *plus = row + group.column, *minus = plus + group.degrees;
-                for (Index j = 0; j < count; j++) {
-                    const double d = spread * factor[j * upper.columns];
-                    plus[j] = at + d;
-                    minus[j] = at - d;
-                }
+    const Columns change = memory.columns(upper.rows, upper.rows + LANES);
+    transpose_scaled(upper, spread, change);
+    // A row of the state: about `at`, changed by its row of `change` in plus and in minus direction.
+    const auto set = [&](Index degree, double at, double *row) {
+        row[0] = at;
+        for (const SigmaGroup &group : order.group) {
+            const double *by = change.row(degree) + group.degree;
+            double *plus = row + group.column, *minus = plus + group.degrees;
+            Index j = 0;
+            for (; j + LANES <= group.degrees; j += LANES) {
+                store(Lanes(at) + load(by + j), plus + j);
+                store(Lanes(at) - load(by + j), minus + j);
+            }
+            for (; j < group.degrees; j++) {
+                plus[j] = at + by[j];
+                minus[j] = at - by[j];
             }
         }
+        for (Index s = order.points(); s < points.columns; s++) row[s] = at;
     };
     for (Index k = 0; k < parts.rows; k++) {
         const Index d = parts(k, DEGREE), at = parts(k, STORED), degrees = parts(k, DEGREES);
         if (!parts(k, ROTATION)) {
-            change(d, degrees, mean + at, points.rows_from(at, degrees));
+            for (Index i = 0; i < degrees; i++) set(d + i, mean[at + i], points.row(at + i));
             continue;
         }
         const Columns theta = memory.zeros(3, points.columns);
-        change(d, degrees, nullptr, theta.rows_from(0, degrees));
+        for (Index i = 0; i < degrees; i++) set(d + i, 0.0, theta.row(i));
         turn_by(quaternion_from(mean + at), theta, points.rows_from(at, 4));
     }
 }
