@@ -63,10 +63,10 @@ inline void move(const Chain &chain, Index i, double angle, double rate, double 
 
 inline void set_row(Table out, Index i, Vector<double> v) { out(i, 0) = v.x, out(i, 1) = v.y, out(i, 2) = v.z; }
 
-/// Write the tool's rotation matrices (n, 9), and its position, velocity and acceleration in the base's axes, rate and
+/// Write the tool's attitudes (n, 4), without jumps of sign, and its position, velocity and acceleration in the base's axes, rate and
 /// angular acceleration in its own, (n, 3) each, for joint angles, rates and accelerations (n, joints).
 inline void chain_motion(
-    const Chain &chain, Table angles, Table rates, Table accelerations, Table C, Table p, Table v, Table a, Table omega,
+    const Chain &chain, Table angles, Table rates, Table accelerations, Table q, Table p, Table v, Table a, Table omega,
     Table alpha
 ) {
     const Index joints = angles.columns;
@@ -78,10 +78,11 @@ inline void chain_motion(
         }
         place(chain, joints, frame);
         const Matrix<double> back = transpose(frame.C);
-        for (Index i = 0; i < 3; i++) {
-            const Vector<double> row = frame.C.row[i];
-            C(k, 3 * i) = row.x, C(k, 3 * i + 1) = row.y, C(k, 3 * i + 2) = row.z;
-        }
+        const Quaternion<double> attitude = quaternion_of(frame.C);
+        const double *last = q.row(k > 0 ? k - 1 : 0);
+        const double along = attitude.w * last[0] + attitude.x * last[1] + attitude.y * last[2] + attitude.z * last[3];
+        const double sign = k > 0 && along < 0.0 ? -1.0 : 1.0;
+        q(k, 0) = sign * attitude.w, q(k, 1) = sign * attitude.x, q(k, 2) = sign * attitude.y, q(k, 3) = sign * attitude.z;
         set_row(p, k, frame.p);
         set_row(v, k, frame.v);
         set_row(a, k, frame.a);

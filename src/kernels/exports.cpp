@@ -146,10 +146,10 @@ EXPORTED int KREISEL(integrate_unit_forces)(
 }
 
 EXPORTED int KREISEL(chain_motion)(
-    const Chain *chain, Table angles, Table rates, Table accelerations, Table C, Table p, Table v, Table a, Table omega,
+    const Chain *chain, Table angles, Table rates, Table accelerations, Table q, Table p, Table v, Table a, Table omega,
     Table alpha
 ) {
-    chain_motion(*chain, angles, rates, accelerations, C, p, v, a, omega, alpha);
+    chain_motion(*chain, angles, rates, accelerations, q, p, v, a, omega, alpha);
     return DONE;
 }
 

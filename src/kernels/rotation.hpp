@@ -42,6 +42,23 @@ inline Matrix<T> direction_cosines(Quaternion<T> q) {
     }};
 }
 
+/// The unit quaternion of a rotation matrix, by its largest component (Shepperd 1978); its sign is either.
+inline Quaternion<double> quaternion_of(Matrix<double> C) {
+    const double xx = C.row[0].x, yy = C.row[1].y, zz = C.row[2].z, trace = xx + yy + zz;
+    const double zy = C.row[2].y - C.row[1].z, xz = C.row[0].z - C.row[2].x, yx = C.row[1].x - C.row[0].y;
+    const double xy = C.row[0].y + C.row[1].x, zx = C.row[0].z + C.row[2].x, yz = C.row[1].z + C.row[2].y;
+    Quaternion<double> q = {1.0 + trace, zy, xz, yx};
+    if (xx > trace && xx >= yy && xx >= zz) {
+        q = {zy, 1.0 + 2.0 * xx - trace, xy, zx};
+    } else if (yy > trace && yy >= zz) {
+        q = {xz, xy, 1.0 + 2.0 * yy - trace, yz};
+    } else if (zz > trace) {
+        q = {yx, zx, yz, 1.0 + 2.0 * zz - trace};
+    }
+    const double scale = 1.0 / std::sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
+    return {scale * q.w, scale * q.x, scale * q.y, scale * q.z};
+}
+
 /// exp(theta) for |theta| below one radian: cosine and sinc as series to the twelfth power of the half angle, which
 /// leaves less than the rounding error and needs no branch.
 template <class T>

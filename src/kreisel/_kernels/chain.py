@@ -44,16 +44,16 @@ _derivatives = function(
 def motion(chain: Chain, angles: Array, rates: Array, accelerations: Array) -> tuple[Array, ...]:
     """Return the tool's motion for joint angles, rates and accelerations, (n, joints) each.
 
-    Its rotation matrices (n, 3, 3); position, velocity and acceleration in the base's axes, then rate and angular
-    acceleration in the tool's, (n, 3) each.
+    Its attitudes (n, 4), without jumps of sign; position, velocity and acceleration in the base's axes, then rate and
+    angular acceleration in the tool's, (n, 3) each.
     """
     n, joints = angles.shape
     _check(chain, joints)
     check_lengths(rates=(rates, (n, joints)), accelerations=(accelerations, (n, joints)))
-    C, parts = np.empty((n, 9)), [np.empty((n, 3)) for _ in range(5)]
+    q, parts = np.empty((n, 4)), [np.empty((n, 3)) for _ in range(5)]
     given = (np.ascontiguousarray(part, dtype=float) for part in (angles, rates, accelerations))
-    _motion(chain, *given, C, *parts)
-    return C.reshape(n, 3, 3), *parts
+    _motion(chain, *given, q, *parts)
+    return q, *parts
 
 
 def derivatives(chain: Chain, angles: Array, gravity: float) -> tuple[Array, Array, Array]:

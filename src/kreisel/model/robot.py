@@ -58,7 +58,7 @@ def pose_regressor(arm: Arm, angles: Array) -> Array:
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
     """Return the accuracy by a covariance of the robot's errors (9 n + 6), over the motion's poses."""
     J = _within_frames(model, poses)
-    return _accuracy(np.einsum("kij,jl,kil->ki", J, covariance, J))
+    return _accuracy(np.sum((J @ covariance) * J, axis=2))
 
 
 def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseAccuracy:

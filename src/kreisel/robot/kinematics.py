@@ -15,8 +15,7 @@ import numpy as np
 from kreisel._kernels import chain
 from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
-from kreisel.geometry.interpolation import continuous
-from kreisel.geometry.rotation import Array, from_matrix, matrix
+from kreisel.geometry.rotation import Array, matrix
 from kreisel.markup import screened
 
 MODELS = ("kr125", "ur10e")
@@ -200,8 +199,8 @@ def _chain(model: Any, frame: int) -> list[int]:
 def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
     """Return positions (n, 3) and quaternions (n, 4) of the tool for joint angles (n, joints)."""
     still = np.zeros_like(angles, dtype=float)
-    C, p, *_ = chain.motion(arm.chain, angles, still, still)
-    return p, continuous(from_matrix(C))
+    q, p, *_ = chain.motion(arm.chain, angles, still, still)
+    return p, q
 
 
 def skeleton(arm: Arm, angles: Array) -> Array:
@@ -215,8 +214,8 @@ def skeleton(arm: Arm, angles: Array) -> Array:
 
 def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolMotion:
     """Return the tool's motion for joint angles, rates and accelerations, (n, joints) each."""
-    C, p, v, a, omega, alpha = chain.motion(arm.chain, angles, rates, accelerations)
-    return ToolMotion(p, continuous(from_matrix(C)), v, a, omega, alpha)
+    q, p, v, a, omega, alpha = chain.motion(arm.chain, angles, rates, accelerations)
+    return ToolMotion(p, q, v, a, omega, alpha)
 
 
 class Derivatives(NamedTuple):

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 from kreisel._kernels import chain
 
@@ -39,7 +40,9 @@ def arms(request):
 
 def test_motion_is_pinocchios(arms):
     model, frame, own, moving = arms
-    C, p, v, a, omega, alpha = chain.motion(own, *moving)
+    attitude, p, v, a, omega, alpha = chain.motion(own, *moving)
+    C = Rotation.from_quat(attitude, scalar_first=True).as_matrix()
+    assert np.all(np.sum(attitude[1:] * attitude[:-1], axis=1) >= 0.0)
     data = model.createData()
     for k, (q, dq, ddq) in enumerate(zip(*moving, strict=True)):
         pin.forwardKinematics(model, data, q, dq, ddq)
