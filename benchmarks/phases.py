@@ -26,11 +26,15 @@ def main(folder: Path | None) -> None:
         phases[name] = now - since
         return now
 
+    from kreisel.calibration.assembly import Judged, assemble
+    from kreisel.calibration.cross_validation import cross_validate
     from kreisel.calibration.evidence import Evidence
     from kreisel.calibration.inflation import with_unestimated_errors
     from kreisel.calibration.latitude_check import check_latitude
-    from kreisel.calibration.split_halves import split_halves
+    from kreisel.calibration.outcome import Outcome
+    from kreisel.calibration.split_halves import split_halves, with_disagreement
     from kreisel.calibration.verdict import consistency, judge
+    from kreisel.cli.threads import side_by_side
     from kreisel.filtering.iteration import Given, estimate
     from kreisel.filtering.observability import observability
     from kreisel.formats.loading import load
@@ -38,6 +42,7 @@ def main(folder: Path | None) -> None:
     from kreisel.model.settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
+    from kreisel.report.page import write_report
     from kreisel.simulation.cell import simulate
     from kreisel.simulation.settings import Cell
 
@@ -56,13 +61,24 @@ def main(folder: Path | None) -> None:
         at = lap("build the problem", at)
         found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True)))
         at = lap(f"filter, {found.passes} pass(es)", at)
-        halves = split_halves(found)
-        at = lap("halves", at)
-        latitude = check_latitude(found.problem, found.run)
-        at = lap("latitude", at)
-        facts = consistency(found, preparation.correlation)
-        judge(found, Evidence(observability(found.problem, found.run), facts, halves, latitude))
-        lap("judge", at)
+        halves = split_halves(found, together=side_by_side)
+        latitude, cross = side_by_side([
+            lambda: check_latitude(found.problem, found.run), lambda: cross_validate(found),
+        ])  # fmt: skip
+        at = lap("halves, latitude, validation", at)
+        found = with_disagreement(found, halves)
+        seen, facts = observability(found.problem, found.run), consistency(found, preparation.correlation)
+        verdict = judge(found, Evidence(seen, facts, halves, latitude))
+        calibration = assemble(recording, found, Judged(seen, facts, verdict, 0.0), found.warnings)
+        at = lap("judge, assemble", at)
+        calibration.write(Path(scratch))
+        at = lap("write the result", at)
+        outcome = Outcome(
+            recording, preparation, found.problem, found, seen, facts, halves, verdict, found.warnings, calibration,
+            cross,
+        )  # fmt: skip
+        write_report(outcome, Path(scratch) / "report.html")
+        lap("report", at)
         unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
     total = sum(phases.values())
     for name, seconds in phases.items():

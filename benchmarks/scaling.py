@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 from plotly.subplots import make_subplots
 
+from kreisel.estimation.state import StateLayout
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.model.noise import PoseError
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
@@ -62,6 +64,12 @@ def part(problem: Problem, minutes: float) -> Problem:
     return replace(problem, schedule=schedule)
 
 
+def without_path_errors(problem: Problem) -> Problem:
+    """Return the problem without coloured noise of the poses on the path."""
+    layout = StateLayout([part for part in problem.layout if not part.name.startswith("path_")])
+    return replace(problem, layout=layout, noise=replace(problem.noise, pose_error=PoseError()))
+
+
 def trial(number: int) -> float:
     """Run one trial of a study and return its number."""
     cell = Cell.model_validate({"seed": 1, "seconds": 60.0, "imu": {"rate": 400.0}})
@@ -91,12 +99,14 @@ def main() -> None:
     print(f"exponent of the duration: {exponent:.2f}")
 
     states, multiples = [], []
-    for robot, fixed in [*((False, f) for f in FEWER), (True, ())]:
+    for robot, path, fixed in [*((False, True, f) for f in FEWER), (False, False, ()), (True, True, ())]:
         chosen = replace(settings, fixed=fixed)
         other = build_problem(prepare_recording(recording if robot else alone, chosen), chosen)
+        other = other if path else without_path_errors(other)
         states.append(other.layout.degrees)
         multiples.append(shortest(other, other.prior.start if robot else start) / unit)
         print(f"{states[-1]:6d} states {multiples[-1]:6.1f} strapdown passes")
+    states, multiples = map(list, zip(*sorted(zip(states, multiples, strict=True)), strict=True))
     growth = np.polyfit(np.log(states), np.log(multiples), 1)[0]
     print(f"exponent of the states: {growth:.2f}")
 

@@ -56,7 +56,7 @@ def run_calibration(
     """
     if progress is not None:
         progress("synchronise", 0.0)
-    preparation = prepare_recording(recording, settings)
+    preparation = prepare_recording(recording, settings, together)
     check_start_values(preparation)
     problem = build_problem(preparation, settings)
     began = time.perf_counter()

@@ -60,7 +60,7 @@ def calibrate(
         check_output(output)
     injection: Injection | None = None
     with progress_bar() as show:
-        read = load(recording, reference, imu)
+        read = load(recording, reference, imu, together=side_by_side)
         outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:
             injection = inject_errors(outcome, show)

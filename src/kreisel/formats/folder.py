@@ -14,6 +14,7 @@ from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_bytes
 from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.table import Column, Table, read_table
+from kreisel.progress import Together, one_by_one
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
@@ -28,7 +29,9 @@ def is_folder(path: Path) -> bool:
     return path.is_dir() and any((path / inner / "imu0").is_dir() for inner in ("", "mav0"))
 
 
-def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> Recording:
+def load_folder(
+    path: Path, reference: str | None = None, imu: str = "imu0", together: Together = one_by_one
+) -> Recording:
     """Return the recording in a folder.
 
     Parameters
@@ -39,6 +42,8 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
         Name of the reference's folder; by default `pose0`, or the most direct measurement available.
     imu
         Name of the IMU's folder.
+    together
+        Reads the files.
 
     Raises
     ------
@@ -46,12 +51,17 @@ def load_folder(path: Path, reference: str | None = None, imu: str = "imu0") -> 
         If a file is missing or cannot be read; the message names it and the line.
     """
     root = path if (path / "imu0").is_dir() else path / "mav0"
-    warnings: list[DataWarning] = []
     settings = read_settings(path / "recording.toml") if is_there(path / "recording.toml") else RecordingSettings()
-    samples = _read_imu(_imu_folder(root, imu), warnings)
-    datasheet = _read_datasheet(root / imu / "sensor.yaml", warnings)
-    poses = _read_poses(root, reference, warnings)
-    joints = _read_joints(root / "joint0" / "data.csv", warnings)
+    own: list[list[DataWarning]] = [[], [], []]
+    samples, poses, joints = together(
+        [
+            lambda: _read_imu(_imu_folder(root, imu), own[0]),
+            lambda: _read_poses(root, reference, own[1]),
+            lambda: _read_joints(root / "joint0" / "data.csv", own[2]),
+        ]
+    )
+    datasheet = _read_datasheet(root / imu / "sensor.yaml", own[0])
+    warnings = [*own[0], *own[1], *own[2]]
     urdf = _read_urdf(path, settings, warnings, needed=joints is not None)
     return Recording(path, samples, poses, joints, settings, tuple(warnings), datasheet, urdf)
 

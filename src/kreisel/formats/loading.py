@@ -6,11 +6,14 @@ from pathlib import Path
 
 from kreisel.errors import RecordingError
 from kreisel.formats.folder import is_folder, load_folder
+from kreisel.progress import Together, one_by_one
 from kreisel.recording.checks import check_streams
 from kreisel.recording.recording import Recording
 
 
-def load(path: str | Path, reference: str | None = None, imu: str | None = None) -> Recording:
+def load(
+    path: str | Path, reference: str | None = None, imu: str | None = None, *, together: Together = one_by_one
+) -> Recording:
     """Return the recording at a path: a folder, an MCAP file, a ROS 1 bag or a ROS 2 bag folder.
 
     Parameters
@@ -19,6 +22,8 @@ def load(path: str | Path, reference: str | None = None, imu: str | None = None)
         Name of the reference: a folder's name, or a topic in a bag.
     imu
         Name of the IMU: a folder's name (by default `imu0`), or a topic in a bag.
+    together
+        Reads the files of a folder, which do not depend on each other.
 
     Raises
     ------
@@ -30,7 +35,7 @@ def load(path: str | Path, reference: str | None = None, imu: str | None = None)
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
     if is_folder(path):
-        recording = load_folder(path, reference, imu or "imu0")
+        recording = load_folder(path, reference, imu or "imu0", together)
     elif _is_bag(path):
         from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
@@ -17,6 +19,7 @@ from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
 from kreisel.preparation.robot import robot_model
 from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
+from kreisel.progress import Together, one_by_one
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.conventions import check_conventions
@@ -28,8 +31,10 @@ _MIN_COMMON_SHARE = 0.7
 _ROUNDS_WITHOUT_ATTITUDE = 4
 
 
-def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Preparation:
-    """Return clocks, start values and noise of a recording.
+def prepare_recording(
+    recording: Recording, settings: CalibrationSettings, together: Together = one_by_one
+) -> Preparation:
+    """Return clocks, start values and noise of a recording; `together` does what does not depend on each other.
 
     Raises
     ------
@@ -45,11 +50,12 @@ def prepare_recording(recording: Recording, settings: CalibrationSettings) -> Pr
     imu_noise = imu_noise_of(recording)
     readings = readings_of(recording, imu_noise, settings.polynomial_order)
     correlation = correlate(imu, reference)
-    check_conventions(readings, reference, correlation.clock)
-    if reference.quaternions is not None:
-        fit = fit_rates(readings, reference.seconds, reference.quaternions, correlation.clock)
-    else:
-        fit = _rates_without_attitude(imu, reference, correlation.clock)
+    _, fit = together(
+        [
+            partial(check_conventions, readings, reference, correlation.clock),
+            partial(_rates, readings, imu, reference, correlation.clock),
+        ]
+    )
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
@@ -132,6 +138,12 @@ def _accelerometers(
         found = fit_accelerometers(joined(windows), fit, gravity, positions=positions)
     assert found is not None  # noqa: S101 - for the type checker; the loop runs at least once
     return found
+
+
+def _rates(readings: Readings, imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
+    if reference.quaternions is None:
+        return _rates_without_attitude(imu, reference, clock)
+    return fit_rates(readings, reference.seconds, reference.quaternions, clock)
 
 
 def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
