@@ -49,6 +49,7 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
 
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.convergence import offset_convergence
+    from kreisel.cli.threads import side_by_side
     from kreisel.formats.loading import load
     from kreisel.formats.write import write_folder
     from kreisel.model.settings import CalibrationSettings
@@ -64,7 +65,8 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
         shutil.rmtree(recording_folder)  # one of an earlier demo
     write_folder(recording, recording_folder)
     write_truth(truth, recording_folder / "truth.json")
-    outcome = run_calibration(load(recording_folder), CalibrationSettings(), show)
+    read = load(recording_folder, together=side_by_side)
+    outcome = run_calibration(read, CalibrationSettings(), show, together=side_by_side, validate=True)
     outcome.calibration.save(result)
     write_report(outcome, result / "report.html")
     errors = group_errors(outcome.calibration, truth)
