@@ -10,6 +10,7 @@ namespace {
 /// What all sets share along the c samples of a span.
 struct Path {
     Columns weights;   // (2, c): of the samples in the integral of velocity and of position
+    Columns weighted;  // (18, c): direction cosines times the weights, a pair for each
     Columns q, C;      // (4, c), (9, c): attitude of the centre and its direction cosines
     Table u;           // (c, 4): specific force of the centre, and nothing
     Table psi;         // (c, features): features of the specific force
@@ -163,7 +164,7 @@ template <Index N>
 inline Path centre_path(Span span, const Samples &signal, const Coefficients &coefficients, Workspace &memory) {
     const Index count = span.count(), features = coefficients.force.rows / 3;
     const Path path = {
-        memory.columns(2, count + 1), memory.columns(4, count + 2 * LANES), memory.columns(9, count + LANES),
+        memory.columns(2, count + 1), memory.columns(18, count), memory.columns(4, count + 2 * LANES), memory.columns(9, count + LANES),
         {memory.numbers(padded(count) * LANES), padded(count), LANES},
         {memory.numbers(padded(count) * padded(features)), padded(count), padded(features)},
     };
@@ -172,6 +173,11 @@ inline Path centre_path(Span span, const Samples &signal, const Coefficients &co
     for (Index k = 0; k < path.C.columns; k += LANES) {
         const Matrix<Lanes> C = direction_cosines(path.q.quaternion(k));
         for (Index i = 0; i < 3; i++) path.C.set(3 * i, k, C.row[i]);
+    }
+    for (Index i = 0; i < 18; i++) {
+        for (Index k = 0; k < count; k += LANES) {
+            store(load(path.weights.row(i % 2) + k) * load(path.C.row(i / 2) + k), path.weighted.row(i) + k);
+        }
     }
     force_along<N>(span, signal, coefficients.force, path);
     return path;

@@ -137,11 +137,11 @@ template <int G>
 inline void sum_some_products(Index begin, Index end, const Path &path, Index first, Table sums) {
     const Index features = path.psi.columns;
     for (Index i = 0; i < 9; i++) {
-        const double *c = path.C.row(i), *velocity = path.weights.row(0), *position = path.weights.row(1);
+        const double *velocity = path.weighted.row(2 * i), *position = path.weighted.row(2 * i + 1);
         Lanes v[G], p[G];
         for (int g = 0; g < G; g++) v[g] = p[g] = 0.0;
         for (Index j = begin; j < end; j++) {
-            const Lanes a = velocity[j] * c[j], b = position[j] * c[j];
+            const Lanes a = velocity[j], b = position[j];
             const double *psi = path.psi.data + j * features + first;
             for (int g = 0; g < G; g++) {
                 const Lanes feature = load(psi + g * LANES);

@@ -109,7 +109,7 @@ inline void unscented_moments(
     Columns distance, const SigmaOrder &order, Numbers w, Moments &out, Workspace &memory
 ) {
     const Index r = distance.rows, n = order.degrees();
-    const Columns curved = memory.columns(r, n + LANES), counts = memory.zeros(1, n + LANES);
+    const Columns curved = memory.columns(r, n + LANES), excess = memory.zeros(1, n + LANES);
     const double halved = 1.0 / (2.0 * w[SPREAD]);
     for (Index i = 0; i < r; i++) {
         Lanes total = 0.0, square = 0.0;
@@ -125,15 +125,16 @@ inline void unscented_moments(
             }
         }
         out.shift[i] = w[MEAN] * sum(total);
-        const double least = ROUNDING * std::sqrt(sum(square)), less = 2.0 * w[SHIFT] * out.shift[i];
-        for (Index j = 0; j < n; j++) {
-            curved(i, j) = w[SECOND] * (curved(i, j) - less);
-            counts(0, j) = std::fabs(curved(i, j)) > least ? 1.0 : counts(0, j);
+        const Lanes least = ROUNDING * std::sqrt(sum(square)), less = 2.0 * w[SHIFT] * out.shift[i];
+        for (Index j = 0; j < n; j += LANES) {
+            const Lanes bend = Lanes(w[SECOND]) * (load(curved.row(i) + j) - less);
+            store(bend, curved.row(i) + j);
+            store(larger(load(excess.row(0) + j), absolute(bend) - least), excess.row(0) + j);
         }
     }
     out.used = 0;
     for (Index j = 0; j < n && w[SECOND] > 0.0; j++) {
-        if (counts(0, j) == 0.0) continue;
+        if (excess(0, j) == 0.0) continue;
         for (Index i = 0; i < r; i++) out.further(i, out.used) = curved(i, j);
         out.used++;
     }
