@@ -59,13 +59,15 @@ def with_measured_jitter(
     position, orientation = noise.jitter_position, noise.jitter_orientation
     scatter_p, scatter_q = [], []
     for standstill in standstills:
-        index = np.flatnonzero((t_pose >= standstill.start) & (t_pose <= standstill.stop))
-        if index.size < 5:
+        within = slice(
+            int(np.searchsorted(t_pose, standstill.start)), int(np.searchsorted(t_pose, standstill.stop, side="right"))
+        )
+        if within.stop - within.start < 5:
             continue
         if reference.positions is not None:
-            scatter_p.append(float(np.mean(np.var(reference.positions[index], axis=0))))
+            scatter_p.append(float(np.mean(np.var(reference.positions[within], axis=0))))
         if reference.quaternions is not None:
-            q = reference.quaternions[index]
+            q = reference.quaternions[within]
             q = q * np.where(q @ q[0] < 0.0, -1.0, 1.0)[:, None]
             scatter_q.append(float(4.0 * np.sum(np.var(q, axis=0)) / 3.0))
     if scatter_p:

@@ -23,6 +23,7 @@ MAX_MARKERS = 2000
 """Largest number of markers of one kind in a figure; more of them make a browser slow."""
 
 _MARGIN = 50
+_ENERGY_POINTS = 500_000  # of which the excerpt is chosen: twenty minutes at 400 Hz
 _HISTOGRAM_EDGES = np.linspace(-5.0, 5.0, 41)
 _MAX_LAGS = 40
 
@@ -218,16 +219,19 @@ def telling_excerpt(outcome: Outcome) -> slice:
     enough apart.
     """
     readings, history = outcome.problem.readings, outcome.estimate.run.history
-    t, omega = readings.stamps, readings.rates
-    energy = np.zeros((t.size, 3))
-    np.cumsum(omega[:-1] ** 2 * np.diff(t)[:, None], axis=0, out=energy[1:])
+    t = readings.stamps
+    step = every(t.size, _ENERGY_POINTS).step
+    seconds, omega = t[::step], readings.rates[::step]
+    energy = np.zeros((seconds.size, 3))
+    np.cumsum(omega[:-1] ** 2 * np.diff(seconds)[:, None], axis=0, out=energy[1:])
     best, chosen = -1.0, slice(readings.segments[0][0], readings.segments[0][1] + 1)
     for first, last in readings.segments:
         low, high = max(t[first], history.seconds[0]), min(t[last], history.seconds[-1])
         starts = np.arange(low, max(high - EXCERPT, low) + 1e-9, 0.5)
         a = np.searchsorted(t, starts)
         b = np.minimum(np.searchsorted(t, starts + EXCERPT), np.searchsorted(t, high))
-        score = np.prod(np.cbrt(energy[np.maximum(b, a)] - energy[a]), axis=1)
+        begin, end = a // step, np.minimum(np.maximum(b, a) // step, seconds.size - 1)
+        score = np.prod(np.cbrt(energy[end] - energy[begin]), axis=1)
         k = int(np.argmax(score))
         if b[k] - a[k] > 10 and score[k] > best:
             best, chosen = float(score[k]), slice(int(a[k]), int(b[k]))
@@ -237,16 +241,15 @@ def telling_excerpt(outcome: Outcome) -> slice:
 def _excitation(outcome: Outcome, excerpt: slice) -> Excitation:
     imu, history = outcome.recording.imu, outcome.estimate.run.history
     t, preparation, found = imu.seconds, outcome.preparation, outcome.estimate.run.parameters
-    rates, forces = imu.rates / DEG, imu.accelerations
     gyro_rate, reference_rate = _rate_norms(outcome, excerpt)
     standstills = np.array([(one.start, one.stop) for one in outcome.problem.schedule.standstills]).reshape(-1, 2)
     return Excitation(
-        rates=thinned_axes(t, rates),
-        forces=thinned_axes(t, forces),
+        rates=tuple(Curve(curve.x, curve.y / np.float32(DEG)) for curve in thinned_axes(t, imu.rates)),
+        forces=thinned_axes(t, imu.accelerations),
         standstills=standstills,
         rejected=history.seconds[~history.used].astype(np.float32),
-        rate_spread=_spread(rates),
-        force_spread=_spread(forces),
+        rate_spread=_spread(imu.rates, DEG),
+        force_spread=_spread(imu.accelerations, 1.0),
         at_standstill=float(np.sum(standstills[:, 1] - standstills[:, 0]) / t[-1]),
         clock=(
             _step("correlation of rate norms", preparation.correlation.clock),
@@ -264,8 +267,9 @@ def _step(name: str, clock: Clock) -> ClockStep:
     return ClockStep(name, clock.start, clock.skew)
 
 
-def _spread(values: Array) -> Spread:
-    return Spread(values.min(axis=0), values.max(axis=0), np.sqrt(np.mean(values**2, axis=0)))
+def _spread(values: Array, unit: float) -> Spread:
+    squares = np.einsum("ij,ij->j", values, values)
+    return Spread(values.min(axis=0) / unit, values.max(axis=0) / unit, np.sqrt(squares / len(values)) / unit)
 
 
 def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
