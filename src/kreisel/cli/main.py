@@ -29,7 +29,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
 )
 from kreisel.errors import KreiselError  # noqa: E402
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # as in malloc.h
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # as in malloc.h
 
 _ALLOCATIONS = 100_000
 """Objects created between two garbage collections: imports create many permanent objects, and collecting would take a
@@ -97,6 +97,7 @@ def _keep_freed_memory() -> None:
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_TRIM_THRESHOLD, 1 << 30)
         libc.mallopt(_M_MMAP_THRESHOLD, 1 << 25)
+        libc.mallopt(_M_ARENA_MAX, 1)  # what one thread has freed serves the others, too
 
 
 def fail(message: str) -> None:
