@@ -61,14 +61,23 @@ class Pointer:
     """A named tuple of arrays, numbers and named tuples, passed by its address.
 
     Its fields' annotations say how each is passed: the library has a structure with the same fields in the same order.
+    `keep` keeps the last one, for values that are passed again and again.
     """
 
-    def __init__(self, kind: type[NamedTuple]) -> None:
+    def __init__(self, kind: type[NamedTuple], *, keep: bool = False) -> None:
         self._structure = _structure(kind)
+        self._keep = keep
+        self._last: tuple[NamedTuple, ctypes.Structure] | None = None
 
     def from_param(self, values: NamedTuple) -> object:
         """Return the address of the values, as the library takes them."""
-        return ctypes.byref(_filled(self._structure, values))
+        last = self._last
+        if last is not None and last[0] is values:
+            return ctypes.byref(last[1])
+        filled = _filled(self._structure, values)
+        if self._keep:
+            self._last = values, filled
+        return ctypes.byref(filled)
 
 
 def _structure(kind: type[NamedTuple]) -> type[ctypes.Structure]:

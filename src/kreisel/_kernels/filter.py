@@ -22,7 +22,7 @@ from kreisel._kernels.cell import MEASURED, Gate, Gaussian, Model, Record, Sampl
 from kreisel._kernels.library import function
 
 _run = function(
-    "run", Pointer(Model), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),
+    "run", Pointer(Model, keep=True), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),
     Pointer(Gaussian), Pointer(Record), IndicesView,
 )  # fmt: skip
 
@@ -44,7 +44,7 @@ def run(
         If lengths or indices do not fit together.
     """
     stopped = np.zeros(1, dtype=np.int64)
-    _check_model(model, belief)
+    _check_belief(model, belief)
     _check_signal(signal, model.order)
     _check_steps(model, signal, steps, begin, end)
     _check_record(record, begin, end, belief)
@@ -53,10 +53,23 @@ def run(
     return int(stopped[0])
 
 
-def _check_model(model: Model, belief: Gaussian) -> None:
-    n, size, order = belief.upper.shape[0], belief.mean.size, model.order
+_checked: tuple[Model, int, int] | None = None
+"""The last model that was checked, with degrees of freedom and numbers of its state."""
+
+
+def _check_belief(model: Model, belief: Gaussian) -> None:
+    global _checked
+    n, size = belief.upper.shape[0], belief.mean.size
+    check_lengths(upper=(belief.upper, (n, n)))
+    if _checked is None or _checked[0] is not model or _checked[1:] != (n, size):
+        _check_model(model, n, size)
+        _checked = model, n, size
+
+
+def _check_model(model: Model, n: int, size: int) -> None:
+    order = model.order
     check_lengths(
-        upper=(belief.upper, (n, n)), parts=(model.parts, (len(model.parts), 4)),
+        parts=(model.parts, (len(model.parts), 4)),
         tail=(model.tail, (len(model.tail), 4)), weights=(model.weights, (5,)),
         gyro=(model.gyro.source, (9 + 3 * order,)),
         accel=(model.accel.source, (18 + 3 * order,)), around=(model.around.source, (10,)), stored=(model.stored, (7,)),

@@ -49,6 +49,7 @@ class Readings:
     order: int = 1
     noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
     _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
+    _crossing: dict[tuple[int, int], InertialSignal] = field(default_factory=dict, repr=False, compare=False)
 
     def with_noise(self, gyro: float, accel: float) -> Readings:
         """Return the readings with their noise's standard deviations multiplied by factors."""
@@ -85,8 +86,17 @@ class Readings:
         """Return a chunk to integrate the motion from sample `first` to `last` in, and its last valid sample."""
         signal = self._usual(min(first // CHUNK * CHUNK, int(self._starts()[-1])))
         if last > self._good_until(signal):
-            signal = self._between(first - _REACH, last + _REACH)
+            signal = self._across(first, last)
         return signal, self._good_until(signal)
+
+    def _across(self, first: int, last: int) -> InertialSignal:
+        """Return the signal around a motion from one chunk to the next; the last few are kept."""
+        signal = self._crossing.get((first, last))
+        if signal is None:
+            signal = self._crossing[first, last] = self._between(first - _REACH, last + _REACH)
+            for oldest in list(self._crossing)[:-_HELD]:
+                self._crossing.pop(oldest, None)
+        return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _good_until(self, signal: InertialSignal) -> int:
         """Return the last sample whose stencils are those of the whole recording."""
