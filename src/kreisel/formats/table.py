@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kreisel import spill
 from kreisel._kernels.table import read_rows
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
@@ -57,7 +58,7 @@ class Table:
         """
         columns = self.with_units(columns)
         factors = np.array([self._factor(column, quantity) for column in columns])
-        out = np.empty((self.stamps_ns.size, len(columns)))
+        out = spill.room((self.stamps_ns.size, len(columns)), np.float64)
         with np.errstate(over="ignore"):  # the checks report an infinity
             for i, column in enumerate(columns):
                 np.multiply(self.values[:, column.index], factors[i], out=out[:, i])
@@ -156,8 +157,8 @@ class _Rows:
 
     def __init__(self, room: int, columns: int, whole: bool) -> None:
         self.whole = whole
-        self.stamps = np.empty(room if whole else 0, dtype=np.int64)
-        self.values = np.empty((room, columns))
+        self.stamps = spill.room((room if whole else 0,), np.int64)
+        self.values = spill.room((room, columns), np.float64)
         self.count = 0
 
     def read(self, body: bytes, lines: int, otherwise: Callable[[], NDArray[Any]]) -> None:

@@ -12,6 +12,8 @@ from kreisel.geometry.rotation import Array, Indices
 MAX_POINTS = 4000
 """Points of a curve: twice what a wide screen has columns."""
 
+_AT_ONCE = 1 << 20  # points of the full curve that are copied together
+
 Single = NDArray[np.float32]
 
 
@@ -51,11 +53,14 @@ def _extremes(y: Array, points: int) -> Indices:
     if n <= points:
         return np.arange(n)
     width = -(-n // (points // 2))
-    buckets = -(-n // width)
-    padded = np.concatenate([y, np.full(buckets * width - n, y[-1])]).reshape(buckets, width)
-    first = width * np.arange(buckets)
-    both = np.concatenate([first + padded.argmin(axis=1), first + padded.argmax(axis=1)])
-    return np.unique(np.minimum(both, n - 1))
+    together = max(1, _AT_ONCE // width) * width
+    both: list[Indices] = []
+    for begin in range(0, n, together):
+        part = y[begin : begin + together]
+        padded = np.concatenate([part, np.full(-part.size % width, part[-1])]).reshape(-1, width)
+        first = begin + width * np.arange(len(padded))
+        both += [first + padded.argmin(axis=1), first + padded.argmax(axis=1)]
+    return np.unique(np.minimum(np.concatenate(both), n - 1))
 
 
 def _longest_step(x: Array, chosen: Indices) -> float:
