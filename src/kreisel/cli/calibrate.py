@@ -41,7 +41,7 @@ def calibrate(
     from kreisel.calibration.injection import inject as inject_errors
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
-    from kreisel.cli.threads import release_memory, side_by_side
+    from kreisel.cli.threads import releasing_memory, side_by_side
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
 
@@ -59,8 +59,7 @@ def calibrate(
     if output is not None:
         check_output(output)
     injection: Injection | None = None
-    release_memory()
-    with progress_bar() as show:
+    with releasing_memory(), progress_bar() as show:
         read = load(recording, reference, imu, together=side_by_side)
         outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:

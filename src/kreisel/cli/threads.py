@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -14,16 +15,23 @@ def side_by_side(works: Sequence[Callable[[], Any]]) -> list[Any]:
         return [future.result() for future in [pool.submit(work) for work in works]]
 
 
-def release_memory() -> None:
-    """Give back what is looked at of large arrays in files, again and again, until the process ends."""
-    import time
-    from threading import Thread
+@contextmanager
+def releasing_memory() -> Iterator[None]:
+    """Give back what is looked at of large arrays in files, again and again, while the body runs."""
+    from threading import Event, Thread
 
     from kreisel import spill
 
+    ended = Event()
+
     def run() -> None:
-        while True:
-            time.sleep(0.02)
+        while not ended.wait(0.02):
             spill.release()
 
-    Thread(target=run, daemon=True).start()
+    thread = Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
