@@ -139,7 +139,7 @@ template <Index N>
 inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
     const Index P = N ? rate_features(N) : signal.rates.rows, powers = N ? 3 * N : signal.forces.rows;
     const Index count = span.count(), n = signal.stamps.count;
-    if (3 * (P * (P + 1) / 2 + P - 1 + powers) != force.rows || force.rows > 3 * MOST_FEATURES) throw Mismatch();
+    if (force.rows > 3 * MOST_FEATURES) throw Mismatch();
     for (Index k = 0; k < count; k += LANES) {
         const auto samples = [&](Table rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
         // in the order of `force_coefficients`
@@ -151,6 +151,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
         }
         for (Index f = 1; f < P; f++) features[at++] = samples(signal.slopes, f);
         for (Index f = 0; f < powers; f++) features[at++] = samples(signal.forces, f);
+        if (3 * at != force.rows) throw Mismatch();
         Vector<Lanes> u = {0.0, 0.0, 0.0};
         for (Index f = 0; f < at; f++) u += features[f] * in_all_lanes(force.rows_from(3 * f, 3).vector_at(0));
         u = matrix(path.C, 0, k) * u;
