@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -23,9 +22,7 @@ _FLAGS = ("-O3", "-ffast-math", "-march=native", "-shared", "-fPIC")
 
 @cache
 def _compiled() -> Any:
-    compiler = [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else ["cc"]
-    if shutil.which("cc"):
-        compiler = ["cc"]
+    compiler = ["cc"] if shutil.which("cc") else [sys.executable, "-m", "ziglang", "cc"]
     with tempfile.TemporaryDirectory() as scratch:
         library = str(Path(scratch) / "strapdown_pass.so")
         subprocess.run([*compiler, *_FLAGS, str(_SOURCE), "-o", library], check=True)

@@ -1,10 +1,6 @@
 /// Which instructions this processor has, and from which sources the library was compiled.
 
-#if defined(_WIN32)
-#define EXPORTED extern "C" __declspec(dllexport)
-#else
-#define EXPORTED extern "C" __attribute__((visibility("default")))
-#endif
+#include "exported.hpp"
 
 #if defined(__x86_64__)
 #include <cpuid.h>

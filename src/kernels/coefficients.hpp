@@ -16,18 +16,18 @@ namespace {
 
 inline Index rate_features(Index order) { return 1 + 3 * order; }
 
-inline Index force_features(Index order) {
-    const Index P = rate_features(order);
-    return P * (P + 1) / 2 + P - 1 + 3 * order;
-}
+/// Where the slopes stand among the features of the force, and where the accelerometers' readings do.
+inline Index first_slope(Index order) { return rate_features(order) * (rate_features(order) + 1) / 2; }
+inline Index first_reading(Index order) { return first_slope(order) + rate_features(order) - 1; }
 
-/// Numbers of features, known to the compiler for the usual order N = 1, and for N = 0 taken from the arrays.
+inline Index force_features(Index order) { return first_reading(order) + 3 * order; }
+
+/// Numbers of features of the rate, known to the compiler for the usual order N = 1, and for N = 0 taken from the arrays.
 template <Index N>
 struct Features {
-    Index P, Q, force;  // features of the rate, padded; features of the force
+    Index P, Q;  // features of the rate, and padded
 
-    explicit Features(Index order)
-        : P(rate_features(N ? N : order)), Q(padded(P)), force(force_features(N ? N : order)) {}
+    explicit Features(Index order) : P(rate_features(N ? N : order)), Q(padded(P)) {}
 };
 
 inline Matrix<Lanes> matrix(Columns rows, Index first, Index s) {
@@ -88,7 +88,7 @@ inline void force_coefficients(
     Columns rate, bool common, Columns K_a, Columns k_a, Columns arms, SizeEffect form, Columns out
 ) {
     const Index order = N ? N : k_a.rows / 3, P = rate_features(order);
-    const Index slopes = P * (P + 1) / 2, readings = slopes + P - 1;
+    const Index slopes = first_slope(order), readings = first_reading(order);
     for (Index s = 0; s < out.columns; s += LANES) {
         const Matrix<Lanes> K = matrix(K_a, 0, s), e = matrix(arms, 0, s);
         const Matrix<Lanes> axes = form.inside ? inverse(K) : K;

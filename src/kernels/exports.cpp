@@ -1,9 +1,10 @@
 /// What Python calls, once for each set of instructions: KREISEL(name) is `kreisel_<variant>_<name>`.
 ///
-/// Every function returns 0; 1 if there is no memory, 2 if parts of the library do not fit together. Lengths and indices are checked by the caller. Arrays whose last
-/// axis is one of columns have it padded, see arrays.hpp.
+/// Every function returns 0; 1 if there is no memory, 2 if parts of the library do not fit together. Lengths and indices
+/// are checked by the caller. Arrays whose last axis is one of columns have it padded, see arrays.hpp.
 
 #include "chain.hpp"
+#include "exported.hpp"
 #include "filter.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
@@ -11,11 +12,6 @@
 #include "table.hpp"
 #include "unit_forces.hpp"
 
-#if defined(_WIN32)
-#define EXPORTED extern "C" __declspec(dllexport)
-#else
-#define EXPORTED extern "C" __attribute__((visibility("default")))
-#endif
 #define JOIN(a, b) a##b
 #define JOINED(a, b) JOIN(a, b)
 #define KREISEL(name) JOINED(JOINED(kreisel_, VARIANT), JOINED(_, name))
@@ -242,11 +238,6 @@ EXPORTED int KREISEL(noise_covariance)(
             span_between(*signal, first, last), every, *signal, u_path, columns(q_path), block(K_omega, 0, 0),
             block(K_a, 0, 0), Q, memory);
     });
-}
-
-EXPORTED int KREISEL(navigation_noise)(Table Q, Numbers q_first, Numbers dq, Table out) {
-    navigation_noise(Q, quaternion_from(q_first.data), quaternion_from(dq.data), out);
-    return DONE;
 }
 
 EXPORTED int KREISEL(compose)(

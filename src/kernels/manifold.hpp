@@ -10,8 +10,7 @@ namespace {
 /// are stored as quaternions and changed on their right.
 enum { DEGREE, DEGREES, STORED, ROTATION };
 
-/// How many degrees of freedom a table of parts has, and how many stored numbers.
-inline Index degrees_of(IndexTable parts) { return parts(parts.rows - 1, DEGREE) + parts(parts.rows - 1, DEGREES) - parts(0, DEGREE); }
+/// How many stored numbers a table of parts has.
 inline Index stored_of(IndexTable parts) {
     const Index last = parts.rows - 1;
     return parts(last, STORED) + (parts(last, ROTATION) ? 4 : parts(last, DEGREES)) - parts(0, STORED);
@@ -35,23 +34,19 @@ inline bool all_below(Columns rows, double bound) {
     return sum(beyond) == 0.0;
 }
 
-/// Write q exp(theta) for columns theta (3, m) of any length; out (4, m).
-inline void turn_by(Quaternion<double> q, Columns theta, Columns out) {
-    if (!all_below(theta, 1.0)) {
-        for (Index s = 0; s < theta.columns; s++) out.set_at(s, q * rotation(theta.vector_at(s)));
-        return;
-    }
-    const Quaternion<Lanes> all = {q.w, q.x, q.y, q.z};
-    for (Index s = 0; s < theta.columns; s += LANES) out.set(s, all * small_rotation(theta.vector(s)));
-}
-
-/// Turn every column of q (4, m) on its right by exp(theta), theta (3, m).
+/// Turn every column of q (4, m) on its right by exp(theta), theta (3, m) of any length.
 inline void turn_each(Columns q, Columns theta) {
     if (!all_below(theta, 1.0)) {
         for (Index s = 0; s < theta.columns; s++) q.set_at(s, q.quaternion_at(s) * rotation(theta.vector_at(s)));
         return;
     }
     for (Index s = 0; s < theta.columns; s += LANES) q.set(s, q.quaternion(s) * small_rotation(theta.vector(s)));
+}
+
+/// Write q exp(theta) for columns theta (3, m) of any length; out (4, m).
+inline void turn_by(Quaternion<double> q, Columns theta, Columns out) {
+    for (Index s = 0; s < out.columns; s++) out.set_at(s, q);
+    turn_each(out, theta);
 }
 
 /// Write log(origin^-1 q) for columns q (4, m), at most pi long; out (3, m).

@@ -116,11 +116,10 @@ inline IntegratedMotion propagate(
     }
 
     const double each = duration > 0.0 ? model.noise_step * static_cast<double>(last - first) / duration : 1.0;
-    const Index P = rate_features(model.order), readings = P * (P + 1) / 2 + P - 1;
     const Table covariance = {memory.numbers(81), 9, 9};
     noise_covariance(
         span, each >= 1.0 ? static_cast<Index>(each) : 1, signal, motion.u_path, motion.q_path,
-        first_matrix(coefficients.rate, 1), first_matrix(coefficients.force, readings), covariance, memory);
+        first_matrix(coefficients.rate, 1), first_matrix(coefficients.force, first_reading(model.order)), covariance, memory);
     navigation_noise(covariance, out.q_first.quaternion_at(0), motion.dq.quaternion_at(0), out.noise);
     return out;
 }

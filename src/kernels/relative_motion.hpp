@@ -14,9 +14,6 @@ namespace {
 /// rad; how far a parameter set may turn against the centre within a block. Its square is what is neglected.
 constexpr double SMALL_TURN = 1e-4;
 
-/// Sets side by side, at most: the centre and two for each of the gyros' parameters, of polynomials up to the tenth order.
-constexpr Index MOST_COLUMNS = 128;
-
 /// The sets against the centre, and the sums over all samples.
 struct Relative {
     Columns q;              // (4, m): how they have turned at the last sample, seen from the attitude at the first
@@ -25,23 +22,22 @@ struct Relative {
 };
 
 /// How many samples a block may have for sets whose rate coefficients differ by `difference` (3 P, m).
-inline Index block_length(Span span, const Samples &signal, Columns difference) {
+inline Index block_length(Span span, const Samples &signal, Columns difference, Workspace &memory) {
     const Index P = signal.rates.rows, count = span.count();
-    Vector<Lanes> reach[MOST_COLUMNS / LANES];  // of each set: the sum of |coefficient| times the largest |feature|
-    const Index groups = difference.columns / LANES;
-    for (Index g = 0; g < groups; g++) reach[g] = {0.0, 0.0, 0.0};
+    // of each set: the sum of |coefficient| times the largest |feature|
+    const Columns reach = memory.zeros(3, difference.columns);
     for (Index f = 0; f < P; f++) {
         const double *rates = signal.rates.row(f) + span.low;
         Lanes most = 0.0;
         for (Index k = 0; k < count; k += LANES) most = larger(most, absolute(load(rates + k, count - k)));
         const double peak = largest(most);
-        for (Index g = 0; g < groups; g++) {
-            const Vector<Lanes> d = difference.vector(3 * f, g * LANES);
-            reach[g] += peak * Vector<Lanes>{absolute(d.x), absolute(d.y), absolute(d.z)};
+        for (Index s = 0; s < difference.columns; s += LANES) {
+            const Vector<Lanes> d = difference.vector(3 * f, s);
+            reach.set(s, reach.vector(s) + Lanes(peak) * Vector<Lanes>{absolute(d.x), absolute(d.y), absolute(d.z)});
         }
     }
     Lanes fastest = 0.0;
-    for (Index g = 0; g < groups; g++) fastest = larger(fastest, dot(reach[g], reach[g]));
+    for (Index s = 0; s < reach.columns; s += LANES) fastest = larger(fastest, dot(reach.vector(s), reach.vector(s)));
     const double turned = std::sqrt(largest(fastest)) * (signal.stamps[span.high] - signal.stamps[span.low]);
     if (!(turned > SMALL_TURN)) return count;
     const Index length = static_cast<Index>(SMALL_TURN / turned * static_cast<double>(count));
@@ -211,10 +207,10 @@ inline void sum_turns(
     for (; g < turns.columns; g += LANES) sum_some_turns<1>(begin, end - 1, carried, units, g, turns);
 }
 
-/// How the sets turn from one sample to another, with the two last steps kept for the change of the turn's axis.
+/// How the sets turned in the last step: the next one needs it for the change of the turn's axis.
 struct Turning {
-    Columns theta, before;  // (3, m): the turn of the last step, and of the one before
-    double span = 0.0;      // of the last step, s
+    Columns theta;      // (3, m)
+    double span = 0.0;  // s
 };
 
 /// Turn q (4, m) against the centre from one sample to another.
@@ -256,12 +252,12 @@ inline void relative_motion(
             store(load(rate.row(row) + s) - Lanes(rate(row, 0)), difference.row(row) + s);
         }
     }
-    const Index length = block_length(span, signal, difference), blocks = (count + length - 1) / length;
+    const Index length = block_length(span, signal, difference, memory), blocks = (count + length - 1) / length;
     const Table units = {memory.numbers((count - 1) * 9 * Q), count - 1, 9 * Q};
     unit_turns<N>(span, signal, path.C, units, memory);
     const Table sums = {memory.numbers(18 * features), 18, features}, turns = {memory.numbers(54 * Q), 6, 9 * Q};
     double *carried = memory.numbers(2 * LANES * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
-    Turning last = {memory.zeros(3, coefficients.m), memory.zeros(3, coefficients.m)};
+    Turning last = {memory.zeros(3, coefficients.m)};
     fill(out.dv, 0.0);
     fill(out.dp, 0.0);
     Index at = span.first - span.low;

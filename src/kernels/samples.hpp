@@ -7,7 +7,7 @@ namespace {
 
 constexpr Index STENCIL = 6;  ///< samples each interpolating polynomial goes through
 
-/// See `inertial.strapdown.Samples`; P = 1 + 3 N features of the rate.
+/// See `_kernels.cell.Samples`; P = 1 + 3 N features of the rate.
 struct Samples {
     Numbers stamps;                  // (n,)
     Indices base;                    // (n - 1,)

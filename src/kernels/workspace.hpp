@@ -19,33 +19,14 @@ public:
     Workspace() = default;
     Workspace(const Workspace &) = delete;
     Workspace &operator=(const Workspace &) = delete;
-    ~Workspace() {
-        while (newest) {
-            Piece *before = newest->before;
-            std::free(newest);
-            newest = before;
-        }
-    }
+    ~Workspace() { release(); }
 
     /// Give back all that was taken. If more than one piece was needed, the next time one is enough.
     void clear() {
 #if defined(__SANITIZE_ADDRESS__)
-        while (newest) {
-            Piece *before = newest->before;
-            std::free(newest);
-            newest = before;
-        }
+        release();
 #endif
-        if (newest && newest->before) {
-            Index size = 0;
-            while (newest) {
-                Piece *before = newest->before;
-                size += newest->size;
-                std::free(newest);
-                newest = before;
-            }
-            grow(size);
-        }
+        if (newest && newest->before) grow(release());
         used = 0;
     }
 
@@ -92,6 +73,18 @@ private:
 
     Piece *newest = nullptr;
     Index used = 0;
+
+    /// Free all memory, and return how many numbers it held.
+    Index release() {
+        Index size = 0;
+        while (newest) {
+            Piece *before = newest->before;
+            size += newest->size;
+            std::free(newest);
+            newest = before;
+        }
+        return size;
+    }
 
     void grow(Index size) {
         // Zeroed, for columns that do not count are computed with the others.

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="this
 
 
 def resident():
-    """Return the bytes of unlinked files that are looked at, from the page tables: counts of the process lag behind."""
+    """Return the bytes of unlinked files that are in memory, from the page tables."""
     total, unlinked = 0, False
     for line in Path("/proc/self/smaps").read_text(encoding="utf-8").splitlines():
         if "-" in line.split(" ", 1)[0]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel._kernels.arrays import Array, Mask, Pointer, StackView, Table, TableView, check_lengths
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 MOST_JOINTS = 64
 

@@ -14,7 +14,7 @@ import ctypes
 import numpy as np
 
 from kreisel._kernels.arrays import Array, IndicesView, StackView, check_lengths, for_columns, padded
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _force_features = function("force_features", ctypes.c_int64, IndicesView)
 _rate_coefficients = function("rate_coefficients", StackView, StackView, StackView)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 
 from kreisel._kernels.arrays import Array, TableView, padded
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 from kreisel._kernels.preintegration import Increments
 
 _compose = function("compose", ctypes.c_double, *[TableView] * 8)

@@ -19,7 +19,7 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import MEASURED, Gate, Gaussian, Model, Record, Samples, Steps
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _run = function(
     "run", Pointer(Model, keep=True), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),

@@ -19,7 +19,7 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import Samples
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 from kreisel._kernels.quadrature import POINTS
 
 
@@ -70,7 +70,7 @@ def preintegrate(signal: Samples, first: int, last: int, rate: Array, force: Arr
     if not 0 <= first <= last < signal.stamps.size or last == 0:
         raise ValueError(f"samples {first} to {last} of {signal.stamps.size}")
     count = max(last, int(signal.base[last - 1]) + POINTS - 1) - low_of(signal, first, last) + 1
-    M = max(m + others, m + -m % 4)
+    M = m + others
     shapes = (4, M), *[(3, M)] * 4, (3, 3, M), (count, 4), (4, count)
     out = Increments(*(for_columns(*shape) for shape in shapes))
     empty = for_columns(*force.shape[:2], 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kreisel._kernels.arrays import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 POINTS = 6
 """Samples each interpolating polynomial goes through."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kreisel._kernels.arrays import Array, NumbersView, StackView, TableView, check_lengths
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _drive_oscillators = function("drive_oscillators", TableView, NumbersView, NumbersView, TableView, StackView)
 _gauss_markov = function("gauss_markov", NumbersView, TableView, TableView)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kreisel._kernels.arrays import Array, NumbersView, TableView, for_columns, padded
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _turn = function("turn", TableView, TableView)
 _turn_between = function("turn_between", NumbersView, TableView, TableView)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel._kernels.arrays import Array, Numbers, NumbersView, Pointer, Table, TableView, check_lengths
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 
 class RateSignal(NamedTuple):

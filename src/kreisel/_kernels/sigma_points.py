@@ -20,7 +20,7 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import Gaussian
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 FIGURES = ("spread", "mean", "second", "shift", "centre")
 """Figures of `estimation.sigma_points.SigmaWeights` in the order the library takes them."""
@@ -104,7 +104,7 @@ def update(
         Bound of the normalised innovation squared, beyond which only the prediction is taken over.
     """
     m, n = len(seen), len(belief.upper)
-    out = np.zeros(1), np.zeros((m, m)), np.zeros(m), np.zeros((m, n + -n % 4))
+    out = np.zeros(1), np.zeros((m, m)), np.zeros(m), for_columns(m, n)
     of = UpdateArrays(*belief, padded(points), noise, padded(seen), padded(seen_noise), innovation.copy(), factor, *out)
     _update(parts, tail, 0, 0, weights, of, gate)
     nis, innovation_factor, whitened, gain = out

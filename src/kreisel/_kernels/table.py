@@ -13,7 +13,7 @@ from kreisel._kernels.arrays import (
     TableView,
     check_lengths,
 )
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _ODD = 1000
 

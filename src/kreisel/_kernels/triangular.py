@@ -13,7 +13,7 @@ from kreisel._kernels.arrays import (
     check_indices,
     check_lengths,
 )
-from kreisel._kernels.library import function
+from kreisel._kernels.compiled import function
 
 _triangularise = function("triangularise", TableView)
 _renew = function("renew", TableView, ctypes.c_int64, ctypes.c_double)

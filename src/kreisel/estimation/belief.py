@@ -56,21 +56,17 @@ def inflate_variance(layout: StateLayout, belief: Belief, name: str, deviation: 
     return replace(belief, factor=upper.T.copy())
 
 
-def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: Array) -> Belief:
-    """Return the belief with a part replaced by a new value, independent of all other parts.
+def renew(layout: StateLayout, belief: Belief, name: str, value: Array, deviation: float) -> Belief:
+    """Return the belief with a part of three degrees of freedom replaced by a new value, independent of all others.
 
     Parameters
     ----------
     value
         The part's stored value.
     deviation
-        Its standard deviations, one for each degree of freedom.
+        Its standard deviation in each degree of freedom.
     """
-    d = layout[name]
-    mean = belief.mean.copy()
+    mean, upper = belief.mean.copy(), belief.factor.T.copy()
     mean[layout.stored(name)] = value
-    fresh = np.zeros((layout.degrees, d.stop - d.start))
-    fresh[d] = np.diag(deviation)
-    old = belief.factor.copy()
-    old[d] = 0.0
-    return replace(belief, mean=mean, factor=triangularise(np.hstack([old, fresh])))
+    triangular.renew(upper, layout[name].start, deviation)
+    return Belief(mean, upper.T.copy())

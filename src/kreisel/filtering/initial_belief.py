@@ -72,7 +72,7 @@ def navigation_from_reference(problem: Problem, known: CellParameters, belief: B
         ("velocity", v, _VELOCITY_SD if moved else _VELOCITY_SD_WITHOUT_POSITIONS),
         ("position", p, _POSITION_SD),
     ):
-        belief = renew(layout, belief, name, value, np.full(3, deviation))
+        belief = renew(layout, belief, name, value, deviation)
     return belief
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kreisel._kernels import cell
+from kreisel._kernels.sigma_points import FIGURES
 from kreisel.estimation.sigma_points import weights
 from kreisel.inertial.strapdown import NOISE_STEP
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters
@@ -42,7 +43,7 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
         drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in ROBOT_GROUPS]),
-        weights=np.array([w.spread, w.mean, w.second, w.shift, w.centre]),
+        weights=np.array([getattr(w, figure) for figure in FIGURES]),
         gyro=rows(_GYRO),
         accel=rows(_ACCEL),
         around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),

@@ -92,7 +92,7 @@ def test_renewed_part_is_independent():
     rng = np.random.default_rng(0)
     layout = StateLayout([Part("x", 3), Part("y", 2)])
     belief = Belief(rng.normal(size=5), np.linalg.cholesky(np.eye(5) + 0.3))
-    fresh = renew(layout, belief, "x", np.zeros(3), np.full(3, 2.0))
+    fresh = renew(layout, belief, "x", np.zeros(3), 2.0)
     P = fresh.covariance
     np.testing.assert_allclose(P[:3, :3], 4.0 * np.eye(3), atol=1e-12)
     np.testing.assert_allclose(P[:3, 3:], 0.0, atol=1e-12)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.belief import renew
+from kreisel.estimation.belief import Belief
 from kreisel.filtering.filter_pass import run_filter
 
 from ...small_problem import random_belief, small_problem
@@ -25,10 +25,14 @@ def test_the_references_error_is_a_new_one_at_each_standstill():
     mean[problem.layout.stored("standstill_position")] = 1e-3
     belief = replace(belief, mean=mean)
     by_itself = run_filter(with_updates(problem, [step], at), start, gate=np.inf, belief=belief)
+    mean, P = belief.mean.copy(), belief.covariance
     for name, deviation in zip(
         ("standstill_position", "standstill_orientation"), problem.noise.standstill_error, strict=True
     ):
-        belief = renew(problem.layout, belief, name, np.zeros(3), np.full(3, deviation))
+        mean[problem.layout.stored(name)] = 0.0
+        P[problem.layout[name], :] = P[:, problem.layout[name]] = 0.0
+        P[problem.layout[name], problem.layout[name]] = deviation**2 * np.eye(3)
+    belief = Belief(mean, np.linalg.cholesky(P))
     told = with_updates(problem, [replace(step, new_standstill=False)], at)
     by_hand = run_filter(told, start, gate=np.inf, belief=belief)
     scale = by_hand.belief.standard_deviation

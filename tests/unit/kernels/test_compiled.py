@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel._kernels import arrays, library, manifold, quadrature
+from kreisel._kernels import arrays, compiled, manifold, quadrature
 from kreisel.filtering.filter_pass import run_filter
 
 from ...small_problem import small_problem
@@ -19,9 +19,9 @@ ROOT = Path(__file__).resolve().parents[3]
 NUMBERS = """
 import numpy as np
 from tests.small_problem import plain_run, small_problem
-from kreisel._kernels import library
+from kreisel._kernels import compiled
 run = plain_run()
-print(library.variant, *run.belief.mean, *run.belief.standard_deviation)
+print(compiled.variant, *run.belief.mean, *run.belief.standard_deviation)
 """
 
 
@@ -29,7 +29,7 @@ def test_the_library_is_that_of_the_sources():
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     build = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(build)
-    assert library.sources() == build.source_hash(ROOT), "compile the library again: python hatch_build.py"
+    assert compiled.sources() == build.source_hash(ROOT), "compile the library again: python hatch_build.py"
 
 
 def numbers_of(variant):
@@ -41,7 +41,7 @@ def numbers_of(variant):
     return np.array(numbers, dtype=float)
 
 
-@pytest.mark.skipif(library.variant != "avx2", reason="this processor has one set of instructions")
+@pytest.mark.skipif(compiled.variant != "avx2", reason="this processor has one set of instructions")
 def test_both_sets_of_instructions_give_the_same_result():
     plain, fast = (numbers_of(variant) for variant in ("baseline", "avx2"))
     layout = small_problem().layout
