@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -11,8 +12,18 @@ import numpy as np
 from kreisel._kernels import coefficients, composition, preintegration
 from kreisel._kernels.preintegration import Increments
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.inertial.effects import RawReadings, groups_of, places_of
+from kreisel.inertial.sensor_model import (
+    SensorParameters,
+    SizeEffect,
+    correct_angular_rate,
+    correct_specific_force,
+    without_effects,
+)
 from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal
+
+Sensors = Mapping[str, Array]
+"""Values of effects, flat, by group."""
 
 
 @dataclass(frozen=True)
@@ -30,22 +41,47 @@ class SensorColumns:
 
     @classmethod
     def stack(
-        cls, form: SizeEffect, K_omega: Array, k_w: Array, K_a: Array, k_a: Array, lever_arms: Array
+        cls, form: SizeEffect, sets: Sequence[SensorParameters], turning: int = 1, applied: Sensors | None = None
     ) -> SensorColumns:
-        """Return columns from parameters with sigma points last: the gyros' (…, m), the accelerometers' (…, M >= m)."""
-        turning = K_omega.shape[-1]
-        rate = coefficients.rate_coefficients(K_omega, k_w)
+        """Return columns of parameter sets, of which the first `turning` have gyro parameters of their own.
+
+        applied: effects by which the readings have been corrected; by default those of each set, so that none are left.
+        """
+        K_omega, k_w, K_a, k_a, arms = (
+            np.stack([getattr(p, name) for p in sets], axis=-1)
+            for name in ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
+        )
+        left = [{} if applied is None else {g: v - applied[g] for g, v in p.effects.items()} for p in sets]
+        w, a = (
+            np.stack([_of_features(own, sensor) for own in left], axis=-1) for sensor in ("gyroscope", "accelerometer")
+        )
+        rate = coefficients.rate_coefficients(K_omega[..., :turning], k_w[0, :, :turning], w[..., :turning])
         parts = []
         for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1], slice(turning, None))):
-            accel = [part[..., chosen] for part in (K_a, k_a, lever_arms)]
+            accel = [part[..., chosen] for part in (K_a, k_a[0], arms, a)]
             parts.append(coefficients.force_coefficients(turns, *accel, form.products, form.inside))
         return cls(rate, *parts, K_omega[..., 0].copy(), K_a[..., 0].copy())
 
     @classmethod
     def single(cls, p: SensorParameters, form: SizeEffect) -> SensorColumns:
-        """Return one column."""
-        parts = (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)
-        return cls.stack(form, *(part[..., None] for part in parts))
+        """Return one column, for readings that are corrected for its effects."""
+        return cls.stack(form, [p])
+
+
+def _of_features(values: Sensors, sensor: str) -> Array:
+    """Return what each feature of a sensor's effects adds to the reading of each axis, (E, 3)."""
+    places = places_of({g: v.size for g, v in values.items()}, sensor)
+    own = np.concatenate([np.zeros(1), *(values[g] for g in groups_of(values, sensor))])
+    return np.where(places < 0, 0.0, own[places + 1])
+
+
+def corrected(
+    t: Array, w: Array, a: Array, p: SensorParameters, alpha: Array, form: SizeEffect = SizeEffect.COMPLETED
+) -> tuple[Array, Array]:
+    """Return rate and specific force (n, 3) from raw readings, with all effects, for a known angular acceleration."""
+    rates, accelerations = without_effects(RawReadings.unbroken(t, w, a), p)
+    omega = correct_angular_rate(rates, p)
+    return omega, correct_specific_force(accelerations, omega, alpha, p, form)
 
 
 class Increment(NamedTuple):

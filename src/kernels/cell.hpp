@@ -20,7 +20,8 @@ struct Model {
     Index gyro_degrees;      // degrees of freedom of the gyros' parameters, which come first
     Index sensor_degrees;    // of the gyros' and the accelerometers' parameters
     Indices stored;          // (7,): where the parts below lie in the stored state, -1 where they are not in it
-    Index order;             // of the sensor model's polynomials
+    IndexTable gyro_effects, accel_effects;  // (E, 3): see `effects_of` in process_model.hpp
+    Numbers gyro_applied, accel_applied;     // (e,)
     double products;         // see coefficients.hpp, SizeEffect
     Index inside;
     double level, down;      // Earth rate that a unit of north, and of its downward part, stands for, rad/s

@@ -65,10 +65,10 @@ inline void outer_weights(Span span, const Samples &signal, Columns weights) {
 }
 
 /// The sum of the features (P, n) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
-template <Index N>
+template <bool Effects>
 inline Vector<Lanes> weighted(Columns coefficients, Table features, Index s) {
     Vector<Lanes> out = {0.0, 0.0, 0.0};
-    for (Index f = 0; f < (N ? rate_features(N) : features.rows); f++) {
+    for (Index f = 0; f < (Effects ? features.rows : RATES); f++) {
         const Lanes feature = From(features.row(f), s, features.columns)[0];
         out += feature * in_all_lanes(coefficients.rows_from(3 * f, 3).vector_at(0));
     }
@@ -93,18 +93,18 @@ inline Vector<T> rotation_step(Vector<T> step, Vector<T> omega, Vector<T> next, 
 }
 
 /// Write the attitude (4, c) of the first column of `rate` at the samples of a span, seen from the span's first.
-template <Index N>
+template <bool Effects>
 inline void centre_attitude(Span span, const Samples &signal, Columns rate, Columns q, Workspace &memory) {
     const Index count = span.count(), start = span.first - span.low;
     const Columns omega = memory.columns(3, count + LANES), alpha = memory.columns(3, count + LANES);
     const Columns turns = memory.columns(4, count + LANES);
     for (Index k = 0; k < count; k += LANES) {
-        omega.set(k, weighted<N>(rate, signal.rates, span.low + k));
-        alpha.set(k, weighted<N>(rate, signal.slopes, span.low + k));
+        omega.set(k, weighted<Effects>(rate, signal.rates, span.low + k));
+        alpha.set(k, weighted<false>(rate, signal.slopes, span.low + k));
     }
     const From stamps(signal.stamps.data, span.low, signal.stamps.count), next(signal.stamps.data, span.low + 1, signal.stamps.count);
     for (Index k = 0; k < count - 1; k += LANES) {
-        const Vector<Lanes> step = weighted<N>(rate, signal.integrals, span.low + k);
+        const Vector<Lanes> step = weighted<Effects>(rate, signal.integrals, span.low + k);
         turns.set(k, small_rotation(rotation_step(
             step, omega.vector(k), omega.vector(k + 1), alpha.vector(k), alpha.vector(k + 1), next[k] - stamps[k])));
     }
@@ -132,12 +132,12 @@ inline void set_features(const Lanes *features, Index count, Table out, Index sa
     }
 }
 
-constexpr Index MOST_FEATURES = 200;  ///< of the force, for polynomials up to the fifth order
+constexpr Index MOST_FEATURES = 128;  ///< of the force or the rate, with those of all effects
 
 /// Write the features of the specific force (c, features), and the force of the first column turned by C, (c, 4).
-template <Index N>
+template <bool Effects>
 inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
-    const Index P = N ? rate_features(N) : signal.rates.rows, powers = N ? 3 * N : signal.forces.rows;
+    const Index readings = Effects ? signal.forces.rows : 3;
     const Index count = span.count(), n = signal.stamps.count;
     if (force.rows > 3 * MOST_FEATURES) throw Mismatch();
     for (Index k = 0; k < count; k += LANES) {
@@ -145,12 +145,12 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
         // in the order of `force_coefficients`
         Lanes features[MOST_FEATURES];
         Index at = 0;
-        for (Index f = 0; f < P; f++) {
+        for (Index f = 0; f < RATES; f++) {
             const Lanes rate = samples(signal.rates, f);
-            for (Index g = f; g < P; g++) features[at++] = rate * samples(signal.rates, g);
+            for (Index g = f; g < RATES; g++) features[at++] = rate * samples(signal.rates, g);
         }
-        for (Index f = 1; f < P; f++) features[at++] = samples(signal.slopes, f);
-        for (Index f = 0; f < powers; f++) features[at++] = samples(signal.forces, f);
+        for (Index f = 1; f < RATES; f++) features[at++] = samples(signal.slopes, f);
+        for (Index f = 0; f < readings; f++) features[at++] = samples(signal.forces, f);
         if (3 * at != force.rows) throw Mismatch();
         Vector<Lanes> u = {0.0, 0.0, 0.0};
         for (Index f = 0; f < at; f++) u += features[f] * in_all_lanes(force.rows_from(3 * f, 3).vector_at(0));
@@ -161,7 +161,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
 }
 
 /// The path of the first parameter set.
-template <Index N>
+template <bool Effects>
 inline Path centre_path(Span span, const Samples &signal, const Coefficients &coefficients, Workspace &memory) {
     const Index count = span.count(), features = coefficients.force.rows / 3;
     const Path path = {
@@ -170,7 +170,7 @@ inline Path centre_path(Span span, const Samples &signal, const Coefficients &co
         {memory.numbers(padded(count) * padded(features)), padded(count), padded(features)},
     };
     outer_weights(span, signal, path.weights);
-    centre_attitude<N>(span, signal, coefficients.rate, path.q, memory);
+    centre_attitude<Effects>(span, signal, coefficients.rate, path.q, memory);
     for (Index k = 0; k < path.C.columns; k += LANES) {
         const Matrix<Lanes> C = direction_cosines(path.q.quaternion(k));
         for (Index i = 0; i < 3; i++) path.C.set(3 * i, k, C.row[i]);
@@ -180,7 +180,7 @@ inline Path centre_path(Span span, const Samples &signal, const Coefficients &co
             store(load(path.weights.row(i % 2) + k) * load(path.C.row(i / 2) + k), path.weighted.row(i) + k);
         }
     }
-    force_along<N>(span, signal, coefficients.force, path);
+    force_along<Effects>(span, signal, coefficients.force, path);
     return path;
 }
 

@@ -1,33 +1,32 @@
-/// Sensor parameters as factors of a few features of the raw readings, for many parameter sets side by side.
+/// Sensor parameters as factors of a few features of the readings, for many parameter sets side by side.
 ///
-/// Features of the raw readings:
+/// Features of the readings:
 ///
-/// - of the rate, P = 1 + 3 N: 1, and the powers 1 to N of the three rates; `rate` holds what they are multiplied by
-///   in equation (1);
-/// - of the specific force: the products of two rate features (f <= g), the slopes of the P - 1 powers, and the powers
-///   1 to N of the accelerometers' readings; `force` likewise for equation (2).
+/// - of the rate: 1, the three rates, and the features of the gyros' effects; `rate` holds what they are multiplied by in
+///   equation (1);
+/// - of the specific force: the products of two of the first four (f <= g), the slopes of the rates, the accelerometers'
+///   readings, and the features of their effects; `force` likewise for equation (2).
 ///
-/// Row 3 f + i of a table of coefficients is what feature f is multiplied by in component i.
+/// Row 3 f + i of a table of coefficients is what feature f is multiplied by in component i. The effects' features are
+/// computed by Python (`inertial.effects`), which has corrected the readings by their values so far: what they still
+/// change enters the lever arms' products in second order only, and is left out there.
 #pragma once
 
 #include "arrays.hpp"
 
 namespace {
 
-inline Index rate_features(Index order) { return 1 + 3 * order; }
+constexpr Index RATES = 4;                          ///< 1 and the three rates
+constexpr Index SLOPES = RATES * (RATES + 1) / 2;   ///< place of the slopes among the features of the force
+constexpr Index FORCES = SLOPES + RATES - 1;        ///< place of the accelerometers' readings
+constexpr Index FEATURES = FORCES + 3;              ///< of the force, without effects
 
-/// Where the slopes stand among the features of the force, and where the accelerometers' readings do.
-inline Index first_slope(Index order) { return rate_features(order) * (rate_features(order) + 1) / 2; }
-inline Index first_reading(Index order) { return first_slope(order) + rate_features(order) - 1; }
-
-inline Index force_features(Index order) { return first_reading(order) + 3 * order; }
-
-/// Numbers of features of the rate, known to the compiler for the usual order N = 1, and for N = 0 taken from the arrays.
-template <Index N>
+/// Numbers of features: known to the compiler without effects, else taken from the arrays.
+template <bool Effects>
 struct Features {
-    Index P, Q;  // features of the rate, and padded
+    Index P, Q;  // of the rate, and padded
 
-    explicit Features(Index order) : P(rate_features(N ? N : order)), Q(padded(P)) {}
+    explicit Features(Index rates) : P(Effects ? rates : RATES), Q(padded(P)) {}
 };
 
 inline Matrix<Lanes> matrix(Columns rows, Index first, Index s) {
@@ -41,18 +40,15 @@ inline Vector<Lanes> column(const Matrix<Lanes> &A, Index axis) {
     return {A.row[0].z, A.row[1].z, A.row[2].z};
 }
 
-/// Write what equation (1) multiplies the features by, (3 P, m), from K_omega (9, m) and k_w (3 N, m).
-inline void rate_coefficients(Columns K_omega, Columns k_w, Columns out) {
-    const Index order = k_w.rows / 3;
+/// Write what equation (1) multiplies the features by, (3 P, m), from K_omega (9, m) and k_w0 (3, m).
+///
+/// effects (3 E, m): what feature e of the effects adds to the reading of each axis.
+inline void rate_coefficients(Columns K_omega, Columns k_w0, Columns effects, Columns out) {
     for (Index s = 0; s < out.columns; s += LANES) {
         const Matrix<Lanes> K = matrix(K_omega, 0, s);
-        out.set(0, s, K * k_w.vector(0, s));
-        for (Index axis = 0; axis < 3; axis++) {
-            out.set(3 + 3 * axis, s, column(K, axis));
-            for (Index i = 1; i < order; i++) {
-                out.set(3 * (1 + 3 * i + axis), s, load(k_w.row(3 * i + axis) + s) * column(K, axis));
-            }
-        }
+        out.set(0, s, K * k_w0.vector(0, s));
+        for (Index axis = 0; axis < 3; axis++) out.set(3 + 3 * axis, s, column(K, axis));
+        for (Index row = 0; row < effects.rows; row += 3) out.set(3 * RATES + row, s, K * effects.vector(row, s));
     }
 }
 
@@ -82,13 +78,11 @@ inline Matrix<Lanes> size_effect_field(
 
 /// Write what equation (2) multiplies the features by, (3 features, m).
 ///
-/// rate (3 P, m), or its first column for all where it is `common`; K_a and arms (9, m), k_a (3 N, m).
-template <Index N>
+/// rate (3 P, m), or its first column for all where it is `common`; K_a and arms (9, m), k_a0 (3, m); effects (3 E, m):
+/// see `rate_coefficients`.
 inline void force_coefficients(
-    Columns rate, bool common, Columns K_a, Columns k_a, Columns arms, SizeEffect form, Columns out
+    Columns rate, bool common, Columns K_a, Columns k_a0, Columns arms, Columns effects, SizeEffect form, Columns out
 ) {
-    const Index order = N ? N : k_a.rows / 3, P = rate_features(order);
-    const Index slopes = first_slope(order), readings = first_reading(order);
     for (Index s = 0; s < out.columns; s += LANES) {
         const Matrix<Lanes> K = matrix(K_a, 0, s), e = matrix(arms, 0, s);
         const Matrix<Lanes> axes = form.inside ? inverse(K) : K;
@@ -103,23 +97,19 @@ inline void force_coefficients(
             const Matrix<Lanes> symmetric = {{{yy + zz, xy, xz}, {xy, xx + zz, yz}, {xz, yz, xx + yy}}};
             const Vector<Lanes> skew = {F.row[1].z - F.row[2].y, F.row[2].x - F.row[0].z, F.row[0].y - F.row[1].x};
             Index at = 0;
-            for (Index f = 0; f < P; f++) {
+            for (Index f = 0; f < RATES; f++) {
                 const Vector<Lanes> x = symmetric * W(f);
-                for (Index g = f; g < P; g++, at++) {
+                for (Index g = f; g < RATES; g++, at++) {
                     const Lanes once = dot(x, W(g));
                     store(f == g ? once : once + once, out.row(3 * at + row) + s);
                 }
-                if (f > 0) store(dot(skew, W(f)), out.row(3 * (slopes + f - 1) + row) + s);
+                if (f > 0) store(dot(skew, W(f)), out.row(3 * (SLOPES + f - 1) + row) + s);
             }
             double *constant = out.row(row) + s;
-            store(load(constant) + dot(K.row[row], k_a.vector(0, s)), constant);
+            store(load(constant) + dot(K.row[row], k_a0.vector(0, s)), constant);
         }
-        for (Index axis = 0; axis < 3; axis++) {
-            out.set(3 * (readings + axis), s, column(K, axis));
-            for (Index i = 1; i < order; i++) {
-                out.set(3 * (readings + 3 * i + axis), s, load(k_a.row(3 * i + axis) + s) * column(K, axis));
-            }
-        }
+        for (Index axis = 0; axis < 3; axis++) out.set(3 * (FORCES + axis), s, column(K, axis));
+        for (Index row = 0; row < effects.rows; row += 3) out.set(3 * FEATURES + row, s, K * effects.vector(row, s));
     }
 }
 

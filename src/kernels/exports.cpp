@@ -166,21 +166,17 @@ EXPORTED int KREISEL(gauss_markov)(Numbers keep, Table white, Table out) {
     return DONE;
 }
 
-EXPORTED int KREISEL(force_features)(Index order, Indices out) {
-    out[0] = force_features(order);
-    return DONE;
-}
-
-EXPORTED int KREISEL(rate_coefficients)(Stack K_omega, Stack k_w, Stack out) {
-    rate_coefficients(columns(K_omega), columns(k_w), columns(out));
+EXPORTED int KREISEL(rate_coefficients)(Stack K_omega, Table k_w0, Stack effects, Stack out) {
+    rate_coefficients(columns(K_omega), columns(k_w0), columns(effects), columns(out));
     return DONE;
 }
 
 EXPORTED int KREISEL(force_coefficients)(
-    Stack rate, Stack K_a, Stack k_a, Stack arms, double products, Index inside, Index common, Stack out
+    Stack rate, Stack K_a, Table k_a0, Stack arms, Stack effects, double products, Index inside, Index common, Stack out
 ) {
-    force_coefficients<0>(
-        columns(rate), common != 0, columns(K_a), columns(k_a), columns(arms), {products, inside != 0}, columns(out));
+    force_coefficients(
+        columns(rate), common != 0, columns(K_a), columns(k_a0), columns(arms), columns(effects),
+        {products, inside != 0}, columns(out));
     return DONE;
 }
 

@@ -13,9 +13,9 @@
 namespace {
 
 /// The specific force of sample j, seen from the attitude at the first, before a set's own turn.
-template <Index N>
+template <bool Effects>
 inline Vector<Lanes> force_at(Index j, const Path &path, Columns coefficients, Index s) {
-    const Index features = N ? force_features(N) : coefficients.rows / 3;
+    const Index features = Effects ? coefficients.rows / 3 : FEATURES;
     Vector<Lanes> force = {0.0, 0.0, 0.0};
     for (Index f = 0; f < features; f++) force += path.psi(j, f) * coefficients.vector(3 * f, s);
     return Matrix<Lanes>{{
@@ -31,20 +31,20 @@ inline void set_others(Columns values, Index m, Index others, Columns out) {
 }
 
 /// Write what lets the motion be carried on by less than a sampling interval.
-template <Index N>
+template <bool Effects>
 inline void finish(
     Span span, const Samples &signal, const Coefficients &coefficients, const Path &path, const Relative &relative,
     const Increments &out, Workspace &memory
 ) {
     const Columns rate = coefficients.rate;
-    const Index P = Features<N>(rate.rows / 9).P, m = coefficients.m, others = coefficients.others, end = span.last - span.low;
+    const Index P = Features<Effects>(rate.rows / 3).P, m = coefficients.m, others = coefficients.others, end = span.last - span.low;
     const Quaternion<double> q = path.q.quaternion_at(end);
     const Quaternion<Lanes> turned = {q.w, q.x, q.y, q.z};
     for (Index s = 0; s < rate.columns; s += LANES) {
         Vector<Lanes> omega = {0.0, 0.0, 0.0}, alpha = {0.0, 0.0, 0.0};
         for (Index f = 0; f < P; f++) {
             omega += signal.rates(f, span.last) * rate.vector(3 * f, s);
-            alpha += signal.slopes(f, span.last) * rate.vector(3 * f, s);
+            if (f < RATES) alpha += signal.slopes(f, span.last) * rate.vector(3 * f, s);
         }
         out.omega_end.set(s, omega);
         out.alpha_end.set(s, alpha);
@@ -60,10 +60,10 @@ inline void finish(
         for (Index s = 0; s < rate.columns; s += LANES) {
             Quaternion<Lanes> there = relative.q.quaternion(s);
             if (which != 1) there = there * small_rotation(relative.neighbours[which / 2].vector(s));
-            u.set(s, rotate(there, force_at<N>(j, path, coefficients.force, s)));
+            u.set(s, rotate(there, force_at<Effects>(j, path, coefficients.force, s)));
         }
         const Columns shared = memory.columns(3, others);
-        for (Index s = 0; s < shared.columns; s += LANES) shared.set(s, force_at<N>(j, path, coefficients.shared, s));
+        for (Index s = 0; s < shared.columns; s += LANES) shared.set(s, force_at<Effects>(j, path, coefficients.shared, s));
         set_others(shared, m, others, u);
     }
     // The others turn as the first does.
@@ -76,39 +76,39 @@ inline void finish(
     }
 }
 
-/// Write the increments over a span: equation (8). N: order of the sensor model's polynomials, or 0 for any.
-template <Index N>
+/// Write the increments over a span: equation (8). Effects: whether the sensors' effects have features.
+template <bool Effects>
 inline void preintegrate(
     Span span, const Samples &signal, const Coefficients &coefficients, const Increments &out, Workspace &memory
 ) {
     const Index m = coefficients.m, others = coefficients.others;
-    const Path path = centre_path<N>(span, signal, coefficients, memory);
+    const Path path = centre_path<Effects>(span, signal, coefficients, memory);
     Relative relative = {
         memory.zeros(4, m), {memory.zeros(3, m), memory.zeros(3, m)},
         {memory.numbers(18 * path.psi.columns), 18, path.psi.columns},
     };
     for (Index s = 0; s < relative.q.columns; s++) relative.q(0, s) = 1.0;
     fill(relative.total, 0.0);
-    relative_motion<N>(span, signal, coefficients, path, relative, out, memory);
+    relative_motion<Effects>(span, signal, coefficients, path, relative, out, memory);
     const Columns shared = memory.columns(3, others);
     for (Index which = 0; which < 2; which++) {
         const Table total = {relative.total.row(9 * which), 9, relative.total.columns};
-        for (Index s = 0; s < shared.columns; s += LANES) shared.set(s, combine<N>(total, coefficients.shared, s));
+        for (Index s = 0; s < shared.columns; s += LANES) shared.set(s, combine<Effects>(total, coefficients.shared, s));
         set_others(shared, m, others, which == 0 ? out.dv : out.dp);
     }
-    finish<N>(span, signal, coefficients, path, relative, out, memory);
+    finish<Effects>(span, signal, coefficients, path, relative, out, memory);
     copy(path.u, out.u_path, span.count(), LANES);
     copy(path.q, out.q_path, 4, out.q_path.columns);
 }
 
-/// The same for polynomials of any order.
+/// The same, with effects where there are any.
 inline void preintegrate(
     Span span, const Samples &signal, const Coefficients &coefficients, const Increments &out, Workspace &memory
 ) {
-    if (signal.rates.rows == rate_features(1)) {
-        preintegrate<1>(span, signal, coefficients, out, memory);
+    if (signal.rates.rows == RATES && signal.forces.rows == 3) {
+        preintegrate<false>(span, signal, coefficients, out, memory);
     } else {
-        preintegrate<0>(span, signal, coefficients, out, memory);
+        preintegrate<true>(span, signal, coefficients, out, memory);
     }
 }
 

@@ -35,10 +35,24 @@ inline Columns rows_of(const ParameterRows &rows, Columns points, Index first, I
     return out;
 }
 
+/// What each feature of the effects adds to the reading of each axis, (3 E, m), from their parameters (e, m).
+///
+/// places (E, 3): the parameter of each feature for each axis, or -1; applied (e,): values by which the readings have been
+/// corrected before.
+inline Columns effects_of(IndexTable places, Numbers applied, Columns parameters, Workspace &memory) {
+    const Columns out = memory.zeros(3 * places.rows, parameters.columns);
+    for (Index row = 0; row < out.rows; row++) {
+        const Index e = places(row / 3, row % 3);
+        if (e < 0) continue;
+        for (Index s = 0; s < out.columns; s += LANES) store(load(parameters.row(e) + s) - Lanes(applied[e]), out.row(row) + s);
+    }
+    return out;
+}
+
 /// The coefficients of sigma points (size, 2 n + 1).
 inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &order, Columns points, Workspace &memory) {
     const Index turning = 1 + 2 * order.group[0].degrees, sharing = 2 * order.group[1].degrees;
-    const Index N = model.order, P = rate_features(N), features = force_features(N);
+    const Index P = RATES + model.gyro_effects.rows, features = FEATURES + model.accel_effects.rows;
     const SizeEffect form = {model.products, model.inside != 0};
     const Columns gyro = rows_of(model.gyro, points, 0, turning, memory);
     const Columns own = rows_of(model.accel, points, 0, turning, memory);
@@ -48,11 +62,12 @@ inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &or
         turning, sharing,
     };
     const auto force = [&](Columns accel, bool common, Columns to) {
-        const Index arms = 9 + 3 * N;
-        const auto write = N == 1 ? force_coefficients<1> : force_coefficients<0>;
-        write(out.rate, common, accel.rows_from(0, 9), accel.rows_from(9, 3 * N), accel.rows_from(arms, 9), form, to);
+        const Columns effects = effects_of(model.accel_effects, model.accel_applied, accel.rows_from(21, accel.rows - 21), memory);
+        force_coefficients(
+            out.rate, common, accel.rows_from(0, 9), accel.rows_from(9, 3), accel.rows_from(12, 9), effects, form, to);
     };
-    rate_coefficients(gyro.rows_from(0, 9), gyro.rows_from(9, 3 * N), out.rate);
+    const Columns effects = effects_of(model.gyro_effects, model.gyro_applied, gyro.rows_from(12, gyro.rows - 12), memory);
+    rate_coefficients(gyro.rows_from(0, 9), gyro.rows_from(9, 3), effects, out.rate);
     force(own, false, out.force);
     force(others, true, out.shared);
     return out;
@@ -119,7 +134,7 @@ inline IntegratedMotion propagate(
     const Table covariance = {memory.numbers(81), 9, 9};
     noise_covariance(
         span, each >= 1.0 ? static_cast<Index>(each) : 1, signal, motion.u_path, motion.q_path,
-        first_matrix(coefficients.rate, 1), first_matrix(coefficients.force, first_reading(model.order)), covariance, memory);
+        first_matrix(coefficients.rate, 1), first_matrix(coefficients.force, FORCES), covariance, memory);
     navigation_noise(covariance, out.q_first.quaternion_at(0), motion.dq.quaternion_at(0), out.noise);
     return out;
 }

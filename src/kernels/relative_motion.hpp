@@ -49,9 +49,9 @@ inline Index block_length(Span span, const Samples &signal, Columns difference, 
 ///
 /// It is the mean of C (of the cubic through four samples, of a line at either end) times the feature's integral, and
 /// what both change together.
-template <Index N>
+template <bool Effects>
 inline void unit_turns(Span span, const Samples &signal, Columns C, Table units, Workspace &memory) {
-    const Features<N> of(signal.rates.rows / 3);
+    const Features<Effects> of(signal.rates.rows);
     const Index P = of.P, Q = of.Q, count = span.count(), intervals = count - 1;
     const Columns mean = memory.columns(9, count), change = memory.columns(9, count);
     for (Index i = 0; i < 9; i++) {
@@ -79,8 +79,10 @@ inline void unit_turns(Span span, const Samples &signal, Columns C, Table units,
         const Lanes h = next[j] - stamps[j], share = h * h * (1.0 / 24.0);
         Lanes whole[MOST_FEATURES], rising[MOST_FEATURES];
         for (Index f = 0; f < P; f++) {
-            const double *slopes = signal.slopes.row(f);
             whole[f] = From(signal.integrals.row(f), span.low, n - 1)[j];
+            rising[f] = 0.0;
+            if (f >= RATES) continue;  // an effect's feature may have steps: it counts with its mean
+            const double *slopes = signal.slopes.row(f);
             rising[f] = share * (From(slopes, span.low, n)[j] + From(slopes, span.low + 1, n)[j]);
         }
         set_features(whole, P, integral, j);
@@ -97,9 +99,9 @@ inline void unit_turns(Span span, const Samples &signal, Columns C, Table units,
 }
 
 /// Add sum_fr turns[(3 i + r) Q + f] difference[3 f + r, s] to column s, for component i.
-template <Index N>
+template <bool Effects>
 inline Vector<Lanes> contract(const double *turns, Columns difference, Index s) {
-    const Features<N> of(difference.rows / 9);
+    const Features<Effects> of(difference.rows / 3);
     const Index P = of.P, Q = of.Q;
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < P; f++) {
@@ -113,14 +115,14 @@ inline Vector<Lanes> contract(const double *turns, Columns difference, Index s) 
 }
 
 /// sum_jf sums[3 i + j, f] coefficients[3 f + j, s] for component i; sums (9, features).
-template <Index N>
+template <bool Effects>
 inline Vector<Lanes> combine(Table sums, Columns coefficients, Index s) {
-    const Index features = N ? force_features(N) : coefficients.rows / 3;
+    const Index features = Effects ? coefficients.rows / 3 : FEATURES;
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < features; f++) {
         const Vector<Lanes> x = coefficients.vector(3 * f, s);
         const double *a = sums.data + f;
-        const Index n = N ? padded(force_features(N)) : sums.columns;
+        const Index n = Effects ? sums.columns : padded(FEATURES);
         out.x += Lanes(a[0]) * x.x + Lanes(a[n]) * x.y + Lanes(a[2 * n]) * x.z;
         out.y += Lanes(a[3 * n]) * x.x + Lanes(a[4 * n]) * x.y + Lanes(a[5 * n]) * x.z;
         out.z += Lanes(a[6 * n]) * x.x + Lanes(a[7 * n]) * x.y + Lanes(a[8 * n]) * x.z;
@@ -214,7 +216,7 @@ struct Turning {
 };
 
 /// Turn q (4, m) against the centre from one sample to another.
-template <Index N>
+template <bool Effects>
 inline void advance(
     Span span, const Samples &signal, Index begin, Index end, Table units, Columns difference, double *turns,
     Turning &last, Columns q
@@ -230,7 +232,7 @@ inline void advance(
     const double before = last.span;
     const double share = before > 0.0 && now > 0.0 ? now * now / (6.0 * before * (now + before)) : 0.0;
     for (Index s = 0; s < q.columns; s += LANES) {
-        const Vector<Lanes> theta = contract<N>(turns, difference, s), earlier = last.theta.vector(s);
+        const Vector<Lanes> theta = contract<Effects>(turns, difference, s), earlier = last.theta.vector(s);
         last.theta.set(s, theta);
         q.set(s, q.quaternion(s) * small_rotation(theta + share * cross(earlier, theta)));
     }
@@ -238,13 +240,13 @@ inline void advance(
 }
 
 /// Write dv and dp (3, M) of the sets with gyro parameters of their own, block by block, and fill `relative`.
-template <Index N>
+template <bool Effects>
 inline void relative_motion(
     Span span, const Samples &signal, const Coefficients &coefficients, const Path &path, Relative &relative,
     const Increments &out, Workspace &memory
 ) {
     const Columns rate = coefficients.rate, force = coefficients.force;
-    const Features<N> of(rate.rows / 9);
+    const Features<Effects> of(rate.rows / 3);
     const Index count = span.count(), Q = of.Q, features = path.psi.columns;
     const Columns difference = memory.columns(rate.rows, coefficients.m);
     for (Index row = 0; row < rate.rows; row++) {
@@ -254,7 +256,7 @@ inline void relative_motion(
     }
     const Index length = block_length(span, signal, difference, memory), blocks = (count + length - 1) / length;
     const Table units = {memory.numbers((count - 1) * 9 * Q), count - 1, 9 * Q};
-    unit_turns<N>(span, signal, path.C, units, memory);
+    unit_turns<Effects>(span, signal, path.C, units, memory);
     const Table sums = {memory.numbers(18 * features), 18, features}, turns = {memory.numbers(54 * Q), 6, 9 * Q};
     double *carried = memory.numbers(2 * LANES * count), *lever = memory.numbers(9 * Q), *turned = memory.numbers(9 * Q);
     Turning last = {memory.zeros(3, coefficients.m)};
@@ -266,7 +268,7 @@ inline void relative_motion(
         sum_products(begin, end, path, sums);
         for (Index i = 0; i < 18 * features; i++) relative.total.data[i] += sums.data[i];
         sum_turns(begin, centre, end, path, units, carried, turns);
-        advance<N>(span, signal, at, centre, units, difference, turned, last, relative.q);
+        advance<Effects>(span, signal, at, centre, units, difference, turned, last, relative.q);
         at = centre;
         for (Index which = 0; which < 2; which++) {
             for (Index i = 0; i < 3; i++) {
@@ -278,16 +280,16 @@ inline void relative_motion(
             const Columns increment = which == 0 ? out.dv : out.dp;
             const Table own = {sums.row(9 * which), 9, features};
             for (Index s = 0; s < rate.columns; s += LANES) {
-                const Vector<Lanes> part = combine<N>(own, force, s) + contract<N>(lever, difference, s);
+                const Vector<Lanes> part = combine<Effects>(own, force, s) + contract<Effects>(lever, difference, s);
                 increment.set(s, increment.vector(s) + rotate(relative.q.quaternion(s), part));
             }
         }
     }
     const Index end = span.last - span.low;
-    advance<N>(span, signal, at, end, units, difference, turned, last, relative.q);
+    advance<Effects>(span, signal, at, end, units, difference, turned, last, relative.q);
     for (Index s = 0; s < rate.columns; s += LANES) {
-        relative.neighbours[0].set(s, -contract<N>(units.row(end - 1), difference, s));
-        if (end < count - 1) relative.neighbours[1].set(s, contract<N>(units.row(end), difference, s));
+        relative.neighbours[0].set(s, -contract<Effects>(units.row(end - 1), difference, s));
+        if (end < count - 1) relative.neighbours[1].set(s, contract<Effects>(units.row(end), difference, s));
     }
 }
 

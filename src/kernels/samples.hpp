@@ -7,13 +7,13 @@ namespace {
 
 constexpr Index STENCIL = 6;  ///< samples each interpolating polynomial goes through
 
-/// See `_kernels.cell.Samples`; P = 1 + 3 N features of the rate.
+/// See `_kernels.cell.Samples`; P = 4 + E features of the rate, E of them the gyros' effects'.
 struct Samples {
     Numbers stamps;                  // (n,)
     Indices base;                    // (n - 1,)
     Table single, twice;             // (n - 1, 6)
-    Table rates, slopes, integrals;  // (P, n), (P, n), (P, n - 1)
-    Table forces;                    // (3 N, n)
+    Table rates, slopes, integrals;  // (P, n), (4, n), (P, n - 1)
+    Table forces;                    // (3 + E, n)
     Table noise;                     // (4, 3)
     double usual;                    // s
 };

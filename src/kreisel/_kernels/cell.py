@@ -25,12 +25,14 @@ class Samples(NamedTuple):
         Seconds since the first sample.
     base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
         Stencils of `quadrature`.
-    rates, slopes : (P, n)
-        Features of the rate and their derivatives, P = 1 + 3 N: see `coefficients`.
+    rates : (P, n)
+        Features of the rate, P = 4 + E: see `coefficients`.
+    slopes : (4, n)
+        Derivatives of the first four.
     integrals : (P, n - 1)
         Integrals of the features over each sampling interval.
-    forces : (3 N, n)
-        Powers of the accelerometers' readings.
+    forces : (3 + E, n)
+        The accelerometers' readings, and the features of their effects.
     noise : (4, 3)
         Of gyros and accelerometers, axis by axis: spectral densities (unit squared times seconds) of each, then the
         curvature of each (unit per second squared) where samples are missing: see `preintegration.noise_covariance`.
@@ -71,13 +73,18 @@ class Model(NamedTuple):
     weights : (5,)
         See `sigma_points.FIGURES`.
     gyro, accel, around, robot : ParameterRows
-        Sensor parameters; alignment, north, gravity, time offset and skew, Earth rate downward; errors of the robot.
+        Matrix, offset and effects of the gyros; the same, with lever arms before the effects, of the accelerometers;
+        alignment, north, gravity, time offset and skew, Earth rate downward; errors of the reported poses.
     gyro_degrees, sensor_degrees
         Degrees of freedom of the gyros' parameters, which come first, and of both sensors' parameters.
     stored : (7,)
         Where parts lie in the stored state, -1 where they are not in it.
-    order, products, inside
-        Of the sensor model; see `coefficients.force_coefficients`.
+    gyro_effects, accel_effects : (E, 3)
+        Which of the effects' parameters each feature is multiplied by in each axis; -1 for none.
+    gyro_applied, accel_applied : (e,)
+        Values of these parameters by which the readings have been corrected before.
+    products, inside
+        Of the size effect; see `coefficients.force_coefficients`.
     level, down
         Earth rate that a unit of north, and of its downward part, stands for, rad/s.
     noise : (6,)
@@ -103,7 +110,10 @@ class Model(NamedTuple):
     gyro_degrees: int
     sensor_degrees: int
     stored: Indices
-    order: int
+    gyro_effects: IndexTable
+    accel_effects: IndexTable
+    gyro_applied: Numbers
+    accel_applied: Numbers
     products: float
     inside: bool
     level: float

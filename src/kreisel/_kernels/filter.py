@@ -45,7 +45,7 @@ def run(
     """
     stopped = np.zeros(1, dtype=np.int64)
     _check_belief(model, belief)
-    _check_signal(signal, model.order)
+    _check_signal(signal, model)
     _check_steps(model, signal, steps, begin, end)
     _check_record(record, begin, end, belief)
     check_lengths(bounds=(gate.bounds, (MEASURED + 1,)), rejected=(gate.rejected, (1,)))
@@ -67,12 +67,14 @@ def _check_belief(model: Model, belief: Gaussian) -> None:
 
 
 def _check_model(model: Model, n: int, size: int) -> None:
-    order = model.order
     check_lengths(
         parts=(model.parts, (len(model.parts), 4)),
         tail=(model.tail, (len(model.tail), 4)), weights=(model.weights, (5,)),
-        gyro=(model.gyro.source, (9 + 3 * order,)),
-        accel=(model.accel.source, (18 + 3 * order,)), around=(model.around.source, (10,)), stored=(model.stored, (7,)),
+        gyro=(model.gyro.source, (12 + model.gyro_applied.size,)),
+        accel=(model.accel.source, (21 + model.accel_applied.size,)),
+        gyro_effects=(model.gyro_effects, (len(model.gyro_effects), 3)),
+        accel_effects=(model.accel_effects, (len(model.accel_effects), 3)),
+        around=(model.around.source, (10,)), stored=(model.stored, (7,)),
         noise=(model.noise, (6,)), standstill=(model.standstill, (2,)), coloured=(model.coloured, (3,)),
         walk=(model.walk, model.walking.shape),
     )  # fmt: skip
@@ -80,6 +82,8 @@ def _check_model(model: Model, n: int, size: int) -> None:
         rows = getattr(model, name)
         check_lengths(known=(rows.known, rows.source.shape))
         check_indices(name, rows.source, -1, size)
+    check_indices("gyro_effects", model.gyro_effects, -1, model.gyro_applied.size)
+    check_indices("accel_effects", model.accel_effects, -1, model.accel_applied.size)
     check_indices("walking", model.walking, 0, n)
     check_indices("stored", model.stored, -1, size - 2)
     check_indices("stored, moving", model.stored[:3], 0, size - 2)
@@ -98,12 +102,12 @@ def _check_model(model: Model, n: int, size: int) -> None:
         raise ValueError(f"{model.gyro_degrees} and {model.sensor_degrees} of {n} degrees of freedom are the sensors'")
 
 
-def _check_signal(signal: Samples, order: int) -> None:
-    n, P = signal.stamps.size, 1 + 3 * order
+def _check_signal(signal: Samples, model: Model) -> None:
+    n, P = signal.stamps.size, 4 + len(model.gyro_effects)
     check_lengths(
         base=(signal.base, (n - 1,)), single=(signal.single, (n - 1, 6)), double=(signal.double, (n - 1, 6)),
-        rates=(signal.rates, (P, n)), slopes=(signal.slopes, (P, n)), integrals=(signal.integrals, (P, n - 1)),
-        forces=(signal.forces, (3 * order, n)), noise=(signal.noise, (4, 3)),
+        rates=(signal.rates, (P, n)), slopes=(signal.slopes, (4, n)), integrals=(signal.integrals, (P, n - 1)),
+        forces=(signal.forces, (3 + len(model.accel_effects), n)), noise=(signal.noise, (4, 3)),
     )  # fmt: skip
     check_indices("base", signal.base, 0, n - 5)
 

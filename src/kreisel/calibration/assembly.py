@@ -221,7 +221,9 @@ def _derived(found: Estimate) -> Mapping[str, Measured]:
 def _others(found: Estimate) -> dict[str, Measured]:
     """Return the estimated groups that have no field of their own, by their path in the result file."""
     p = found.run.parameters
-    present = [group for group in other_groups() if group in found.problem.layout]
+    present = [
+        g for g in other_groups() if g in found.problem.layout or (p.stored(g) != group_named(g).nominal(1)).any()
+    ]
     return {group_named(g).path: Measured(p.stored(g), _deviation_of(found, g)) for g in present}
 
 

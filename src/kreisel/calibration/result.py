@@ -82,10 +82,10 @@ class Calibration(CalibrationParts):
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
-        signal = prepare(seconds, raw, a, order=self.sensors.k_w.shape[0])
+        signal = prepare(seconds, raw, a, applied=self.sensors.effects)
         rate = rate_coefficients(self.sensors)
         omega, alpha = (part.T @ rate for part in (signal.samples.rates, signal.samples.slopes))
-        return omega, correct_specific_force(a, omega, alpha, self.sensors, self.size_effect)
+        return omega, correct_specific_force(signal.accelerations, omega, alpha, self.sensors, self.size_effect)
 
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.

@@ -6,6 +6,7 @@ Schema 1 is read too: it has other names for some derived quantities. `result-sc
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from kreisel.calibration.parts import (
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect
 from kreisel.model.groups import group_named
-from kreisel.model.parameters import other_groups
+from kreisel.model.parameters import SENSOR_GROUPS, other_groups
 from kreisel.robot.pose_accuracy import PoseAccuracy
 
 SCHEMA = "kreisel/calibration/2"
@@ -78,7 +79,9 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         If an entry is missing or has another type; the message names it.
     """
     sd = _table(document, "standard_deviation")
-    values, deviations = _sensors(document), _sensors(sd) if sd else None
+    others = _others(document, sd)
+    own = {g: others[path].value.ravel() for g in SENSOR_GROUPS if (path := group_named(g).path) in others}
+    values, deviations = replace(_sensors(document), others=own), _sensors(sd) if sd else None
     estimator = document.get("estimator")
     return CalibrationParts(
         sensors=values,
@@ -92,7 +95,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         recording=_recording(document["recording"]) if "recording" in document else None,
         estimator=None if estimator is None else _estimator(estimator),
         robot=_robot(document["robot"]) if "robot" in document else None,
-        others=_others(document, sd),
+        others=others,
     )
 
 
@@ -130,7 +133,8 @@ def _sensors(document: Mapping[str, Any]) -> SensorParameters:
 
 
 def _no_deviations(p: SensorParameters) -> SensorParameters:
-    return SensorParameters(*(np.full(x.shape, np.nan) for x in (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms)))
+    K_omega, k_w, K_a, k_a, arms = (np.full(x.shape, np.nan) for x in (p.K_omega, p.k_w, p.K_a, p.k_a, p.lever_arms))
+    return SensorParameters(K_omega, k_w, K_a, k_a, arms)
 
 
 def _timing_table(timing: Timing) -> dict[str, Any]:

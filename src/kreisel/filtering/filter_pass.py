@@ -12,7 +12,7 @@ from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of
-from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
+from kreisel.filtering.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps
 from kreisel.filtering.record import history_of, joined
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -54,18 +54,19 @@ def run_filter(
         If the state is no longer finite; the message gives the time.
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
+    readings = problem.readings.with_effects(effect_sizes(problem), start.sensors.effects)
     belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
     limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
     histories = []
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
-        steps, record = filter_steps(problem, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
+        steps, record = filter_steps(problem, start, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
         done = begin
         while done < chunk.stop:
             belief = _belief_before(problem, start, belief, done, limit.rejected)
             filtered = cell.Gaussian(belief.mean.copy(), belief.factor.T.copy())
-            signal, until = problem.readings.holding(updates[done].first, updates[done].last)
+            signal, until = readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
             done = begin + run(
                 model, signal.samples, counted, done - begin, _next_event(updates, done, chunk.stop, until) - begin,

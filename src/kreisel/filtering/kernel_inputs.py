@@ -9,14 +9,18 @@ import numpy as np
 from kreisel._kernels import cell
 from kreisel._kernels.sigma_points import FIGURES
 from kreisel.estimation.sigma_points import weights
+from kreisel.filtering.reported_poses import pose_regressor, reference_groups
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.strapdown import NOISE_STEP
-from kreisel.model.parameters import ROBOT_GROUPS, CellParameters
+from kreisel.model.parameters import POSE_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
 
-_GYRO = ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial")
-_ACCEL = ("accel_cross_coupling", "accel_offset", "accel_polynomial", "lever_arms")
-"""Groups of the sensor model, in the order in which `sensor_coefficients` of process_model.hpp takes them."""
+_GYRO = ("gyro_cross_coupling", "gyro_offset")
+_ACCEL = ("accel_cross_coupling", "accel_offset", "lever_arms")
+"""Groups of the sensor model, in the order in which `sensor_coefficients` of process_model.hpp takes them; those of
+effects follow."""
 
 
 def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
@@ -39,19 +43,28 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         "velocity", "position", "attitude", "standstill_position", "standstill_orientation", "path_position",
         "path_orientation",
     )  # fmt: skip
+    sizes = effect_sizes(problem)
+    gyro, accel = (groups_of(sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
+
+    def applied(groups: Sequence[str]) -> Array:
+        return np.concatenate([np.zeros(0), *(known.stored(group) for group in groups)])
+
     return cell.Model(
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
-        drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in ROBOT_GROUPS]),
+        drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
         weights=np.array([getattr(w, figure) for figure in FIGURES]),
-        gyro=rows(_GYRO),
-        accel=rows(_ACCEL),
+        gyro=rows([*_GYRO, *gyro]),
+        accel=rows([*_ACCEL, *accel]),
         around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
-        robot=rows(ROBOT_GROUPS),
+        robot=rows([*reference_groups(problem, known), *ROBOT_GROUPS]),
         gyro_degrees=problem.gyro_degrees,
         sensor_degrees=problem.sensor_degrees,
         stored=np.array([layout.stored(name).start if name in layout else -1 for name in names]),
-        order=settings.polynomial_order,
+        gyro_effects=places_of(sizes, "gyroscope"),
+        accel_effects=places_of(sizes, "accelerometer"),
+        gyro_applied=applied(gyro),
+        accel_applied=applied(accel),
         products=settings.size_effect.products,
         inside=settings.size_effect.inside,
         level=level,
@@ -63,13 +76,19 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         standstill=np.array(problem.noise.standstill_error, dtype=float),
         coloured=np.array([coloured.time, coloured.position, coloured.orientation]),
         walking=np.array(walking, dtype=np.int64),
-        walk=np.repeat(list(walks.values()), 3).astype(float),
+        walk=np.concatenate([np.zeros(0), *(np.full(layout[g].stop - layout[g].start, d) for g, d in walks.items())]),
         noise_step=NOISE_STEP,
     )  # fmt: skip
 
 
-def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
-    """Return some updates with the poses they use."""
+def effect_sizes(problem: Problem) -> dict[str, int]:
+    """Return the numbers of parameters of the sensors' effects that are in the state, by group."""
+    layout = problem.layout
+    return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
+
+
+def filter_steps(problem: Problem, known: CellParameters, updates: Sequence[Update]) -> cell.Steps:
+    """Return some updates with the poses they use; `known`: the parameters the run starts with."""
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
     positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
@@ -77,7 +96,8 @@ def filter_steps(problem: Problem, updates: Sequence[Update]) -> cell.Steps:
         positions = reference.positions[poses]
     if reference.quaternions is not None:
         quaternions = reference.quaternions[poses]
-    regressor = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
+    robot = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
+    regressor = np.concatenate([pose_regressor(problem, known, updates), robot], axis=2)
     return cell.Steps(
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),

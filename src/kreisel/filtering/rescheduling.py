@@ -52,7 +52,8 @@ def with_attitudes_of(problem: Problem, run: FilterRun) -> Problem:
     if problem.reference.quaternions is not None or len(readings.segments) > 1:
         return problem
     p, samples = run.parameters, np.array([update.last for update in schedule.updates])
-    free = attitudes_at(readings, rate_coefficients(p.sensors), samples)
+    corrected = readings.with_effects({}, p.sensors.effects)
+    free = attitudes_at(corrected, rate_coefficients(p.sensors), samples)
     level, down = problem.site.earth_rate_units
     earth = apply(p.q_rn, np.array([*(level * p.north), down * p.earth_down]))
     turned = exp(-(readings.stamps[samples] - readings.stamps[samples[-1]])[:, None] * earth)

@@ -6,7 +6,7 @@ chunks in use are kept in memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,24 +36,36 @@ class Readings:
         rad/s and m/s^2.
     segments
         First and last sample (inclusive) of every segment.
-    order
-        Polynomial order N they are prepared for.
     noise : (4, 3)
         See `strapdown.Samples`.
+    estimated, applied
+        Effects whose features are prepared too, and values of effects by which the readings are corrected; see
+        `strapdown.prepare`.
     """
 
     stamps: Array
     rates: Array
     accelerations: Array
     segments: tuple[tuple[int, int], ...]
-    order: int = 1
     noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    estimated: Mapping[str, int] = field(default_factory=dict)
+    applied: Mapping[str, Array] = field(default_factory=dict)
     _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
     _crossing: dict[tuple[int, int], InertialSignal] = field(default_factory=dict, repr=False, compare=False)
 
     def with_noise(self, gyro: float, accel: float) -> Readings:
         """Return the readings with their noise's standard deviations multiplied by factors."""
         return replace(self, noise=self.noise * np.array([gyro**2, accel**2, gyro, accel])[:, None])
+
+    def with_effects(self, estimated: Mapping[str, int], applied: Mapping[str, Array]) -> Readings:
+        """Return the readings prepared for effects: those that are estimated, and the values of all."""
+        applied = {group: value for group, value in applied.items() if np.any(value)}
+        same = applied.keys() == self.applied.keys() and all(
+            np.array_equal(applied[g], self.applied[g]) for g in applied
+        )
+        if same and dict(estimated) == dict(self.estimated):
+            return self
+        return replace(self, estimated=dict(estimated), applied=applied, _ready={}, _crossing={})
 
     def segment_of(self, sample: int) -> int | None:
         """Return the index of the segment a sample lies in, or None."""
@@ -125,8 +137,8 @@ class Readings:
         inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
         part = slice(low, high + 1)
         signal = prepare(
-            self.stamps[part], self.rates[part], self.accelerations[part], order=self.order, noise=self.noise,
-            segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+            self.stamps[part], self.rates[part], self.accelerations[part], noise=self.noise, estimated=self.estimated,
+            applied=self.applied, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
         )  # fmt: skip
         return replace(signal, begin=low)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
 from kreisel.geometry.rotation import Array, skew
+from kreisel.inertial.effects import RawReadings, added
 
 FORMULA = {
     "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
@@ -54,6 +56,8 @@ class SensorParameters:
         Row 0 the offset k_0; row i the coefficient k_(i+1) of the power i + 1.
     lever_arms : (3, 3)
         Row j is the position r_j of accelerometer j in b, m.
+    others
+        Values of further effects, flat, by the names of their groups; see `inertial.effects`.
     """
 
     K_omega: Array
@@ -61,6 +65,13 @@ class SensorParameters:
     K_a: Array
     k_a: Array
     lever_arms: Array
+    others: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def effects(self) -> dict[str, Array]:
+        """Values of all effects beyond offset and matrix, flat, by group: the polynomials and `others`."""
+        powers = {"gyro_polynomial": self.k_w[1:].ravel(), "accel_polynomial": self.k_a[1:].ravel()}
+        return {group: value for group, value in powers.items() if value.size} | dict(self.others)
 
     @classmethod
     def ideal(cls, order: int = 1) -> SensorParameters:
@@ -69,33 +80,20 @@ class SensorParameters:
         return cls(np.eye(3), zero, np.eye(3), zero, np.zeros((3, 3)))
 
 
-def powers(raw: Array, order: int) -> Array:
-    """Return 1 and the powers 1 to `order` of raw readings (n, 3), power by power, as (1 + 3 order, n)."""
-    return np.ascontiguousarray(np.vstack([np.ones(raw.shape[0]), *(raw.T**i for i in range(1, order + 1))]))
-
-
-def power_slopes(raw: Array, slope: Array, order: int) -> Array:
-    """Return the time derivatives of `powers`, given those of the readings, (1 + 3 order, n)."""
-    rows = [np.zeros(raw.shape[0]), slope.T, *((i * raw ** (i - 1) * slope).T for i in range(2, order + 1))]
-    return np.ascontiguousarray(np.vstack(rows))
-
-
-def polynomial(raw: Array, coefficients: Array) -> Array:
-    """Return raw + k_0 + sum k_i raw^i for readings (n, 3) and coefficients (N, 3)."""
-    result = raw + coefficients[0]
-    for i in range(1, coefficients.shape[0]):
-        result = result + coefficients[i] * raw ** (i + 1)
-    return result
+def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:
+    """Return raw rates and accelerations (n, 3) each, corrected for all effects beyond offset and matrix."""
+    rates, accelerations = added(raw, parameters.effects)
+    return raw.rates + rates, raw.accelerations + accelerations
 
 
 def correct_angular_rate(rates: Array, parameters: SensorParameters) -> Array:
-    """Return the angular rate of b against inertial space (n, 3), rad/s, from raw readings (n, 3).
+    """Return the angular rate of b against inertial space (n, 3), rad/s, from readings without effects (n, 3).
 
     Notes
     -----
-    Fox and Janocha (2005), equation (1).
+    Fox and Janocha (2005), equation (1); the sum in it is an effect, see `without_effects`.
     """
-    return np.asarray(polynomial(rates, parameters.k_w) @ parameters.K_omega.T)
+    return np.asarray((rates + parameters.k_w[0]) @ parameters.K_omega.T)
 
 
 def size_effect(
@@ -132,9 +130,9 @@ def correct_specific_force(
     Parameters
     ----------
     accelerations, omega_b, alpha_b : (n, 3)
-        Raw readings (m/s^2), angular rate (rad/s) and angular acceleration (rad/s^2) of b.
+        Readings without effects (m/s^2), angular rate (rad/s) and angular acceleration (rad/s^2) of b.
     parameters
-        Offset, polynomial, cross-coupling and lever arms.
+        Offset, cross-coupling and lever arms.
     form
         Which form of equation (2).
 
@@ -143,7 +141,7 @@ def correct_specific_force(
     Fox and Janocha (2005), equation (2), completed with the products of rates that the printed form
     omits and with e measured along the sensitive axes.
     """
-    y = polynomial(accelerations, parameters.k_a)
+    y = accelerations + parameters.k_a[0]
     e = size_effect(omega_b, alpha_b, parameters, form)
     if form.inside:
         return np.asarray((y - e) @ parameters.K_a.T)

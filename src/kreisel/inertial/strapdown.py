@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from kreisel._kernels import coefficients, quadrature
+from kreisel._kernels import quadrature
 from kreisel._kernels.cell import Samples
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.sensor_model import SensorParameters, power_slopes, powers
+from kreisel.inertial.effects import RawReadings, added, features_of
+from kreisel.inertial.sensor_model import SensorParameters
 
 NOISE_STEP = 0.02
 """Seconds of readings whose noise is added up in one step."""
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -25,15 +31,12 @@ class InertialSignal:
         All readings with their stencils, derivatives and integrals.
     segments
         First and last sample (inclusive) of every segment, each of six samples or more.
-    order
-        Polynomial order N it was prepared for.
     begin
         Number of its first sample in the whole recording.
     """
 
     samples: Samples
     segments: tuple[tuple[int, int], ...]
-    order: int
     begin: int = 0
 
     @property
@@ -67,11 +70,12 @@ def prepare(
     rates: Array,
     accelerations: Array,
     *,
-    order: int = 1,
     segments: tuple[tuple[int, int], ...] | None = None,
     noise: Array | None = None,
+    estimated: Mapping[str, int] = _NONE,
+    applied: Mapping[str, Array] = _NONE,
 ) -> InertialSignal:
-    """Return the prepared signal: stencils, powers, derivatives and integrals.
+    """Return the prepared signal: stencils, features, derivatives and integrals.
 
     Parameters
     ----------
@@ -79,12 +83,14 @@ def prepare(
         Seconds, ascending.
     rates, accelerations : (n, 3)
         Raw readings, rad/s and m/s^2.
-    order
-        Polynomial order N of the sensor model; 1 is only offset and scale.
     segments
         Segments as pairs of first and last sample; all samples by default.
     noise : (4, 3)
         See `Samples`; none by default.
+    estimated
+        Numbers of parameters of the effects that are estimated, by group: their features are added.
+    applied
+        Values of effects, by group: the readings are corrected by them.
     """
     stamps, rates, accelerations = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
     n = stamps.size
@@ -106,9 +112,12 @@ def prepare(
     single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
     _straighten(between, stamps, base, single, double)
+    raw = RawReadings(stamps, rates, accelerations, first)
+    change = added(raw, applied)
+    rates, accelerations = rates + change[0], accelerations + change[1]
     slope = np.empty_like(rates)
     quadrature.differentiate(stamps, first, rates, slope)
-    features = powers(rates, order)
+    features = _stacked(np.ones(n), rates.T, features_of(raw, estimated, "gyroscope"))
     integrals = np.empty((features.shape[0], n - 1))
     quadrature.integrate_intervals(base, single, features, integrals)
     samples = Samples(
@@ -117,13 +126,17 @@ def prepare(
         single=single,
         double=double,
         rates=features,
-        slopes=power_slopes(rates, slope, order),
+        slopes=_stacked(np.zeros(n), slope.T),
         integrals=integrals,
-        forces=powers(accelerations, order)[1:],
+        forces=_stacked(accelerations.T, features_of(raw, estimated, "accelerometer")),
         noise=np.zeros((4, 3)) if noise is None else noise,
         usual=float(np.median(np.diff(stamps))),
     )
-    return InertialSignal(samples, segments, order)
+    return InertialSignal(samples, segments)
+
+
+def _stacked(*rows: Array) -> Array:
+    return np.ascontiguousarray(np.vstack(rows))
 
 
 def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, double: Array) -> None:
@@ -136,22 +149,22 @@ def _straighten(between: Indices, stamps: Array, base: Indices, single: Array, d
 
 
 def rate_coefficients(p: SensorParameters) -> Array:
-    """Return the rate coefficients (P, 3) of equation (1), see `_kernels.coefficients`: omega = features @ these."""
-    return coefficients.rate_coefficients(p.K_omega[..., None], p.k_w[..., None])[..., 0]
+    """Return the rate coefficients (4, 3) of equation (1): omega = features @ these, for readings free of effects."""
+    return linear_rate(p.K_omega, p.K_omega @ p.k_w[0])
 
 
-def linear_rate(K: Array, b: Array, order: int) -> Array:
-    """Return the rate coefficients (P, 3) of omega = K w' + b, for `integrate_attitude`."""
-    return np.vstack([b, K.T, np.zeros((3 * (order - 1), 3))])
+def linear_rate(K: Array, b: Array) -> Array:
+    """Return the rate coefficients (4, 3) of omega = K w' + b, for `integrate_attitude`."""
+    return np.vstack([b, K.T])
 
 
 def integrate_attitude(signal: InertialSignal, rate: Array) -> Array:
-    """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (P, 3) only.
+    """Return attitudes (n, 4) seen from the first sample's, from rate coefficients (4, 3) only.
 
     See `rate_coefficients` and `linear_rate`; gaps are bridged by straight lines.
     """
     q = np.empty((signal.stamps.size, 4))
     q[0] = (1.0, 0.0, 0.0, 0.0)
-    samples = signal.samples
-    quadrature.integrate_attitude(samples.stamps, samples.rates, samples.integrals, np.ascontiguousarray(rate), q)
+    stamps, rates, integrals = signal.samples.stamps, signal.samples.rates[:4], signal.samples.integrals[:4]
+    quadrature.integrate_attitude(stamps, rates, integrals, np.ascontiguousarray(rate), q)
     return q

@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array
 from kreisel.synchronization.clock import MAX_SKEW
-from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
+from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 
 Indices = Callable[[int, int], tuple[str, ...]]
 """From the order of the sensor polynomials and the number of joints to what follows the path in each name."""
@@ -33,7 +33,7 @@ class ParameterGroup:
     symbol
         Symbol in the equations; HTML.
     owner
-        What it belongs to: a sensor, the cell (site, frames, clocks), or the robot.
+        What it belongs to: a sensor, the cell (site, frames, clocks), the reference's poses, or the robot.
     path
         Its path in the result file.
     indices
@@ -62,7 +62,7 @@ class ParameterGroup:
     name: str
     meaning: str
     symbol: str
-    owner: Literal["gyroscope", "accelerometer", "cell", "robot"]
+    owner: Literal["gyroscope", "accelerometer", "cell", "reference", "robot"]
     path: str
     indices: Indices
     unit: str
@@ -140,6 +140,16 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "gyroscope", "gyroscope.polynomial", _powers, "SI", 1.0, 0.02, held=True, shape=lambda order: (order - 1, 3),
     ),
     ParameterGroup(
+        "gyro_g_sensitivity", "G: gyro readings per specific force, rad/s per m/s^2", "G",
+        "gyroscope", "gyroscope.g_sensitivity", _matrix, "deg/h/g", DEG_PER_HOUR / STANDARD_GRAVITY, 2e-4,
+        known_before=True, by_choice=True, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
+        "gyro_asymmetry", "scale of the gyros by the sign of the rate: times |w'|", "b<sub>ω</sub>",
+        "gyroscope", "gyroscope.asymmetry", _axes, "ppm", PPM, 1e-3, known_before=True, by_choice=True,
+        shape=lambda _: (3,),
+    ),
+    ParameterGroup(
         "accel_cross_coupling", "K_a: scale, misalignment and mounting of the accelerometers", "K<sub>a</sub>",
         "accelerometer", "accelerometer.cross_coupling", _matrix, "1", 1.0, 0.05, 5e-3, held=True,
         shape=lambda _: (3, 3),
@@ -152,6 +162,21 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "accel_polynomial", "k_ai, i = 2 and above", "k<sub>ai</sub>",
         "accelerometer", "accelerometer.polynomial", _powers, "SI", 1.0, 0.005, held=True,
         shape=lambda order: (order - 1, 3),
+    ),
+    ParameterGroup(
+        "accel_asymmetry", "scale of the accelerometers by the sign of the force: times |a'|", "b<sub>a</sub>",
+        "accelerometer", "accelerometer.asymmetry", _axes, "ppm", PPM, 1e-3, known_before=True, by_choice=True,
+        shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "accel_delay", "delay of the accelerometers against the gyros, s: times da'/dt", "τ",
+        "accelerometer", "accelerometer.delay", _one, "ms", MS, 5e-3, known_before=True, by_choice=True,
+        shape=lambda _: (),
+    ),
+    ParameterGroup(
+        "accel_smoothing", "smoothing of the accelerometers against the gyros, s^2: times -d^2a'/dt^2", "κ<sub>a</sub>",
+        "accelerometer", "accelerometer.smoothing", _one, "ms²", MS**2, 3e-5, known_before=True, by_choice=True,
+        shape=lambda _: (),
     ),
     ParameterGroup(
         "lever_arms", "r_j: positions of the accelerometers in b, m", "r",
@@ -181,6 +206,16 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ParameterGroup(
         "time_skew", "ratio of the clocks, less one", "s",
         "cell", "timing.skew", _one, "ppm", PPM, MAX_SKEW, shape=lambda _: (), limits=(-0.02, 0.02),
+    ),
+    ParameterGroup(
+        "position_scale", "scale of the reported positions, less one", "s<sub>p</sub>",
+        "reference", "reference.position_scale", _one, "ppm", PPM, 5e-4, known_before=True, by_choice=True,
+        shape=lambda _: (),
+    ),
+    ParameterGroup(
+        "reference_smoothing", "smoothing of the reported poses against the gyros, s^2: pose + this d^2 pose/dt^2",
+        "κ<sub>r</sub>", "reference", "reference.smoothing", _one, "ms²", MS**2, 3e-5, known_before=True,
+        by_choice=True, shape=lambda _: (),
     ),
     ParameterGroup(
         "robot_placement", "errors of the robot's joint placements: lengths and angles", "robot",

@@ -19,7 +19,13 @@ SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
 """Groups every sensor parameter belongs to. They come first in the state; see `filtering.kernel_inputs`."""
 
 ROBOT_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "robot")
-"""Groups of the robot's errors. They change the reference's poses, linearly, but not the motion."""
+"""Groups of the robot's errors."""
+
+REFERENCE_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "reference")
+"""Groups of errors of the reported poses, whatever reports them."""
+
+POSE_GROUPS = tuple(group.name for group in REGISTRY if group.owner in ("reference", "robot"))
+"""Groups that change the reported poses, linearly, but not the motion."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ _OF_FIELDS = frozenset({
     "gyro_cross_coupling", "gyro_offset", "gyro_polynomial", "accel_cross_coupling", "accel_offset", "accel_polynomial",
     "lever_arms", "alignment", "north", "earth_down", "gravity", "time_offset", "time_skew", *ROBOT_GROUPS,
 })  # fmt: skip
-"""Groups whose values are fields of `CellParameters`; all others are among its `others`."""
+"""Groups whose values are fields of `CellParameters` or `SensorParameters`; others are among the `others` of one."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +139,8 @@ class CellParameters:
         }
         if group in values:
             return np.asarray(values[group], dtype=float)
-        order = s.k_w.shape[0]
-        return np.asarray(self.others.get(group, group_named(group).nominal(order, self.robot.joints)), dtype=float)
+        order, others = s.k_w.shape[0], s.others if group in SENSOR_GROUPS else self.others
+        return np.asarray(others.get(group, group_named(group).nominal(order, self.robot.joints)), dtype=float)
 
     @classmethod
     def from_stored(cls, values: dict[str, Array]) -> CellParameters:
@@ -145,6 +151,7 @@ class CellParameters:
             K_a=values["accel_cross_coupling"].reshape(3, 3),
             k_a=np.vstack([values["accel_offset"], values["accel_polynomial"].reshape(-1, 3)]),
             lever_arms=values["lever_arms"].reshape(3, 3),
+            others={group: values[group] for group in SENSOR_GROUPS if group not in _OF_FIELDS},
         )
         return cls(
             sensors,
@@ -159,7 +166,7 @@ class CellParameters:
                 values["robot_compliance"],
             ),
             float(values["earth_down"][0]),
-            {group: value for group, value in values.items() if group not in _OF_FIELDS},
+            {group: value for group, value in values.items() if group not in {*_OF_FIELDS, *SENSOR_GROUPS}},
         )
 
 

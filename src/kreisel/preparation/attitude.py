@@ -31,7 +31,7 @@ _SECONDS_OF_A_TURN = 25.0
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
     """Return q_rb at every IMU sample, (n, 4): integrated rates, corrected by the reference over seconds."""
-    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero, signal.order))
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero))
     t = fit.clock.imu_time(tau)
     k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
     at_pose = multiply(
@@ -74,7 +74,7 @@ def attitude_from_positions(
     means. The integral drifts with scale errors of the gyros, so every interval of `_SECONDS_OF_A_TURN` has a rotation
     of its own.
     """
-    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero, signal.order))
+    free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero))
     windows = Windows.over(signal, fit.clock, tau)
     reference = windows.second_difference(p)
     f = signal.accelerations

@@ -63,7 +63,7 @@ def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:
     return low, max(low, _MOTION_NOISE * size)
 
 
-def readings_of(recording: Recording, noise: ImuNoise, order: int) -> Readings:
+def readings_of(recording: Recording, noise: ImuNoise) -> Readings:
     """Return the IMU's readings, split at long gaps, with their noise."""
     imu = recording.imu
     cuts = gaps(imu.stamps_ns, LONG_GAP)
@@ -77,8 +77,7 @@ def readings_of(recording: Recording, noise: ImuNoise, order: int) -> Readings:
         imu.rates,
         imu.accelerations,
         segments,
-        order,
-        np.array([noise.gyro**2, noise.accel**2, *curvatures]),
+        noise=np.array([noise.gyro**2, noise.accel**2, *curvatures]),
     )
 
 

@@ -48,7 +48,7 @@ def prepare_recording(
             file=recording.path,
         )
     imu_noise = imu_noise_of(recording)
-    readings = readings_of(recording, imu_noise, settings.polynomial_order)
+    readings = readings_of(recording, imu_noise)
     correlation = correlate(imu, reference)
     _, fit = together(
         [

@@ -11,7 +11,8 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.filtering.history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
-from kreisel.inertial.sensor_model import polynomial
+from kreisel.inertial.effects import RawReadings
+from kreisel.inertial.sensor_model import correct_angular_rate, without_effects
 from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
 from kreisel.synchronization.clock import Clock
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
@@ -281,7 +282,8 @@ def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
     )
     t = readings.stamps[excerpt]
     s = parameters.sensors
-    omega = polynomial(readings.rates[excerpt], s.k_w) @ s.K_omega.T
+    raw = RawReadings.unbroken(t, readings.rates[excerpt], readings.accelerations[excerpt])
+    omega = correct_angular_rate(without_effects(raw, s)[0], s)
     gyro_rate = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
@@ -378,8 +380,9 @@ def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     omega, f = outcome.calibration.correct(rates, forces, readings.stamps[wide])
     cut = slice(excerpt.start - wide.start, excerpt.stop - wide.start)
     t = readings.stamps[excerpt]
-    gyro = _parts(rates[cut], sensors.K_omega, sensors.k_w, nominal.K_omega, omega[cut])
-    accel = _parts(forces[cut], sensors.K_a, sensors.k_a, nominal.K_a, f[cut])
+    clean = without_effects(RawReadings.unbroken(readings.stamps[wide], rates, forces), sensors)
+    gyro = _parts(rates[cut], clean[0][cut], sensors.K_omega, sensors.k_w[0], nominal.K_omega, omega[cut])
+    accel = _parts(forces[cut], clean[1][cut], sensors.K_a, sensors.k_a[0], nominal.K_a, f[cut])
     del gyro["lever arms"]  # rates have none
     return Difference(
         start=float(t[0]),
@@ -389,17 +392,19 @@ def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     )
 
 
-def _parts(raw: Array, K: Array, k: Array, mount: Array, corrected: Array) -> dict[str, Array]:
-    """Return the parts of the correction, (n, 3) each; their sum is corrected less raw rotated by the mount."""
-    curved = polynomial(raw, k) - raw - k[0]
+def _parts(raw: Array, clean: Array, K: Array, k_0: Array, mount: Array, corrected: Array) -> dict[str, Array]:
+    """Return the parts of the correction, (n, 3) each; their sum is corrected less raw rotated by the mount.
+
+    clean: the readings without effects beyond offset and matrix.
+    """
     parts = {
-        "offset": np.broadcast_to(K @ k[0], raw.shape),
+        "offset": np.broadcast_to(K @ k_0, raw.shape),
         "scale, cross-coupling and mount": raw @ (K - mount).T,
-        "polynomial": curved @ K.T,
-        "lever arms": corrected - polynomial(raw, k) @ K.T,
+        "further effects": (clean - raw) @ K.T,
+        "lever arms": corrected - (clean + k_0) @ K.T,
     }
-    if k.shape[0] == 1:
-        del parts["polynomial"]
+    if not np.any(clean != raw):
+        del parts["further effects"]
     return parts
 
 

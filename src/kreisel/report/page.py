@@ -12,6 +12,7 @@ import numpy as np
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
@@ -88,14 +89,13 @@ def _tables(data: ReportData) -> dict[str, Any]:
 
 def snippet(sensors: SensorParameters, form: SizeEffect) -> str:
     """Return lines of NumPy that apply the calibration: rates, accelerations (n, 3), t (n,) to omega, f."""
-    w, a = ("".join(f" + {_values(k[i])} * {raw}**{i + 1}" for i in range(1, k.shape[0]) if k[i].any())
-            for k, raw in ((sensors.k_w, "rates"), (sensors.k_a, "accelerations")))  # fmt: skip
     lines = [
         "import numpy as np",
         f"K_w, k_w = {_values(sensors.K_omega)}, {_values(sensors.k_w[0])}",
         f"K_a, k_a = {_values(sensors.K_a)}, {_values(sensors.k_a[0])}",
         f"r = {_values(sensors.lever_arms)}  # row j: position of accelerometer j in b, m",
-        f"omega = (rates + k_w{w}) @ K_w.T  # (n, 3), rad/s",
+        f"w, a = {', '.join(_without_effects(sensors))}",
+        "omega = (w + k_w) @ K_w.T  # (n, 3), rad/s",
         "alpha = np.gradient(omega, t, axis=0)",
     ]
     if form is not SizeEffect.COMPLETED:
@@ -105,9 +105,32 @@ def snippet(sensors: SensorParameters, form: SizeEffect) -> str:
             *lines,
             "W, A = omega[:, None], alpha[:, None]",
             "e = np.einsum('jk,njk->nj', np.linalg.inv(K_a), np.cross(A, r) + np.cross(W, np.cross(W, r)))",
-            f"f = (accelerations + k_a{a} - e) @ K_a.T  # (n, 3), m/s^2, at the origin of b",
+            "f = (a + k_a - e) @ K_a.T  # (n, 3), m/s^2, at the origin of b",
         ]
     )
+
+
+_EFFECT_FORMULAS = {
+    "gyro_g_sensitivity": "accelerations @ {matrix}.T",
+    "gyro_asymmetry": "{value} * np.abs(rates)",
+    "accel_asymmetry": "{value} * np.abs(accelerations)",
+    "accel_delay": "{value} * np.gradient(accelerations, t, axis=0)",
+    "accel_smoothing": "-{value} * np.gradient(np.gradient(accelerations, t, axis=0), t, axis=0)",
+}
+"""What each effect adds to the readings, as NumPy; see `inertial.effects`."""
+
+
+def _without_effects(sensors: SensorParameters) -> list[str]:
+    """Return rates and accelerations corrected for effects beyond offset and matrix, as NumPy."""
+    terms: dict[str, list[str]] = {"gyroscope": ["rates"], "accelerometer": ["accelerations"]}
+    for raw, k in (("rates", sensors.k_w), ("accelerations", sensors.k_a)):
+        powers = [f"{_values(k[i])} * {raw}**{i + 1}" for i in range(1, k.shape[0]) if k[i].any()]
+        terms["gyroscope" if raw == "rates" else "accelerometer"] += powers
+    for group, value in sensors.others.items():
+        if np.any(value):
+            matrix = _values(value.reshape(3, 3)) if value.size == 9 else ""
+            terms[EFFECTS[group].sensor].append(_EFFECT_FORMULAS[group].format(value=_values(value), matrix=matrix))
+    return [" + ".join(own) for own in terms.values()]
 
 
 def _values(array: Array | Sequence[float]) -> str:

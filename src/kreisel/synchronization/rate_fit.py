@@ -244,7 +244,7 @@ def _compare(parts: Iterable[_Integrated], rotations: _Rotations, K: Array, b: A
 
 
 def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
-    q = integrate_attitude(part.signal, linear_rate(K, b, part.signal.order))
+    q = integrate_attitude(part.signal, linear_rate(K, b))
     within = rotations.inside(part.signal, clock)
     t = np.column_stack([clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)])
     turned, residual, slope = compare_rotations(part.rate_signal, q, np.ascontiguousarray(K), b, t, within.rotation)

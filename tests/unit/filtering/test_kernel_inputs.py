@@ -9,16 +9,17 @@ from kreisel._kernels import cell
 from kreisel.filtering.initial_belief import stored_state
 from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.inertial.effects import EFFECTS
 from kreisel.model.noise import PoseError
-from kreisel.model.parameters import GROUPS
+from kreisel.model.parameters import GROUPS, REFERENCE_GROUPS
 from kreisel.model.problem import hold, with_correlation_time
 from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import small_problem, with_noise
 
 ORDER = {
-    "gyro": ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial"),
-    "accel": ("accel_cross_coupling", "accel_offset", "accel_polynomial", "lever_arms"),
+    "gyro": ("gyro_cross_coupling", "gyro_offset"),
+    "accel": ("accel_cross_coupling", "accel_offset", "lever_arms"),
     "around": ("alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"),
     "robot": ("robot_placement", "robot_gears", "robot_compliance"),
 }
@@ -35,7 +36,7 @@ def test_rows_give_the_parameters_of_a_state_and_what_is_known_of_the_others(hel
         found = np.where(rows.source >= 0, x[rows.source], rows.known)
         in_state = [x[problem.layout.stored(g)] if g in problem.layout else known.stored(g) for g in groups]
         np.testing.assert_array_equal(found, np.concatenate(in_state))
-    assert {g for groups in ORDER.values() for g in groups} == set(GROUPS)
+    assert {*(g for groups in ORDER.values() for g in groups), *EFFECTS, *REFERENCE_GROUPS} == set(GROUPS)
 
 
 @pytest.mark.parametrize("held", [(), ("accel_offset",), ("gyro_cross_coupling", "gyro_offset")])
@@ -104,9 +105,9 @@ def test_offsets_that_are_in_the_state_and_walk_are_named_by_degree_of_freedom()
      ("after_cross_coupling", 1.0, False)],
 )  # fmt: skip
 def test_the_form_of_the_size_effect_is_passed_on(form, products, inside):
-    problem = replace(small_problem(), settings=CalibrationSettings(size_effect=form, polynomial_order=3))
+    problem = replace(small_problem(), settings=CalibrationSettings(size_effect=form))
     model = filter_model(problem, problem.prior.start)
-    assert (model.products, model.inside, model.order) == (products, inside, 3)
+    assert (model.products, model.inside) == (products, inside)
 
 
 def test_the_earths_rotation_is_that_of_the_site():
@@ -141,7 +142,7 @@ def test_weights_give_the_moments_of_a_square_of_a_normal_variable(estimator):
 def test_steps_are_updates_and_the_poses_they_use():
     problem = small_problem()
     updates, reference = problem.schedule.updates[10:30], problem.reference
-    steps = filter_steps(problem, updates)
+    steps = filter_steps(problem, problem.prior.start, updates)
     for i, update in enumerate(updates):
         assert (steps.first[i], steps.last[i], steps.tau[i]) == (update.first, update.last, update.tau)
         assert steps.at_standstill[i] == (update.standstill is not None)
@@ -154,11 +155,11 @@ def test_steps_are_updates_and_the_poses_they_use():
 def test_what_the_reference_does_not_show_is_not_given():
     problem = small_problem()
     blind = replace(problem, reference=replace(problem.reference, positions=None))
-    steps = filter_steps(blind, problem.schedule.updates[:5])
+    steps = filter_steps(blind, problem.prior.start, problem.schedule.updates[:5])
     assert steps.given.tolist() == [False, True]
     assert not steps.position.any()
     turned = replace(problem, reference=replace(problem.reference, quaternions=None))
-    assert filter_steps(turned, problem.schedule.updates[:5]).given.tolist() == [True, False]
+    assert filter_steps(turned, problem.prior.start, problem.schedule.updates[:5]).given.tolist() == [True, False]
 
 
 def test_there_is_room_in_the_record_for_every_update():

@@ -6,11 +6,11 @@ import pytest
 from kreisel.inertial.sensor_model import (
     SensorParameters,
     SizeEffect,
-    correct_angular_rate,
     correct_specific_force,
     size_effect,
 )
 
+from ...navigation import corrected
 from ...oracle.motion import AnalyticMotion, inertial_truth, raw_readings
 
 GRAVITY = np.array([0.01, -0.02, -9.81])
@@ -36,8 +36,9 @@ def test_corrected_readings_are_the_truth(order, mount):
     p = parameters(rng, order, mount)
     w_raw, a_raw = raw_readings(omega, alpha, f, p)
     ours = SensorParameters(p["K_omega"], p["k_w"], p["K_a"], p["k_a"], p["lever_arms"])
-    np.testing.assert_allclose(correct_angular_rate(w_raw, ours), omega, atol=1e-13)
-    np.testing.assert_allclose(correct_specific_force(a_raw, omega, alpha, ours), f, atol=1e-12)
+    found = corrected(t, w_raw, a_raw, ours, alpha)
+    np.testing.assert_allclose(found[0], omega, atol=1e-13)
+    np.testing.assert_allclose(found[1], f, atol=1e-12)
 
 
 def test_products_of_rates_are_five_milli_g():

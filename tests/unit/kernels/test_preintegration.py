@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.strapdown import prepare
 
-from ...navigation import SensorColumns, noise_covariance, preintegrate
+from ...navigation import SensorColumns, corrected, noise_covariance, preintegrate
 
 T = np.arange(400) / 200.0
 RNG = np.random.default_rng(5)
@@ -33,43 +33,61 @@ def parameters(order):
     )  # fmt: skip
 
 
-def columns_of(sets, turning, form):
-    """Return columns of parameter sets, of which the first `turning` have gyro parameters of their own."""
-    parts = [np.stack([getattr(p, name) for p in sets], axis=-1) for name in ("K_a", "k_a", "lever_arms")]
-    gyro = [np.stack([getattr(p, name) for p in sets[:turning]], axis=-1) for name in ("K_omega", "k_w")]
-    return SensorColumns.stack(form, *gyro, *parts)
+EFFECT_SIZES = {
+    "gyro_polynomial": 3, "gyro_g_sensitivity": 9, "gyro_asymmetry": 3, "accel_polynomial": 3, "accel_asymmetry": 3,
+    "accel_delay": 1, "accel_smoothing": 1,
+}  # fmt: skip
+
+
+def with_effects(p):
+    """Return parameters with values of all effects, of a thousandth in their units; a smoothing of 1 ms^2."""
+    others = {g: RNG.normal(0.0, 1e-6 if g == "accel_smoothing" else 1e-3, n) for g, n in EFFECT_SIZES.items()}
+    powers = {g: others.pop(g)[None] for g in ("gyro_polynomial", "accel_polynomial")}
+    k_w, k_a = np.vstack([p.k_w[:1], powers["gyro_polynomial"]]), np.vstack([p.k_a[:1], powers["accel_polynomial"]])
+    return replace(p, k_w=k_w, k_a=k_a, others=others)
 
 
 @pytest.mark.parametrize("form", list(SizeEffect))
-@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize("effects", [False, True])
 @pytest.mark.parametrize("spread", [1e-6, 1e-4, 2e-3])
 @pytest.mark.parametrize("uneven", [False, True])
-def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneven):
+def test_sets_beside_the_centre_agree_with_each_alone(effects, form, spread, uneven):
     """Sets carried along by small turns in blocks against the plain form, every sample of every set.
 
     A set turns against the centre by at most 1e-4 rad in a block, by half of it from the block's middle. That times
-    itself, and times what the set's force differs by, is neglected.
+    itself, and times what the set's force differs by, is neglected. Effects are a part of each set beside the centre,
+    and of the readings where a set stands alone; without lever arms, whose products leave out what effects change.
     """
     w, a = readings()
     t = T + (RNG.uniform(-5e-5, 5e-5, T.size) if uneven else 0.0)
-    signal = prepare(t, w, a, order=order)
-    centre = parameters(order)
+
+    def drawn():
+        p = parameters(1)
+        return replace(with_effects(p), lever_arms=np.zeros((3, 3))) if effects else p
+
+    centre = drawn()
 
     def near(p, size):
-        moved = parameters(order)
+        moved = drawn()
         names = ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
-        return SensorParameters(*(getattr(p, n) + 20.0 * size * (getattr(moved, n) - getattr(p, n)) for n in names))
+        fields = {n: getattr(p, n) + 20.0 * size * (getattr(moved, n) - getattr(p, n)) for n in names}
+        return SensorParameters(**fields, others={g: v + 20.0 * size * moved.others[g] for g, v in p.others.items()})
 
     def with_gyros_of(p, other):
-        return replace(p, K_omega=other.K_omega, k_w=other.k_w)
+        of_gyros = {g: v for g, v in other.others.items() if g.startswith("gyro")}
+        return replace(p, K_omega=other.K_omega, k_w=other.k_w, others={**p.others, **of_gyros})
 
     neglected = 0.5e-4 * (1e-4 + 20.0 * spread)
     sets = [centre, *(near(centre, spread) for _ in range(3))]
-    sets += [with_gyros_of(near(centre, 0.1), centre) for _ in range(3)]
-    together = preintegrate(signal, 60, 156, columns_of(sets, 4, form))
+    sets += [with_gyros_of(near(centre, 0.1 if not effects else 0.01), centre) for _ in range(3)]
+    sizes = EFFECT_SIZES if effects else {}
+    signal = prepare(t, w, a, estimated=sizes, applied=centre.effects)
+    together = preintegrate(signal, 60, 156, SensorColumns.stack(form, sets, 4, centre.effects))
     for i, p in enumerate(sets):
-        alone = preintegrate(signal, 60, 156, SensorColumns.single(p, form))
+        alone = preintegrate(prepare(t, w, a, applied=p.effects), 60, 156, SensorColumns.single(p, form))
         for name in ("dq", "dv", "dp", "omega_end", "alpha_end", "u_end"):
+            if effects and name == "alpha_end":
+                continue  # features have no slopes: the angular acceleration leaves out what effects change
             x, y = getattr(alone.motion, name)[..., 0], getattr(together.motion, name)[..., i]
             np.testing.assert_allclose(y, x, rtol=0, atol=neglected * np.abs(x).max(), err_msg=f"{name} of set {i}")
 
@@ -78,11 +96,10 @@ def test_sets_beside_the_centre_agree_with_each_alone(order, form, spread, uneve
 def test_coefficients_are_the_sensor_model(form):
     """The kernels' linear form against equations (1) and (2) as `sensor_model` states them."""
     w, a = readings()
-    signal, p = prepare(T, w, a, order=2), parameters(2)
+    p = with_effects(parameters(1))
+    signal = prepare(T, w, a, applied=p.effects)
     step = preintegrate(signal, 100, 101, SensorColumns.single(p, form))
-    omega = correct_angular_rate(w, p)
-    slope = signal.slopes + p.k_w[1] * 2.0 * w * signal.slopes
-    force = correct_specific_force(a, omega, slope @ p.K_omega.T, p, form)
+    omega, force = corrected(T, w, a, p, signal.slopes @ p.K_omega.T, form)
     np.testing.assert_allclose(step.motion.omega_end[:, 0], omega[101], rtol=1e-13)
     np.testing.assert_allclose(step.motion.u_path[100 - step.low, :3], force[100], rtol=1e-13)
 

@@ -141,9 +141,8 @@ def test_readings_are_split_at_long_gaps_and_short_pieces_left_out(imu):
     part = samples_of(imu.stamps_ns[:200], imu.rates[:200], imu.accelerations[:200])
     broken = with_gaps(part, 79, 98, 118, 139)  # pieces of 80, 19, 20, 21 and 60 samples
     noise = imu_noise_of(recording_of(imu))
-    found = readings_of(recording_of(broken), noise, 2)
+    found = readings_of(recording_of(broken), noise)
     assert found.segments == ((0, 79), (99, 118), (119, 139), (140, 199))
-    assert found.order == 2
     np.testing.assert_allclose(np.diff(found.stamps)[[79, 0]], [1.0 + STEP, STEP], rtol=1e-9)
     np.testing.assert_array_equal(found.rates, part.rates)
 
@@ -152,14 +151,14 @@ def test_readings_are_split_at_long_gaps_and_short_pieces_left_out(imu):
 def test_a_gap_is_long_from_fifty_milliseconds_on(imu, missing, pieces):
     keep = np.r_[0:100, 100 + missing : 300]
     part = samples_of(imu.stamps_ns[keep], imu.rates[keep], imu.accelerations[keep])
-    assert len(readings_of(recording_of(part), imu_noise_of(recording_of(imu)), 1).segments) == pieces
+    assert len(readings_of(recording_of(part), imu_noise_of(recording_of(imu))).segments) == pieces
 
 
 def test_pieces_all_too_short_are_refused(imu):
     part = samples_of(imu.stamps_ns[:50], imu.rates[:50], imu.accelerations[:50])
     noise = imu_noise_of(recording_of(imu))
     with pytest.raises(RecordingError, match=r"imu0/data\.csv: no .*20 samples"):
-        readings_of(recording_of(with_gaps(part, 18, 37)), noise, 1)
+        readings_of(recording_of(with_gaps(part, 18, 37)), noise)
 
 
 def test_readings_carry_spectral_densities_and_how_much_they_bend():
@@ -168,7 +167,7 @@ def test_readings_carry_spectral_densities_and_how_much_they_bend():
     rates = size * np.sin(t[:, None] * w)
     sine = samples_of(np.arange(8000) * STEP_NS, rates, 3.0 * rates)
     noise = imu_noise_of(recording_of(sine, gyro_noise_density=1e-5, accel_noise_density=2e-4))
-    found = readings_of(recording_of(sine), noise, 1).noise
+    found = readings_of(recording_of(sine), noise).noise
     np.testing.assert_allclose(found[:2], [[1e-10] * 3, [4e-8] * 3], rtol=1e-12)
     # nine tenths of a sine's sizes lie below sin(0.9 pi / 2); differences over a step flatten it by (w STEP)^2 / 12
     usual = size * w**2 * np.sin(0.45 * np.pi)

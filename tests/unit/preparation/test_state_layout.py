@@ -3,7 +3,7 @@
 import pytest
 
 from kreisel.model.groups import REGISTRY
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.preparation.state_layout import build_layout
 
 CELL = {"latitude": True, "skew": False, "standstill_error": False}
@@ -32,7 +32,7 @@ def test_the_least_state_holds_sensors_cell_and_navigation():
 
 
 def test_the_order_is_sensors_cell_robot_reference_navigation():
-    settings = CalibrationSettings(estimated=("robot_gears", "robot_compliance"), polynomial_order=2)
+    settings = CalibrationSettings(estimated=BY_CHOICE, polynomial_order=2)
     layout = build_layout(settings, latitude=False, skew=True, standstill_error=True, path_error=(True, True), joints=6)
     names = [part.name for part in layout]
     assert names == [
@@ -41,7 +41,7 @@ def test_the_order_is_sensors_cell_robot_reference_navigation():
         "velocity", "position", "attitude",
     ]  # fmt: skip
     owners = [group.owner for group in REGISTRY]
-    assert owners == sorted(owners, key=["gyroscope", "accelerometer", "cell", "robot"].index)
+    assert owners == sorted(owners, key=["gyroscope", "accelerometer", "cell", "reference", "robot"].index)
     assert counted(layout)["robot_placement"] == 42  # six joints and the tool
     assert (counted(layout)["robot_gears"], counted(layout)["robot_compliance"]) == (12, 6)
 

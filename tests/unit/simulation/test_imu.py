@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
-from kreisel.inertial.sensor_model import SensorParameters, correct_angular_rate, correct_specific_force
+from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.imu import disturbed, draw_sensors, filtered, ideal_readings
 from kreisel.simulation.settings import Cell, Imu
 
+from ...navigation import corrected
 from ...oracle.allan import allan_deviation
 
 RATE = 200.0
@@ -61,8 +62,8 @@ def test_corrected_readings_are_what_they_were_made_from(order):
         omega, alpha, force = (rng.uniform(-limit, limit, (200, 3)) for limit in (5.0, 40.0, 30.0))
         w, a = ideal_readings(omega, alpha, force, sensors)
         # rounding of numbers up to 40 in a few tens of operations
-        np.testing.assert_allclose(correct_angular_rate(w, sensors), omega, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(correct_specific_force(a, omega, alpha, sensors), force, rtol=0, atol=1e-12)
+        for found, true in zip(corrected(np.arange(200.0), w, a, sensors, alpha), (omega, force), strict=True):
+            np.testing.assert_allclose(found, true, rtol=0, atol=1e-12)
 
 
 def test_an_accelerometer_off_the_axis_feels_the_turn():

@@ -1,0 +1,150 @@
+"""Effects of sensors beyond offset and matrix: what each adds to the raw readings, as a function of them.
+
+An effect is linear in its parameters. What it adds to the reading of an axis is the sum of features of the raw readings
+times those of its parameters that `places` names. The filter estimates the parameters by the same description; nothing
+else in the program has to know an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from kreisel._kernels import quadrature
+from kreisel.geometry.rotation import Array, Indices
+
+_POINTS = 5  # of the stencil of derivatives
+
+
+@dataclass(frozen=True)
+class RawReadings:
+    """Raw readings and their derivatives.
+
+    Attributes
+    ----------
+    stamps : (n,)
+        Seconds, ascending.
+    rates, accelerations : (n, 3)
+        rad/s and m/s^2.
+    first : (n,)
+        First sample of the stencil of five that derivatives are taken over.
+    """
+
+    stamps: Array
+    rates: Array
+    accelerations: Array
+    first: Indices
+
+    @classmethod
+    def unbroken(cls, stamps: Array, rates: Array, accelerations: Array) -> RawReadings:
+        """Return readings without gaps, five samples or more."""
+        first = np.clip(np.arange(stamps.size) - _POINTS // 2, 0, stamps.size - _POINTS)
+        t, w, a = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
+        return cls(t, w, a, first.astype(np.int64))
+
+    @cached_property
+    def accel_slopes(self) -> Array:
+        """Time derivative of the accelerometers' readings, (n, 3)."""
+        return self._derivative(self.accelerations)
+
+    @cached_property
+    def accel_curvatures(self) -> Array:
+        """Second time derivative of the accelerometers' readings, (n, 3)."""
+        return self._derivative(self.accel_slopes)
+
+    def _derivative(self, values: Array) -> Array:
+        out = np.empty_like(values)
+        quadrature.differentiate(self.stamps, self.first, np.ascontiguousarray(values), out)
+        return out
+
+
+@dataclass(frozen=True)
+class SensorEffect:
+    """One effect.
+
+    Attributes
+    ----------
+    sensor
+        Whose readings it changes.
+    features
+        Returns the features (E, n) of raw readings, for so many parameters.
+    places
+        Returns, for so many parameters, which of them each feature is multiplied by in each axis, -1 for none, (E, 3).
+    """
+
+    sensor: Literal["gyroscope", "accelerometer"]
+    features: Callable[[RawReadings, int], Array]
+    places: Callable[[int], Indices]
+
+
+def _of_each_axis(count: int) -> Indices:
+    """Return the places of features of one axis each, with parameters of their own: power by power, axis by axis."""
+    out = np.full((count, 3), -1)
+    out[np.arange(count), np.arange(count) % 3] = np.arange(count)
+    return out
+
+
+def _common(count: int) -> Indices:
+    """Return the places of three features, one for each axis, with a parameter that is common to all."""
+    return np.where(np.eye(3, dtype=bool), 0, -1) if count else np.zeros((0, 3), dtype=np.int64)
+
+
+def _matrix(count: int) -> Indices:
+    """Return the places of three features that enter all axes, through a matrix, row by row."""
+    return np.arange(count).reshape(3, 3).T
+
+
+def _powers(values: Array, count: int) -> Array:
+    return np.concatenate([values.T ** (2 + i) for i in range(count // 3)] or [np.zeros((0, len(values)))])
+
+
+EFFECTS: dict[str, SensorEffect] = {
+    "gyro_polynomial": SensorEffect("gyroscope", lambda raw, count: _powers(raw.rates, count), _of_each_axis),
+    "gyro_g_sensitivity": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T, _matrix),
+    "gyro_asymmetry": SensorEffect("gyroscope", lambda raw, _: np.abs(raw.rates.T), _of_each_axis),
+    "accel_polynomial": SensorEffect(
+        "accelerometer", lambda raw, count: _powers(raw.accelerations, count), _of_each_axis
+    ),
+    "accel_asymmetry": SensorEffect("accelerometer", lambda raw, _: np.abs(raw.accelerations.T), _of_each_axis),
+    "accel_delay": SensorEffect("accelerometer", lambda raw, _: raw.accel_slopes.T, _common),
+    "accel_smoothing": SensorEffect("accelerometer", lambda raw, _: -raw.accel_curvatures.T, _common),
+}
+"""All effects, by the names of their groups of parameters."""
+
+
+def features_of(raw: RawReadings, sizes: Mapping[str, int], sensor: str) -> Array:
+    """Return the features (E, n) of a sensor's effects, group by group; sizes: numbers of parameters by group."""
+    own = [effect.features(raw, sizes[g]) for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]
+    return np.concatenate([np.zeros((0, raw.stamps.size)), *own])
+
+
+def places_of(sizes: Mapping[str, int], sensor: str) -> Indices:
+    """Return the places (E, 3) of a sensor's effects among all parameters of these, group by group."""
+    out, before = [np.zeros((0, 3), dtype=np.int64)], 0
+    for group, effect in EFFECTS.items():
+        if group in sizes and effect.sensor == sensor:
+            places = effect.places(sizes[group])
+            out.append(np.where(places < 0, -1, places + before))
+            before += sizes[group]
+    return np.ascontiguousarray(np.concatenate(out), dtype=np.int64)
+
+
+def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:
+    """Return those of some groups that are effects of a sensor, in the order of `features_of` and `places_of`."""
+    return [g for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]
+
+
+def added(raw: RawReadings, values: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return what effects add to the raw rates and accelerations (n, 3) each, by the values of their groups."""
+    out = {"gyroscope": np.zeros_like(raw.rates), "accelerometer": np.zeros_like(raw.accelerations)}
+    for group, value in values.items():
+        flat = np.asarray(value, dtype=float).ravel()
+        if np.any(flat):
+            effect = EFFECTS[group]
+            places = effect.places(flat.size)
+            out[effect.sensor] += effect.features(raw, flat.size).T @ np.where(places < 0, 0.0, flat[places])
+    return out["gyroscope"], out["accelerometer"]
