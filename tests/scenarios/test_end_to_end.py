@@ -100,12 +100,22 @@ def test_any_heading(heading):
         assert np.abs(score).max() < 4.5, group
 
 
+def test_quadratic_terms_are_found_without_being_asked_for():
+    truth, recording = make(3, np.eye(3), order=2)
+    calibration = kreisel.calibrate(recording)
+    assert calibration.accepted
+    for group, score in scores(calibration, truth).items():
+        assert np.abs(score).max() < 4.5, group
+    assert {"k_w2", "k_a2"} <= set(scores(calibration, truth))
+
+
 def test_a_model_that_does_not_fit_is_not_accepted():
-    """Quadratic terms in the data but not in the model: larger noise is needed than the user gave."""
+    """Quadratic terms in the data that the model is not allowed to have: larger noise is needed than the user gave."""
     _, recording = make(3, np.eye(3), order=2)
-    verdict = kreisel.calibrate(recording).document["verdict"]
+    fixed = (*kreisel.model.settings.BY_CHOICE, "gyro_polynomial", "accel_polynomial")
+    verdict = kreisel.calibrate(recording, kreisel.CalibrationSettings(fixed=fixed)).document["verdict"]
     assert not verdict["accepted"]
-    assert "polynomial" in verdict["reasons"][0]
+    assert "noise" in verdict["reasons"][0]
 
 
 def test_poses_of_another_run_are_refused():

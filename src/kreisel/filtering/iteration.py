@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
+from kreisel.filtering.effect_selection import selected, survey
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.noise_adaptation import (
@@ -33,6 +34,9 @@ MAX_NOISE_PASSES = 8
 """Largest number of passes to find noise figures where none are given or the given ones are contradicted."""
 
 MAX_PASSES = 10
+
+MAX_ROUNDS = 3
+"""Largest number of times that further effects are looked for."""
 
 COLOURED = 0.3
 """Correlation of neighbouring innovations above which they no longer count as white."""
@@ -85,6 +89,7 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     """Return the estimate after all passes; `given` states whose noise figures the user gave."""
     passes = _until_settled(problem, 0, given, progress)
     adapted = passes.adapted
+    passes = _with_effects(problem, passes, given, progress)
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
     lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
@@ -134,14 +139,24 @@ def _contradiction(before: Problem, after: Problem, given: Given) -> float:
     return max(ratios)
 
 
-def _until_settled(problem: Problem, before: int, given: Given, progress: Progress | None) -> _Passes:
-    """Run passes until their number is the requested one and the noise figures fit; `before` were run already."""
+def _until_settled(
+    problem: Problem, before: int, given: Given, progress: Progress | None, begun: FilterRun | None = None
+) -> _Passes:
+    """Run passes until their number is the requested one and the noise figures fit; `before` were run already.
+
+    They start at the problem's start values, or near the result of a run over the same parameters.
+    """
     moved, far = np.inf, True
-    run = first_pass(problem, gate=WIDE_GATE, progress=of_step(progress, f"pass {before + 1}"))
+    step = of_step(progress, f"pass {before + 1}")
+    if begun is None:
+        run = first_pass(problem, gate=WIDE_GATE, progress=step)
+    else:
+        run = further_pass(problem, begun, gate=WIDE_GATE, progress=step)
     count, adapted = 1, False
     while True:
         factors = noise_factors(run, coloured=problem.noise.correlation_time > 0.0)
-        factors = factors.contradicted(reference=given.reference, imu=given.imu)
+        rejected = 1.0 - float(np.mean(run.history.used))
+        factors = factors.contradicted(reference=given.reference, imu=given.imu, rejected=rejected)
         factors = within_bounds(problem, factors)
         if count == 1 and problem.reference.quaternions is None:
             factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
@@ -161,6 +176,28 @@ def _until_settled(problem: Problem, before: int, given: Given, progress: Progre
             far = moved > NEAR
             if _wide_gate_mattered(run):
                 moved = np.inf  # the usual gate has not been used yet
+
+
+def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progress | None) -> _Passes:
+    """Return the passes with the effects that the recording shows, settled again.
+
+    With further effects in the state the noise is found again from that of `first`, the problem at the beginning.
+    """
+    if passes.problem.settings.passes is not None:
+        return passes
+    for _ in range(MAX_ROUNDS):
+        problem, run, count = passes.problem, passes.run, passes.count + 1
+        found = survey(problem, run, correlation_factor(run), of_step(progress, f"pass {count}"))
+        chosen = () if found is None else selected(found)
+        if found is None or not chosen:
+            return replace(passes, count=count)
+        larger, begun = found.conditioned(chosen)
+        larger = replace(larger, noise=replace(larger.noise, reference=first.noise.reference))
+        larger = replace(larger, readings=replace(larger.readings, noise=first.readings.noise))
+        adapted = passes.adapted
+        passes = _until_settled(larger, count, given, progress, begun)
+        passes = replace(passes, adapted=passes.adapted or adapted)
+    return passes
 
 
 def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:

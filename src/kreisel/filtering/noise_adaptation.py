@@ -15,6 +15,9 @@ from kreisel.recording.recording import DataWarning
 CONTRADICTION = 2.0
 """Factor on a given standard deviation above which the data contradict it."""
 
+FEW_REJECTED = 0.02
+"""Share of rejected updates up to which given noise figures count as confirmed."""
+
 _AGREEMENT = 1.2
 
 
@@ -35,11 +38,15 @@ class NoiseFactors:
         """Whether all lie within 20 % of one."""
         return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
 
-    def contradicted(self, *, reference: bool, imu: bool) -> NoiseFactors:
-        """Return the factors, 1 for figures that were given and are not clearly too small."""
+    def contradicted(self, *, reference: bool, imu: bool, rejected: float = 0.0) -> NoiseFactors:
+        """Return the factors, 1 for figures that were given and are not clearly too small.
+
+        rejected: share of rejected updates; if it is large, a given figure need not be twice too small.
+        """
+        least = CONTRADICTION if rejected < FEW_REJECTED else _AGREEMENT
 
         def keep(f: float, *, given: bool) -> float:
-            return f if not given or f > CONTRADICTION else 1.0
+            return f if not given or f > least else 1.0
 
         return NoiseFactors(
             keep(self.position, given=reference),
@@ -59,21 +66,22 @@ def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
     Notes
     -----
     Reference: the product of the innovation and the residual after the update has the variance of the measurement
-    noise as its expectation (Desroziers, Berre, Chapnik and Poli 2005). IMU: the updates' corrections of attitude and
-    velocity are compared with the variance the filter expected of them. The largest and smallest two per cent are left
-    out.
+    noise as its expectation (Desroziers, Berre, Chapnik and Poli 2005). Rejected updates count too: without them noise
+    that is stated too small would confirm itself. IMU: the updates' corrections of attitude and velocity are compared
+    with the variance the filter expected of them. The largest and smallest two per cent are left out.
     """
     history, excess = run.history, run.excess**0.5
     settled = np.arange(history.nis.size) >= history.nis.size // 10
-    path = settled & ~history.at_standstill & history.used
+    path = settled & ~history.at_standstill
 
     def reference(rows: slice) -> float:
         product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
         return excess * _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
 
     def imu(rows: slice) -> float:
-        size = np.sum(history.correction[path, rows] ** 2, axis=1)
-        return excess * _trimmed_ratio(size, np.sum(history.correction_variance[path, rows], axis=1))
+        used = path & history.used
+        size = np.sum(history.correction[used, rows] ** 2, axis=1)
+        return excess * _trimmed_ratio(size, np.sum(history.correction_variance[used, rows], axis=1))
 
     at_standstill = settled & history.at_standstill
     standstill = 1.0
@@ -81,8 +89,9 @@ def noise_factors(run: FilterRun, *, coloured: bool = False) -> NoiseFactors:
         ratio = run.excess * float(np.median(history.nis[at_standstill] / history.degrees[at_standstill]))
         standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
     size = None
-    if coloured and path.any():
-        size = excess * float(np.sqrt(mean_normalised(history.nis[path], history.degrees[path])))
+    if coloured and (path & history.used).any():
+        used = path & history.used
+        size = excess * float(np.sqrt(mean_normalised(history.nis[used], history.degrees[used])))
     return NoiseFactors(
         position=reference(slice(0, 3)) if size is None else size,
         orientation=reference(slice(3, 6)) if size is None else size,

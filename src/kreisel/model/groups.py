@@ -146,7 +146,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "gyro_asymmetry", "scale of the gyros by the sign of the rate: times |w'|", "b<sub>ω</sub>",
-        "gyroscope", "gyroscope.asymmetry", _axes, "ppm", PPM, 1e-3, known_before=True, by_choice=True,
+        "gyroscope", "gyroscope.asymmetry", _axes, "ppm", PPM, 3e-4, known_before=True, by_choice=True,
         shape=lambda _: (3,),
     ),
     ParameterGroup(
@@ -165,7 +165,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "accel_asymmetry", "scale of the accelerometers by the sign of the force: times |a'|", "b<sub>a</sub>",
-        "accelerometer", "accelerometer.asymmetry", _axes, "ppm", PPM, 1e-3, known_before=True, by_choice=True,
+        "accelerometer", "accelerometer.asymmetry", _axes, "ppm", PPM, 3e-4, known_before=True, by_choice=True,
         shape=lambda _: (3,),
     ),
     ParameterGroup(

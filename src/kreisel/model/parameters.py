@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,6 +115,12 @@ class CellParameters:
     def clock(self) -> Clock:
         """The reference's clock against the IMU's."""
         return Clock(self.start, self.skew)
+
+    def with_order(self, order: int) -> CellParameters:
+        """Return the values with room for sensor polynomials of an order or more, zero beyond the present one."""
+        s = self.sensors
+        k_w, k_a = (np.vstack([k, np.zeros((max(order - len(k), 0), 3))]) for k in (s.k_w, s.k_a))
+        return replace(self, sensors=replace(s, k_w=k_w, k_a=k_a))
 
     def stored(self, group: str) -> Array:
         """Return a group's numbers as they are stored in the state."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.estimation.state import StateLayout
+from kreisel.estimation.state import Part, StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
-from kreisel.model.layout import NAVIGATION, PATH_ERROR, with_coloured_noise, without
+from kreisel.model.layout import NAVIGATION, PATH_ERROR, group_part, with_coloured_noise, without
 from kreisel.model.noise import AssumedNoise
 from kreisel.model.parameters import GROUPS, CellParameters, parameter_names
 from kreisel.model.robot import RobotModel
@@ -18,6 +18,9 @@ from kreisel.model.schedule import Schedule
 from kreisel.model.settings import CalibrationSettings
 from kreisel.model.site import Site
 from kreisel.recording.recording import ReferencePoses
+
+_CONSIDERED_SD = {"gyro_polynomial": 5e-3, "accel_polynomial": 3e-4}
+"""Deviations of polynomials that nobody asked for: less than those of a device of which they are expected."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,43 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
             covariance={g: P for g, P in prior.covariance.items() if g not in groups},
         ),
         held=(*problem.held, *groups),
+    )
+
+
+def with_groups(problem: Problem, groups: tuple[str, ...]) -> Problem:
+    """Return the problem with further groups of parameters in the state; polynomials are of the second order."""
+    order = problem.settings.polynomial_order
+    if order == 1 and any(group.endswith("polynomial") for group in groups):
+        problem, order = _with_order(problem, 2), 2
+    parts = {part.name: part for part in problem.layout} | {g: group_part(g, order, problem.joints) for g in groups}
+    others = [part for part in problem.layout if part.name not in GROUPS]
+    prior = problem.prior
+    covariance = {g: prior.covariance.get(g, _usual_covariance(parts[g])) for g in groups}
+    return replace(
+        problem,
+        layout=StateLayout([*(parts[g] for g in GROUPS if g in parts), *others]),
+        prior=replace(
+            prior,
+            covariance=prior.covariance | covariance,
+            start_covariance=prior.start_covariance | covariance,
+            width=prior.width | {g: np.sqrt(np.diag(P)) for g, P in covariance.items()},
+        ),
+    )
+
+
+def _usual_covariance(part: Part) -> Array:
+    sd = _CONSIDERED_SD.get(part.name, group_named(part.name).usual_sd or 1.0)
+    return np.asarray(sd**2 * np.eye(part.degrees))
+
+
+def _with_order(problem: Problem, order: int) -> Problem:
+    """Return the problem with room for sensor polynomials of an order, all zero beyond the present one."""
+    prior = problem.prior
+    start, value, nominal = (values.with_order(order) for values in (prior.start, prior.value, prior.nominal))
+    return replace(
+        problem,
+        settings=replace(problem.settings, polynomial_order=order),
+        prior=replace(prior, start=start, value=value, nominal=nominal),
     )
 
 

@@ -70,14 +70,14 @@ def _with_held_values(start: CellParameters, preparation: Preparation, settings:
 
 
 def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, Array]:
-    """Return the covariance of every group in a layout; that of usual devices where no other is known."""
-    out = {}
+    """Return all covariances that are known, and those of usual devices for other groups in a layout."""
+    out = {group: P for group, P in covariance.items() if P.size}
     for group in REGISTRY:
         if group.name not in layout:
             continue
         degrees = layout[group.name].stop - layout[group.name].start
         usual = (group.usual_sd or 1.0) ** 2 * np.eye(degrees)
-        out[group.name] = covariance.get(group.name, usual)
+        out.setdefault(group.name, usual)
     return out
 
 

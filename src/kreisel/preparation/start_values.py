@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, nearest_rotation, skew
+from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.model.robot import RobotModel
@@ -35,6 +36,9 @@ _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 
 _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 """rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""
+
+_UNKNOWN_G_SENSITIVITY, _LEAST_G_SENSITIVITY = 2e-4, 1e-6
+"""rad/s per m/s^2; deviation for gyros without a grade, and least one by grade."""
 
 _LEVER_ARM_SD, _TILT_SD, _CLOCK_SD = 0.2, 0.3, 1.0
 """m, rad and s; lever arms, tilt of the reference against the fit, offset of the clocks against the fit."""
@@ -168,7 +172,14 @@ def _deviations_without_fit(preparation: Preparation, order: int) -> dict[str, A
         "north": np.full(2, _NORTH_SD if site.earth_rate_n is not None else EARTH_SD),
         "earth_down": np.array([EARTH_SD]),
         "gravity": np.array([max(site.gravity_sd, 1e-9)]),
+        "gyro_g_sensitivity": np.full(9, _g_sensitivity(preparation)),
     }
+
+
+def _g_sensitivity(preparation: Preparation) -> float:
+    """Return the deviation of the gyros' sensitivity to acceleration, rad/s per m/s^2, by grade."""
+    grade = GRADES.get(preparation.recording.settings.imu.grade or "")
+    return _UNKNOWN_G_SENSITIVITY if grade is None else max(grade.g_sensitivity, _LEAST_G_SENSITIVITY)
 
 
 def _of_robot(preparation: Preparation) -> dict[str, Array]:

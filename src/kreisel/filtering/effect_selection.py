@@ -1,0 +1,268 @@
+"""Which effects a recording shows: all that are possible are estimated once, together, and weighed by their evidence.
+
+In one pass every candidate is in the state, with its prior. By its result, a normal distribution of all parameters, the
+model with some of the candidates only is known too: the others are then zero, and the distribution is conditioned on
+it. The evidence for a candidate is the ratio of the likelihoods of the data with and without it, each a mean over the
+prior: an effect with a wide prior has to gain more. No further pass is needed to compare models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import parameters_of, stored_state
+from kreisel.filtering.prior_exchange import further_pass
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.problem import Problem, with_groups
+from kreisel.model.settings import BY_CHOICE
+from kreisel.progress import StepProgress
+
+MIN_GAIN = 4.0
+"""Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 55."""
+
+_POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
+
+
+@dataclass(frozen=True)
+class Considered:
+    """An effect that was considered.
+
+    Attributes
+    ----------
+    group
+        Its parameters.
+    value, deviation : (k,)
+        Its estimate, together with the effects that are estimated; as stored.
+    gain
+        Logarithm of the ratio of the evidences of the data with and without it.
+    included
+        Whether it is part of the model.
+    shift
+        Largest change of a sensor's parameter by including it, in standard deviations without it.
+    shifted
+        Name of that parameter.
+    """
+
+    group: str
+    value: Array
+    deviation: Array
+    gain: float
+    included: bool
+    shift: float
+    shifted: str
+
+
+def candidates(problem: Problem) -> tuple[str, ...]:
+    """Return the effects that a problem may have beyond those that are in its state or fixed."""
+    reference, out = problem.reference, []
+    for group in (*BY_CHOICE, *_POLYNOMIALS):
+        needs_positions = group in ("position_scale", *ROBOT_GROUPS) or group.startswith("accel")
+        possible = reference.positions is not None or not needs_positions
+        possible &= reference.quaternions is not None or group not in POSE_GROUPS
+        possible &= problem.robot is not None or group not in ROBOT_GROUPS
+        possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
+        if possible and group not in problem.layout and group not in (*problem.settings.fixed, *problem.held):
+            out.append(group)
+    return tuple(group for group in GROUPS if group in out)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A pass with all candidates in the state.
+
+    Attributes
+    ----------
+    before
+        The problem without candidates.
+    problem, run
+        With all of them.
+    groups
+        The candidates.
+    temper
+        Factor on the information of the data: the innovations are correlated in time.
+    """
+
+    before: Problem
+    problem: Problem
+    run: FilterRun
+    groups: tuple[str, ...]
+    temper: float
+
+    def places(self, groups: tuple[str, ...]) -> Indices:
+        """Return the degrees of freedom of groups."""
+        layout = self.problem.layout
+        return np.array([i for g in groups for i in range(layout[g].start, layout[g].stop)], dtype=np.int64)
+
+    def gain(self, groups: tuple[str, ...]) -> float:
+        """Return the logarithm of the ratio of the evidences with some candidates and without any."""
+        if not groups:
+            return 0.0
+        i = self.places(groups)
+        D, eta = self._data(i)
+        prior = self._prior(groups)
+        posterior = np.linalg.inv(np.linalg.inv(prior) + D)
+        return float(0.5 * eta @ posterior @ eta - 0.5 * np.linalg.slogdet(np.eye(i.size) + prior @ D)[1])
+
+    def alone(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return estimate and covariance of some candidates with all others zero."""
+        i = self.places(groups)
+        D, eta = self._data(i)
+        P = np.linalg.inv(np.linalg.inv(self._prior(groups)) + D)
+        return np.asarray(P @ eta), np.asarray(P)
+
+    def conditioned(self, groups: tuple[str, ...]) -> tuple[Problem, FilterRun]:
+        """Return the problem with some candidates, and the run's result with all others zero."""
+        rest = tuple(g for g in self.groups if g not in groups)
+        problem = with_groups(self.before, groups)
+        all_of, P = self._without(rest)
+        before, after = self.problem.layout, problem.layout
+        kept = np.concatenate([np.r_[before[part.name]] for part in after])
+        mean = np.empty(after.size)
+        for part in after:
+            mean[after.stored(part.name)] = all_of[before.stored(part.name)]
+        known = _with_nominal(self.run.parameters, rest, self.problem)
+        belief = Belief(mean, _factor(P[np.ix_(kept, kept)]))
+        return problem, replace(self.run, belief=belief, parameters=parameters_of(problem, known, mean))
+
+    def shift(self, group: str) -> tuple[float, str]:
+        """Return the largest change of a sensor's parameter by one candidate, in deviations, and its name."""
+        base, P = self._without(self.groups)
+        more, _ = self._without(tuple(g for g in self.groups if g != group))
+        own = set(self.places(self.groups).tolist())
+        places = [i for i in range(self.problem.sensor_degrees) if i not in own]
+        if not places:
+            return 0.0, ""
+        change = self.problem.layout.minus(more[:, None], base)[places, 0] / np.sqrt(np.diag(P)[places])
+        worst = int(np.argmax(np.abs(change)))
+        return float(np.abs(change[worst])), self.problem.parameter_names[places[worst]]
+
+    def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return mean and covariance conditioned on zero values of candidates."""
+        belief, i = self.run.belief, self.places(groups)
+        P = belief.covariance
+        gain = np.linalg.solve(P[np.ix_(i, i)], P[i]).T
+        change = self.problem.layout.plus(belief.mean, -(gain @ self._values(i))[:, None])[:, 0]
+        return change, P - gain @ P[i]
+
+    def _values(self, i: Indices) -> Array:
+        zero = stored_state(self.problem, _with_nominal(self.run.parameters, self.groups, self.problem))
+        return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[i, 0])
+
+    def _data(self, i: Indices) -> tuple[Array, Array]:
+        """Return information matrix and vector of the data about candidates, all else estimated."""
+        every = self.places(self.groups)
+        P = self.run.belief.covariance[np.ix_(every, every)]
+        scale = np.sqrt(np.diag(P))
+        information = np.linalg.inv(P / np.outer(scale, scale)) / np.outer(scale, scale)
+        D = self.temper * (information - np.linalg.inv(self._prior(self.groups)))
+        eta = self.temper * (information @ self._values(every))
+        chosen = np.searchsorted(every, i)
+        return D[np.ix_(chosen, chosen)], eta[chosen]
+
+    def _prior(self, groups: tuple[str, ...]) -> Array:
+        blocks = [self.problem.prior.covariance[g] for g in groups]
+        out = np.zeros((sum(map(len, blocks)),) * 2)
+        at = 0
+        for block in blocks:
+            out[at : at + len(block), at : at + len(block)] = block
+            at += len(block)
+        return out
+
+
+def _factor(P: Array) -> Array:
+    """Return the lower triangular factor of a covariance matrix that may have lost rank in rounding."""
+    scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    correlation = P / np.outer(scale, scale)
+    return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
+
+
+def _with_nominal(values: CellParameters, groups: tuple[str, ...], problem: Problem) -> CellParameters:
+    stored = {g: (problem.prior.nominal if g in groups else values).stored(g) for g in GROUPS}
+    return CellParameters.from_stored(stored)
+
+
+def survey(problem: Problem, run: FilterRun, correlation: float, progress: StepProgress | None = None) -> Survey | None:
+    """Return a pass with all candidates, from the result of a run without them; None if there are none.
+
+    correlation: factor on standard deviations for innovations that are correlated in time.
+    """
+    groups = candidates(problem)
+    if not groups:
+        return None
+    larger = with_groups(problem, groups)
+    n, before, after = len(problem.parameter_names), problem.layout, larger.layout
+    parameters = run.parameters.with_order(larger.settings.polynomial_order)
+    P = np.zeros((after.degrees, after.degrees))
+    for part in after:
+        d = after[part.name]
+        P[d, d] = larger.prior.covariance[part.name] if part.name in groups else np.eye(d.stop - d.start)
+    names = [part.name for part in before if before[part.name].stop <= n]
+    old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
+    P[np.ix_(new, new)] = run.belief.covariance[np.ix_(old, old)]
+    begun = replace(run, belief=Belief(stored_state(larger, parameters), _factor(P)), parameters=parameters)
+    found = further_pass(larger, begun, progress=progress)
+    return Survey(problem, larger, found, groups, correlation**-2)
+
+
+def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
+    """Return the candidates that the recording shows.
+
+    From all of them, the one without which least evidence is lost is left out, again and again, as long as that is
+    little. So an effect is not taken for another one that is similar, as it would be if they were added one by one.
+    """
+    chosen = found.groups
+    while chosen:
+        whole = found.gain(chosen)
+        rest = {g: tuple(other for other in chosen if other != g) for g in chosen}
+        lost = {g: whole - found.gain(others) for g, others in rest.items()}
+        least = min(lost, key=lost.__getitem__)
+        if lost[least] >= threshold:
+            break
+        chosen = rest[least]
+    return chosen
+
+
+def gain_of(problem: Problem, run: FilterRun, group: str) -> float:
+    """Return the logarithm of the ratio of the evidences with and without a group of the state."""
+    d = problem.layout[group]
+    value, P, prior = run.parameters.stored(group), run.belief.covariance[d, d], problem.prior.covariance[group]
+    return float(0.5 * value @ np.linalg.solve(P, value) + 0.5 * np.linalg.slogdet(np.linalg.solve(prior, P))[1])
+
+
+def considered(
+    found: Survey | None, problem: Problem, run: FilterRun, included: tuple[str, ...]
+) -> tuple[Considered, ...]:
+    """Return all effects: those that are part of a model, with their run's result, and those that were left out."""
+    out = []
+    for group in included:
+        value, sd = run.parameters.stored(group), run.belief.standard_deviation[problem.layout[group]]
+        gain, (shift, name) = gain_of(problem, run, group), _shift_without(problem, run, group)
+        out.append(Considered(group, value, sd, gain, included=True, shift=shift, shifted=name))
+    if found is not None:
+        for group in found.groups:
+            value, P = found.alone((group,))
+            sd, (shift, name) = np.sqrt(np.diag(P)), found.shift(group)
+            gain = found.gain((group,))
+            out.append(Considered(group, value, sd, gain, included=False, shift=shift, shifted=name))
+    return tuple(sorted(out, key=lambda effect: -effect.gain))
+
+
+def _shift_without(problem: Problem, run: FilterRun, group: str) -> tuple[float, str]:
+    """Return the largest change of a sensor's parameter if a group were zero, in deviations, and its name."""
+    d, P = problem.layout[group], run.belief.covariance
+    others = [i for i in range(problem.sensor_degrees) if not d.start <= i < d.stop]
+    change = P[others, d] @ np.linalg.solve(P[d, d], run.parameters.stored(group))
+    score = np.abs(change) / np.sqrt(np.diag(P)[others])
+    worst = int(np.argmax(score))
+    return float(score[worst]), problem.parameter_names[others[worst]]
+
+
+def effect_title(group: str) -> str:
+    """Return what a group of parameters means, in a few words."""
+    return group_named(group).meaning.split(",")[0].split(":")[-1].strip()
