@@ -23,8 +23,11 @@ from kreisel.model.problem import Problem, with_groups
 from kreisel.model.settings import BY_CHOICE
 from kreisel.progress import StepProgress
 
-MIN_GAIN = 4.0
-"""Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 55."""
+MIN_GAIN = 6.0
+"""Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
+
+USUAL_ODDS = 1.0 / 20.0
+"""Odds, before any look at the data, that a device has an effect."""
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
@@ -141,6 +144,29 @@ class Survey:
         change = self.problem.layout.minus(more[:, None], base)[places, 0] / np.sqrt(np.diag(P)[places])
         worst = int(np.argmax(np.abs(change)))
         return float(np.abs(change[worst])), self.problem.parameter_names[places[worst]]
+
+    def undecided(self) -> Array:
+        """Return columns (degrees of the problem without candidates, k) for effects that may be there or not.
+
+        The square of a column is what an effect that is left out may add to the covariance, times the probability that
+        it is there: its shift of the result, and the uncertainty of that.
+        """
+        n = len(self.before.parameter_names)
+        own = set(self.places(self.groups).tolist())
+        kept = np.array([i for i in range(len(self.problem.parameter_names)) if i not in own], dtype=np.int64)
+        base, _ = self._without(self.groups)
+        columns = [np.zeros((self.before.layout.degrees, 0))]
+        for group in self.groups:
+            odds = USUAL_ODDS * np.exp(min(self.gain((group,)), MIN_GAIN))
+            others = tuple(g for g in self.groups if g != group)
+            more, P = self._without(others)
+            i = self.places((group,))
+            spread = P[np.ix_(kept, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
+            shift = self.problem.layout.minus(more[:, None], base)[kept]
+            part = np.zeros((self.before.layout.degrees, 1 + i.size))
+            part[:n] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
+            columns.append(part)
+        return np.hstack(columns)
 
     def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return mean and covariance conditioned on zero values of candidates."""
@@ -263,6 +289,11 @@ def _shift_without(problem: Problem, run: FilterRun, group: str) -> tuple[float,
     return float(score[worst]), problem.parameter_names[others[worst]]
 
 
-def effect_title(group: str) -> str:
-    """Return what a group of parameters means, in a few words."""
-    return group_named(group).meaning.split(",")[0].split(":")[-1].strip()
+def describe(effect: Considered) -> str:
+    """Return an effect with its largest value, in the unit it is shown in."""
+    group = group_named(effect.group)
+    values = effect.value / group.size
+    largest = float(values[int(np.argmax(np.abs(values)))])
+    deviation = float(effect.deviation[int(np.argmax(np.abs(values)))]) / group.size
+    which = "up to " if values.size > 1 else ""
+    return f"{group.meaning.split(',')[0]}, {which}{largest:.3g} +- {deviation:.2g} {group.unit}"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from kreisel.filtering.effect_selection import Considered
 from kreisel.filtering.history import FilterRun
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
@@ -15,7 +17,8 @@ class Estimate:
 
     The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
     by which given noise figures had to be raised; 1 if none were given or none had to be raised. `moved` is the
-    largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough.
+    largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough. `considered` are
+    all effects beyond the usual ones, found or not; `walks` the densities of random walks that were found.
     """
 
     problem: Problem
@@ -25,3 +28,5 @@ class Estimate:
     contradiction: float
     moved: float
     warnings: tuple[DataWarning, ...]
+    considered: tuple[Considered, ...] = ()
+    walks: Mapping[str, float] = field(default_factory=dict)

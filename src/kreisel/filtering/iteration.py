@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.estimation.belief import Belief
+from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
-from kreisel.filtering.effect_selection import selected, survey
+from kreisel.filtering.effect_selection import Considered, Survey, considered, describe, selected, survey
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.noise_adaptation import (
@@ -21,8 +22,10 @@ from kreisel.filtering.noise_adaptation import (
 )
 from kreisel.filtering.nonlinearity import curved
 from kreisel.filtering.observability import unobservable_groups
+from kreisel.filtering.parameter_walk import found_walks
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, hold, with_correlation_time
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning
@@ -35,8 +38,8 @@ MAX_NOISE_PASSES = 8
 
 MAX_PASSES = 10
 
-MAX_ROUNDS = 3
-"""Largest number of times that further effects are looked for."""
+MAX_ROUNDS = 4
+"""Largest number of times that further effects, or parameters that walk, are looked for."""
 
 COLOURED = 0.3
 """Correlation of neighbouring innovations above which they no longer count as white."""
@@ -76,6 +79,8 @@ class _Passes:
         Whether noise figures were changed.
     moved
         How far the last pass moved the estimates, in standard deviations; 0 after a single one.
+    survey
+        The last look at further effects.
     """
 
     problem: Problem
@@ -83,6 +88,7 @@ class _Passes:
     count: int
     adapted: bool = False
     moved: float = 0.0
+    survey: Survey | None = None
 
 
 def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
@@ -103,17 +109,44 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
-    run = passes.run
-    belief = Belief(run.belief.mean, factor * run.belief.factor)
+    last = _last_survey(passes, factor, progress)
+    run, found = passes.run, passes.problem
+    scaled = factor * run.belief.factor
+    undecided = np.zeros((len(scaled), 0)) if last is None else last.undecided()
+    widened = replace(run, belief=Belief(run.belief.mean, triangularise(np.hstack([scaled, undecided]))))
+    included = tuple(g for g in found.groups if g not in problem.groups)
+    effects = considered(last, found, widened, included)
+    walks = {g: d for g, d in found.noise.offset_walk.items() if d > problem.noise.offset_walk.get(g, 0.0)}
     return Estimate(
-        passes.problem,
-        replace(run, belief=belief),
+        found,
+        widened,
         passes.count,
         factor,
-        _contradiction(problem, passes.problem, given),
+        _contradiction(problem, found, given),
         passes.moved / factor,
-        tuple(warnings),
+        (*warnings, *_found(effects, walks)),
+        effects,
+        walks,
     )
+
+
+def _last_survey(passes: _Passes, correlation: float, progress: Progress | None) -> Survey | None:
+    """Return the survey of the final problem: the last one, if the problem has not changed since."""
+    found = passes.survey
+    if passes.problem.settings.passes is not None or found is None:
+        return None
+    if found.before is passes.problem:
+        return found
+    return survey(passes.problem, passes.run, correlation, of_step(progress, "effects"))
+
+
+def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
+    """Return the warnings about effects and walks that are part of the model because the data show them."""
+    messages = [f"{describe(effect)} (gain {effect.gain:.0f})" for effect in effects if effect.included]
+    messages += [f"{GROUPS[group].split(',')[0]} changes during the recording" for group in walks]
+    if not messages:
+        return []
+    return [DataWarning("effects", f"found in the data and estimated: {'; '.join(messages)}")]
 
 
 def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
@@ -187,16 +220,23 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         return passes
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
-        found = survey(problem, run, correlation_factor(run), of_step(progress, f"pass {count}"))
+        correlation, step = correlation_factor(run), of_step(progress, f"pass {count}")
+        found = survey(problem, run, correlation, step)
+        passes = replace(passes, survey=found)
         chosen = () if found is None else selected(found)
-        if found is None or not chosen:
+        gained = found.gain(chosen) if found is not None else 0.0
+        walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, step)
+        if walk is not None and walk.gain > gained * correlation**2:
+            larger, begun = walk.problem, run
+        elif found is not None and chosen:
+            larger, begun = found.conditioned(chosen)
+        else:
             return replace(passes, count=count)
-        larger, begun = found.conditioned(chosen)
         larger = replace(larger, noise=replace(larger.noise, reference=first.noise.reference))
         larger = replace(larger, readings=replace(larger.readings, noise=first.readings.noise))
         adapted = passes.adapted
         passes = _until_settled(larger, count, given, progress, begun)
-        passes = replace(passes, adapted=passes.adapted or adapted)
+        passes = replace(passes, adapted=passes.adapted or adapted, survey=found)
     return passes
 
 
