@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, exp, matrix
+from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.inertial.noise import Grade
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.robot.motion import Plan
@@ -176,7 +176,7 @@ def with_faults(rng: np.random.Generator, imu: Imu, rates: Array, accelerations:
     """Return readings (n, 3) with spikes, and with samples that repeat the one before."""
     n = rates.shape[0]
     draws, sign = rng.uniform(size=(2, n)), rng.choice([-1.0, 1.0], n)
-    channel: Indices = rng.integers(0, 6, n)
+    channel = rng.integers(0, 6, size=(n,))
     readings = np.hstack([rates, accelerations])
     usual = np.repeat([np.sqrt(np.mean(rates**2)), np.sqrt(np.mean(accelerations**2))], 3)
     rows = np.flatnonzero(draws[0] < imu.spike_share)
