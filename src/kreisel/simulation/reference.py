@@ -61,7 +61,7 @@ def report_poses(
     p, q, angles = _faulty(draws.faults, r, (p, q, angles))
     stamps = START_NS + np.round((tau + _MARGIN - r.clock_offset) * 1e9).astype(np.int64)
     if cell.motion.still_poses:
-        still = planned.at_rest(t)
+        still = planned.at_rest(t, 0.5 * planned.smoothing)  # the averaged set points stand, too
         stamps, p, q, angles = stamps[still], p[still], q[still], angles[still]
     name = "pose0"
     reference = ReferencePoses(

@@ -88,7 +88,7 @@ def run_situation(situation: Situation, seed: int) -> Row:
     """Return the outcome of one run; it depends on situation and seed alone."""
     place = (situation.name, situation.size, situation.basis, seed)
     try:
-        truth, recording = simulate(_cell(situation, seed), Path(situation.key))
+        truth, recording = simulate(_cell(situation, seed), Path(folder_name(situation, seed)))
     except KreiselError as error:  # a fault of the situation itself
         return Row(*place, "crashed", reasons=(f"simulation: {error}",))
     began = time.perf_counter()

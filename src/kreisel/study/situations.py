@@ -28,6 +28,9 @@ nothing said about the place."""
 _ROBOTS = ("joints", "poses")
 _ALL = tuple(BASES)
 
+_FACTORS = (0.1, 0.3, 3.0, 10.0)
+"""On what is stated."""
+
 GYRO_CHANGES = ("gyro offset walks", "gyro offset steps", "gyros warm up", "gyro temperature")
 ACCEL_CHANGES = ("accel offset walks", "accel offset steps", "accelerometers warm up", "accel temperature")
 """Situations in which offsets change; any of them counts as the cause of any other."""
@@ -307,33 +310,25 @@ def _arm() -> tuple[_Effect, ...]:
 
 def _statements() -> tuple[_Effect, ...]:
     """Return what the owner says wrongly, or does not say."""
-    factors = (0.1, 0.3, 3.0, 10.0)
     other_grades = tuple((grade, {"stated": {"grade": grade}}) for grade in ("ring-laser", "fog", "consumer-mems"))
     return (
         _Effect(
             "stated noise",
             "noise figures of the IMU are wrong",
-            _sizes("stated", "noise_factor", "x", 1.0, *factors),
+            _sizes("stated", "noise_factor", "x", 1.0, *_FACTORS),
             ("stated noise",),
         ),
         _Effect(
             "stated offsets",
             "spread of the offsets is wrong",
-            _sizes("stated", "offset_sd_factor", "x", 1.0, *factors),
+            _sizes("stated", "offset_sd_factor", "x", 1.0, *_FACTORS),
             ("stated offsets",),
         ),
         _Effect(
             "stated reference",
             "accuracy of the poses is wrong",
-            _sizes("stated", "reference_factor", "x", 1.0, *factors),
+            _sizes("stated", "reference_factor", "x", 1.0, *_FACTORS),
             ("stated reference",),
-        ),
-        _Effect(
-            "stated robot",
-            "accuracy of the robot is wrong",
-            _sizes("stated", "robot_factor", "x", 1.0, *factors),
-            ("stated robot", "robot_placement"),
-            ("joints",),
         ),
         _Effect(
             "stated grade", "another grade is named", other_grades, ("stated grade", "stated noise", "stated offsets")
@@ -352,6 +347,20 @@ def _statements() -> tuple[_Effect, ...]:
             ("stated gravity",),
         ),
         _Effect("nothing stated", "recording.toml is empty", (("all", {"stated": {"settings": False}}),)),
+        *_robot_statements(),
+    )
+
+
+def _robot_statements() -> tuple[_Effect, ...]:
+    """Return what the owner says wrongly of the robot, or does not say."""
+    return (
+        _Effect(
+            "stated robot",
+            "accuracy of the robot is wrong",
+            _sizes("stated", "robot_factor", "x", 1.0, *_FACTORS),
+            ("stated robot", "robot_placement"),
+            ("joints",),
+        ),
         _Effect(
             "no joint angles", "joint angles are not given", (("all", {"stated": {"joints": False}}),), (), ("joints",)
         ),
@@ -393,7 +402,7 @@ def _motion() -> tuple[_Effect, ...]:
             ("small motion",),
         ),
         _Effect(
-            "slow motion", "a slow tool", _sizes("motion", "tool_speed", "m/s", 1.0, 0.02, 0.1, 0.4), ("slow motion",)
+            "slow motion", "a slow tool", _sizes("motion", "tool_speed", "m/s", 1.0, 0.06, 0.15, 0.4), ("slow motion",)
         ),
         _Effect("few joints", "only some joints move", joints, ("few joints", "small motion")),
         _Effect(
