@@ -33,7 +33,7 @@ from kreisel.simulation.effects import (
     vibration,
     with_faults,
 )
-from kreisel.simulation.imu import disturbed, draw_sensors, ideal_readings
+from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings
 from kreisel.simulation.reference import START_NS, ReferenceDraws, report_poses
 from kreisel.simulation.robot import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
 from kreisel.simulation.settings import Cell, Errors
@@ -218,13 +218,14 @@ def _imu(
     if device.effects.accel_delay:
         _, accelerations = _ideal(felt(t - device.effects.accel_delay), shake, device, t)
     drift = offset_drift(streams.drift, cell.imu, t)
-    readings = disturbed(streams.imu, cell.imu, grade, rate, (rates, accelerations), drift)
+    noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
+    readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
     readings = with_faults(streams.faults, cell.imu, *readings)
     stamps = START_NS + np.round(t * 1e9).astype(np.int64)
     keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
     keep[[0, -1]] = True
     samples = ImuSamples(stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv")
-    return samples, offset_change(*drift)
+    return samples, offset_change(drift, (noises[0].slow, noises[1].slow))
 
 
 def _felt(cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array) -> _Felt:

@@ -53,12 +53,12 @@ class DeviceEffects:
 
 @dataclass(frozen=True)
 class OffsetChange:
-    """What is added to the offsets k_w0 and k_a0 by drift, warming up, steps and walks, SI.
+    """What is added to the offsets k_w0 and k_a0 by drift, warming up, steps, walks and flicker noise, SI.
 
     Attributes
     ----------
     gyro_mean, gyro_end, accel_mean, accel_end : (3,)
-        Mean over the recording, and value at its end. Noise of the grade is not included.
+        Mean over the recording, and value at its end; of flicker noise the mean in both.
     """
 
     gyro_mean: Array
@@ -128,9 +128,18 @@ def _drift(rng: np.random.Generator, t: Array, sizes: tuple[float, float, float,
     return out
 
 
-def offset_change(gyro: Array, accel: Array) -> OffsetChange:
-    """Return mean and end of the corrections for readings that are too large by (n, 3)."""
-    return OffsetChange(-gyro.mean(axis=0), -gyro[-1], -accel.mean(axis=0), -accel[-1])
+def offset_change(drift: tuple[Array, Array], slow: tuple[Array, Array]) -> OffsetChange:
+    """Return mean and end of the corrections, for gyros and accelerometers.
+
+    Parameters
+    ----------
+    drift, slow : (n, 3), twice
+        By how much readings are too large: by changes of the settings, and by slow noise of the grade.
+    """
+    noise = [s.mean(axis=0) for s in slow]
+    means = [-(d.mean(axis=0) + level) for d, level in zip(drift, noise, strict=True)]
+    ends = [-(d[-1] + level) for d, level in zip(drift, noise, strict=True)]
+    return OffsetChange(means[0], ends[0], means[1], ends[1])
 
 
 def envelope(planned: Plan, t: Array) -> tuple[Array, Array, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from kreisel.errors import SettingsError
@@ -120,32 +122,56 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
     return np.asarray(values)
 
 
+@dataclass(frozen=True)
+class DeviceNoise:
+    """Noise of one kind of sensors (n, 3): white, and slow (flicker and random walk), which moves the offsets."""
+
+    white: Array
+    slow: Array
+
+
+def draw_noise(
+    rng: np.random.Generator, imu: Imu, grade: Grade, n: int, rate: float
+) -> tuple[DeviceNoise, DeviceNoise]:
+    """Return the grade's noise of gyros and accelerometers; zeros for a device without noise."""
+    if not imu.noise:
+        none = DeviceNoise(np.zeros((n, 3)), np.zeros((n, 3)))
+        return none, none
+    gyro, accel = (
+        DeviceNoise(noise(rng, n, rate, density, 0.0, 0.0), noise(rng, n, rate, 0.0, flicker, walk))
+        for density, flicker, walk in (
+            (grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk),
+            (grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk),
+        )
+    )
+    return gyro, accel
+
+
 def disturbed(
-    rng: np.random.Generator, imu: Imu, grade: Grade, rate: float, readings: tuple[Array, Array],
-    drift: tuple[Array, Array],
+    imu: Imu, grade: Grade, rate: float, readings: tuple[Array, Array], drift: tuple[Array, Array],
+    noises: tuple[DeviceNoise, DeviceNoise],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return the readings (n, 3) with the errors of the settings and the grade: bandwidth, drift, noise, rounding.
 
     Parameters
     ----------
-    readings, drift : (n, 3), twice
-        Ideal readings of gyros and accelerometers, and by how much their offsets let them read too much.
+    readings, drift, noises : (n, 3), twice
+        Of gyros and accelerometers: ideal readings, by how much changing offsets let them read too much, and noise.
     """
-    n = readings[0].shape[0]
     bandwidth = grade.bandwidth if imu.bandwidth is None else imu.bandwidth
-    of_accel = bandwidth if imu.accel_bandwidth is None else imu.accel_bandwidth
-    w = filtered(readings[0], rate, bandwidth, averaged=imu.averaged) + drift[0]
-    a = filtered(readings[1], rate, of_accel, averaged=imu.averaged) + drift[1]
-    if imu.noise:
-        w = w + noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
-        a = a + noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
-        w, a = (np.clip(values, -r, r) for values, r in ((w, grade.gyro_range), (a, grade.accel_range)))
-    steps = (grade.gyro_step, grade.accel_step) if imu.noise else (0.0, 0.0)
-    chosen = (
-        own if step is None else step for step, own in zip((imu.gyro_quantum, imu.accel_quantum), steps, strict=True)
-    )
-    w, a = (_rounded(values, step) for values, step in zip((w, a), chosen, strict=True))
-    return w, a
+    bandwidths = (bandwidth, bandwidth if imu.accel_bandwidth is None else imu.accel_bandwidth)
+    ranges = (grade.gyro_range, grade.accel_range)
+    steps = [step if imu.noise else 0.0 for step in (grade.gyro_step, grade.accel_step)]
+    steps = [
+        own if said is None else said for said, own in zip((imu.gyro_quantum, imu.accel_quantum), steps, strict=True)
+    ]
+    out = []
+    for k in range(2):
+        values = filtered(readings[k], rate, bandwidths[k], averaged=imu.averaged) + drift[k]
+        if imu.noise:
+            values = np.clip(values + (noises[k].white + noises[k].slow), -ranges[k], ranges[k])
+        out.append(_rounded(values, steps[k]))
+    return out[0], out[1]
 
 
 def _rounded(values: Array, step: float) -> Array:

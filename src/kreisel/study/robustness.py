@@ -6,11 +6,11 @@ Rules for the truth, where an effect leaves it open:
   with all terms that the device has. Time offset, alignment and further terms are not judged: a low-pass of both
   sensors, or a late reference, belongs to the time offset.
 - Where the result lists a parameter as not observable, or holds it, it is not judged.
-- Offsets that change during the recording have the mean over it as their true value; an offset only counts as wrong by
-  the smaller of its distances from this mean and from the value at the end.
+- Offsets that change during the recording have the mean over it as their true value, flicker noise of the grade
+  included, because that is the offset the device has in this run. Where the cell's settings let offsets drift, step,
+  walk or warm up, an offset counts as wrong by the smaller of its distances from this mean and from the value at the end.
 - After a slip of the mount there are two truths, before and after it; the result counts as wrong by the smaller of its
   worst errors against either.
-- Flicker noise and random walk of the grade belong to the noise, not to the offsets.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def run_situation(situation: Situation, seed: int) -> Row:
 
 def named_causes(outcome: Outcome) -> tuple[str, ...]:
     """Return the causes that a result names, the likeliest first."""
-    return tuple(str(cause) for cause in getattr(outcome.verdict, "causes", ()))
+    return tuple(str(getattr(cause, "name", cause)) for cause in getattr(outcome.verdict, "causes", ()))
 
 
 def worst_error(outcome: Outcome, truth: Truth) -> tuple[float, str, float]:

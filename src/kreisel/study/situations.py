@@ -402,7 +402,7 @@ def _motion() -> tuple[_Effect, ...]:
             ("small motion",),
         ),
         _Effect(
-            "slow motion", "a slow tool", _sizes("motion", "tool_speed", "m/s", 1.0, 0.06, 0.15, 0.4), ("slow motion",)
+            "slow motion", "a slow tool", _sizes("motion", "tool_speed", "m/s", 1.0, 0.08, 0.15, 0.4), ("slow motion",)
         ),
         _Effect("few joints", "only some joints move", joints, ("few joints", "small motion")),
         _Effect(

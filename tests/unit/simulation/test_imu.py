@@ -16,7 +16,7 @@ from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters, correct_angular_rate, correct_specific_force
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.effects import draw_effects, offset_drift
-from kreisel.simulation.imu import disturbed, draw_sensors, filtered, ideal_readings
+from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, filtered, ideal_readings
 from kreisel.simulation.settings import Cell, Imu
 
 from ...oracle.allan import allan_deviation
@@ -188,7 +188,7 @@ def test_a_reading_is_the_mean_over_the_sample_before():
 def run(grade, rates, accelerations, seed=0, **imu):
     rng, imu = np.random.default_rng(seed), Imu(**imu)
     drift = offset_drift(rng.spawn(1)[0], imu, np.arange(len(rates)) / RATE)
-    return disturbed(rng, imu, grade, RATE, (rates, accelerations), drift)
+    return disturbed(imu, grade, RATE, (rates, accelerations), drift, draw_noise(rng, imu, grade, len(rates), RATE))
 
 
 def test_readings_end_at_the_range():

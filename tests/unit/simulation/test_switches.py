@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from kreisel.errors import SettingsError
+from kreisel.inertial.noise import GRADES
 from kreisel.robot.kinematics import parse_arm, poses
 from kreisel.simulation.cell import simulate, write_truth
 from kreisel.simulation.effects import envelope
@@ -146,6 +147,20 @@ def test_offsets_change(plain, sensor, column):
         else:
             steps = np.diff(change, axis=0)
             assert steps.std() == pytest.approx(size * np.sqrt(0.0025), rel=4.0 / np.sqrt(2.0 * steps.size))
+
+
+def test_flicker_noise_counts_as_an_offset():
+    """The mean of the noise is that of its slow part, but for white noise: four of its standard deviations."""
+    truth, noisy = cell(imu={"noise": True, "grade": "consumer-mems", "gyro_g_sensitivity_sd": 0.0})
+    _, quiet = cell(imu={"noise": False, "grade": "consumer-mems"})
+    grade = GRADES["consumer-mems"]
+    for before, after, mean, density, step in zip(
+        readings(quiet), readings(noisy), (truth.offset_change.gyro_mean, truth.offset_change.accel_mean),
+        (grade.gyro_noise_density, grade.accel_noise_density), (grade.gyro_step, grade.accel_step), strict=True,
+    ):  # fmt: skip
+        tolerance = 4.0 * (density / np.sqrt(SECONDS) + step / np.sqrt(12.0 * len(before)))
+        np.testing.assert_allclose((before - after).mean(axis=0), mean, rtol=0, atol=tolerance)
+    np.testing.assert_array_equal(truth.offset_change.gyro_end, truth.offset_change.gyro_mean)
 
 
 def test_vibration_is_a_sine_while_moving(plain):
