@@ -8,7 +8,7 @@ Rules for the truth, where an effect leaves it open:
 - Where the result lists a parameter as not observable, or holds it, it is not judged.
 - Offsets that change during the recording have the mean over it as their true value, flicker noise of the grade
   included, because that is the offset the device has in this run. Where the cell's settings let offsets drift, step,
-  walk or warm up, an offset counts as wrong by the smaller of its distances from this mean and from the value at the end.
+  walk or warm up, an offset counts as wrong by the smaller of its distances from this mean and from the last value.
 - After a slip of the mount there are two truths, before and after it; the result counts as wrong by the smaller of its
   worst errors against either.
 """
