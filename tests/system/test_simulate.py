@@ -131,7 +131,10 @@ def test_a_simulated_folder_is_a_recording(tmp_path):
 @pytest.mark.parametrize(
     ("cell", "telling"),
     [
-        ("[motion]\nspeed = 1\n", "unknown key 'motion.speed'; known are: first_rest, program, range_share, rest"),
+        (
+            "[motion]\nspeed = 1\n",
+            "unknown key 'motion.speed'; known are: first_rest, joints, program, range_share, rest",
+        ),
         ('[imu]\ngrade = "best"\n', f"unknown grade 'best'; known are: {', '.join(sorted(GRADES))}"),
         ('[motion]\nprogram = "moves.toml"\n', "move 1: out of reach: the arm comes no nearer than"),
         ('[robot]\nmodel = "kr126"\n', "unknown robot 'kr126'; known are: kr125, ur10e"),

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
     from kreisel.simulation.settings import Cell
     from kreisel.study.bound import Bound
+    from kreisel.study.robustness import Row
     from kreisel.study.summary import Summary
     from kreisel.study.trial import Trial
+
+Result = TypeVar("Result")
 
 app = typer.Typer(no_args_is_help=True, help="Monte-Carlo studies in the virtual cell.", rich_markup_mode=None)
 
@@ -89,6 +92,76 @@ def bound(
         return
     rows = [[title, unit, f"{best[title]:.3g}"] for _, title, unit, _ in GROUPS if title in best]
     print_rows("posterior Cramer-Rao bound, rms over each group", ["group", "unit", "bound"], rows)
+
+
+@app.command()
+def robustness(
+    output: Path = typer.Option(
+        Path("robustness"), "-o", "--output", help="Folder for the results; a folder with results is continued."
+    ),
+    seeds: int = typer.Option(3, help="Runs of each situation.", min=1, max=9999),
+    workers: int = _WORKERS,
+    scheduler: str | None = _SCHEDULER,
+    only: list[str] = typer.Option([], help="Name of an effect; may be repeated. All if not given."),
+    seconds: float = typer.Option(150.0, help="Length of every recording, s.", min=20.0),
+    write: Path | None = typer.Option(None, help="Write the recordings into this folder, and calibrate nothing."),
+    json: bool = typer.Option(False, "--json", help="Print totals and rows as one JSON object."),
+) -> None:
+    """Calibrate hundreds of cells with errors outside the model: results must be right, or rejected."""
+    from kreisel.cli.output import check_output
+    from kreisel.study.robustness import RowFile, numbers, run_numbered, write_numbered
+
+    wanted = numbers(seeds, only, seconds)
+    how = {"scheduler": scheduler, "workers": workers}
+    if write is not None:
+        check_output(write)
+        write.mkdir(parents=True, exist_ok=True)
+        _each(partial(write_numbered, seconds, write), wanted, how, lambda _name: None)
+        typer.echo(f"written: {len(wanted)} recordings in {write}")
+        return
+    check_output(output)
+    file = RowFile(output, seconds)
+    _each(partial(run_numbered, seconds), file.missing(wanted, seconds), how, file.add)
+    rows = [row for row in file.rows() if row.seed <= seeds and (not only or row.name in only)]
+    _say_robustness(rows, output, as_json=json)
+
+
+def _each(
+    work: Callable[[int], Result], missing: list[int], how: dict[str, Any], take: Callable[[Result], None]
+) -> None:
+    """Do the work for every number, in processes, and show the progress."""
+    from kreisel.cli.progress import progress_bar
+    from kreisel.study.dask import dask_map
+
+    if not missing:
+        return
+    with progress_bar() as show:
+        for done, result in enumerate(dask_map(work, missing, **how), start=1):
+            take(result)
+            if show is not None:
+                show(f"{done} of {len(missing)} runs", done / len(missing))
+
+
+def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:
+    """Write the page of a robustness study, and print its table or its JSON."""
+    from kreisel.report.study import write_robustness
+    from kreisel.study.robustness import COLUMNS, as_document, sentences, table, total
+
+    totals = total(rows)
+    lines, facts = table(rows), sentences(totals)
+    lead = f"{len(lines)} situations, {len(rows)} runs; worst errors in standard deviations of the result"
+    write_robustness(lead, lines, COLUMNS, facts, output / "report.html")
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(as_document(totals, rows)))
+        return
+    from kreisel.cli.tables import print_rows
+
+    print_rows("verdicts, and errors over standard deviations", COLUMNS, lines)
+    for fact in facts:
+        typer.echo(fact)
+    typer.echo(f"written: {output}/robustness.csv, report.html")
 
 
 def _described(cell: Path | None) -> Cell:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,15 @@ def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str]
         "Error and the calibration's standard deviation", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=2
     )
     page = fill("study.html", figures, title=title, lead=lead, table_of_groups=table, facts=facts, figures=figures)
+    path.write_text(page, encoding="utf-8")
+
+
+def write_robustness(lead: str, rows: list[list[str]], columns: Sequence[str], facts: list[str], path: Path) -> None:
+    """Write the page of a robustness study: its table of situations, and sentences on all runs together."""
+    table = Table(
+        "Verdicts, and errors over standard deviations", tuple(columns), tuple(Row(tuple(r)) for r in rows), text=3
+    )
+    page = fill("study.html", [], title="Robustness", lead=lead, table_of_groups=table, facts=facts, figures=[])
     path.write_text(page, encoding="utf-8")
 
 

@@ -4,32 +4,43 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix, multiply
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, RobotTable, SiteTable
+from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.robot import kinematics
-from kreisel.robot.excitation import random_plan
+from kreisel.robot.excitation import home, random_plan
 from kreisel.robot.kinematics import Arm, load_arm
 from kreisel.robot.motion import Limits, Plan, plan
 from kreisel.robot.program import read_program
-from kreisel.simulation.imu import disturbed, draw_sensors, ideal_readings
-from kreisel.simulation.robot import ArmErrors, draw_errors, reported, swing
+from kreisel.simulation.effects import (
+    DeviceEffects,
+    OffsetChange,
+    Slip,
+    draw_effects,
+    draw_slip,
+    offset_change,
+    offset_drift,
+    vibration,
+    with_faults,
+)
+from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings
+from kreisel.simulation.reference import START_NS, ReferenceDraws, report_poses
+from kreisel.simulation.robot import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
 from kreisel.simulation.settings import Cell, Errors
+from kreisel.simulation.stated import as_stated
 from kreisel.units import DEG
 
-_START_NS = 1_000_000_000_000
-_MARGIN = 0.06
-"""Seconds of IMU readings before the first pose and after the last."""
-
+_Felt = tuple[Array, Array, Array]
 Progress = Callable[[str, float], None]
 
 
@@ -47,6 +58,13 @@ class Truth:
         In the base's frame.
     arm
         Errors of the arm; `actual` is the arm with its geometric errors.
+    effects, offset_change, slip
+        Further terms of the device, what was added to its offsets, and its turn in the mount (None: none); `sensors`
+        is the device before it turned, without what was added.
+    position_scale
+        Reported positions are longer by this share.
+    reference_smoothing
+        Standard deviation of the window over which reported poses are averaged, s.
     """
 
     sensors: SensorParameters
@@ -56,6 +74,37 @@ class Truth:
     earth_rate_r: Array
     arm: ArmErrors
     actual: Arm
+    effects: DeviceEffects = field(default_factory=DeviceEffects.none)
+    offset_change: OffsetChange | None = None
+    slip: Slip | None = None
+    position_scale: float = 0.0
+    reference_smoothing: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Streams:
+    """Independent random streams: switching one error on does not change the others. New ones go last."""
+
+    motion: np.random.Generator
+    sensor: np.random.Generator
+    imu: np.random.Generator
+    arm: np.random.Generator
+    path: np.random.Generator
+    site: np.random.Generator
+    jitter: np.random.Generator
+    effects: np.random.Generator
+    slip: np.random.Generator
+    drift: np.random.Generator
+    vibration: np.random.Generator
+    faults: np.random.Generator
+    sway: np.random.Generator
+    clock: np.random.Generator
+    reference: np.random.Generator
+
+    @classmethod
+    def of(cls, cell: Cell, trial: int | None) -> _Streams:
+        root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
+        return cls(*(np.random.default_rng(child) for child in root.spawn(len(fields(cls)))))
 
 
 def simulate(
@@ -75,32 +124,43 @@ def simulate(
     RobotError
         If the arm, or a pose of the program, is not possible.
     """
-    # Independent random streams: switching one error on does not change the others.
-    root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
-    streams = [np.random.default_rng(child) for child in root.spawn(7)]
-    motion_rng, sensor_rng, imu_rng, arm_rng, path_rng, site_rng, jitter_rng = streams
+    streams = _Streams.of(cell, trial)
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
     nominal = load_arm(cell.robot.model, cell.robot.tcp)
-    planned = _plan(cell, nominal, motion_rng)
-    own = draw_errors(arm_rng, nominal, cell.errors)
+    planned = _plan(cell, nominal, streams.motion)
+    own = draw_errors(streams.arm, nominal, cell.errors)
     actual = kinematics.with_placement_errors(nominal, own.placement)
-    gravity, earth = _site(cell, site_rng)
-    sensors = draw_sensors(sensor_rng, cell.imu, GRADES[cell.imu.grade])
+    gravity, earth = _site(cell, streams.site)
+    sway, grade = draw_sway(streams.sway, cell.errors), GRADES[cell.imu.grade]
+    device = _Device(
+        draw_sensors(streams.sensor, cell.imu, grade),
+        draw_effects(streams.effects, cell.imu, grade),
+        draw_slip(streams.slip, cell.imu, min(cell.seconds, planned.seconds)),
+    )
     say("move the IMU", 0.2)
-    imu = _imu(cell, planned, actual, sensors, gravity, earth, imu_rng, path)
+    felt = partial(_felt, cell, planned, actual, sway, gravity, earth)
+    imu, change = _imu(cell, planned, felt, device, streams, path)
     say("report poses", 0.8)
     if cell.reference.kind == "mocap":  # cameras observe the tool itself, not the motors
-        seen, faultless = actual, draw_errors(np.random.default_rng(0), actual, Errors.none())
+        faultless = draw_errors(np.random.default_rng(0), actual, Errors.none())
+        measure = partial(_seen, actual, planned, sway, faultless, Errors.none())
     else:
-        seen, faultless = nominal, own
-    reference, joints = _reference(cell, planned, seen, faultless, path_rng, jitter_rng, path)
+        measure = partial(measured, nominal, planned, own=own, errors=cell.errors)
+    draws = ReferenceDraws(streams.path, streams.jitter, streams.clock, streams.reference)
+    reference, joints = report_poses(cell, planned, measure, draws, path)
+    r = cell.reference
     truth = Truth(
-        sensors, cell.reference.clock_offset, cell.reference.clock_drift_ppm * 1e-6, gravity, earth, own, actual
-    )
-    settings = recording_settings(cell, nominal)
-    urdf = nominal.urdf if joints is not None else None
-    return truth, Recording(path, imu, reference, joints, settings, urdf=urdf)
+        device.sensors, r.clock_offset, r.clock_drift_ppm * 1e-6, gravity, earth, own, actual,
+        device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing,
+    )  # fmt: skip
+    return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
+
+
+def _seen(actual: Arm, planned: Plan, sway: Sway, own: ArmErrors, errors: Errors, t: Array) -> Report:
+    """Return what cameras see of the tool at times (n,), where the base sways too."""
+    p, q, angles = measured(actual, planned, t, own, errors)
+    return p + sway.at(planned, t)[0], q, angles
 
 
 def _plan(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan:
@@ -110,9 +170,19 @@ def _plan(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan:
         program = read_program(Path(motion.program), arm)
         return plan(arm, program.start, motion.first_rest, program.moves, limits, motion.smoothing)
     return random_plan(
-        rng, arm, limits, cell.seconds,
+        rng, _held_but(arm, motion.joints), limits, cell.seconds,
         rest=motion.rest, first_rest=motion.first_rest, range_share=motion.range_share, smoothing=motion.smoothing,
     )  # fmt: skip
+
+
+def _held_but(arm: Arm, joints: tuple[int, ...]) -> Arm:
+    """Return an arm of which only these joints (from 1) have a range to move in; all if none is named."""
+    if not joints:
+        return arm
+    if not all(1 <= joint <= len(arm.joints) for joint in joints):
+        raise SettingsError(f"motion.joints = {list(joints)}: {arm.name} has joints 1 to {len(arm.joints)}")
+    moving, start = np.isin(np.arange(len(arm.joints)) + 1, joints), home(arm)
+    return replace(arm, lower=np.where(moving, arm.lower, start), upper=np.where(moving, arm.upper, start))
 
 
 def _site(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -126,130 +196,103 @@ def _site(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     return apply(q_rn, down), apply(q_rn, earth_rate_n(latitude))
 
 
+@dataclass(frozen=True)
+class _Device:
+    """One device, and what happens to it in a recording."""
+
+    sensors: SensorParameters
+    effects: DeviceEffects
+    slip: Slip | None
+
+
 def _imu(
-    cell: Cell,
-    planned: Plan,
-    actual: Arm,
-    sensors: SensorParameters,
-    gravity: Array,
-    earth: Array,
-    rng: np.random.Generator,
-    path: Path,
-) -> ImuSamples:
+    cell: Cell, planned: Plan, felt: Callable[[Array], _Felt], device: _Device, streams: _Streams, path: Path
+) -> tuple[ImuSamples, OffsetChange]:
+    """Return the readings, and how the offsets changed."""
     grade = GRADES[cell.imu.grade]
     rate = cell.imu.rate or grade.rate
     n = round(min(cell.seconds, planned.seconds) * rate) + 1
     t = np.arange(n) / rate
+    shake = vibration(streams.vibration, cell.imu, planned, t)
+    rates, accelerations = _ideal(felt(t), shake, device, t)
+    if device.effects.accel_delay:
+        _, accelerations = _ideal(felt(t - device.effects.accel_delay), shake, device, t)
+    drift = offset_drift(streams.drift, cell.imu, t)
+    noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
+    readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
+    readings = with_faults(streams.faults, cell.imu, *readings)
+    stamps = START_NS + np.round(t * 1e9).astype(np.int64)
+    keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
+    keep[[0, -1]] = True
+    samples = ImuSamples(stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv")
+    return samples, offset_change(drift, (noises[0].slow, noises[1].slow))
+
+
+def _felt(cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array) -> _Felt:
+    """Return inertial rate, its derivative and specific force (n, 3) of the tool, in b, at times (n,)."""
     motor = planned.at(t)
     elastic = swing(planned, t, cell.errors)
     tool = kinematics.motion(actual, *(a + b for a, b in zip(motor, elastic, strict=True)))
+    _, velocity, acceleration = sway.at(planned, t)
     back = conjugate(tool.quaternions)
     earth_b = apply(back, np.broadcast_to(earth, tool.rates.shape))
     omega = tool.rates + earth_b
     alpha = tool.angular_accelerations - np.cross(tool.rates, earth_b)
-    force = apply(back, tool.accelerations - gravity + 2.0 * np.cross(earth, tool.velocities))
-    readings = disturbed(rng, cell.imu, grade, rate, *ideal_readings(omega, alpha, force, sensors), force)
-    stamps = _START_NS + np.round(t * 1e9).astype(np.int64)
-    keep = rng.uniform(size=n) >= cell.imu.drop_share
-    keep[[0, -1]] = True
-    return ImuSamples(stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv")
+    accelerations = tool.accelerations + acceleration
+    force = apply(back, accelerations - gravity + 2.0 * np.cross(earth, tool.velocities + velocity))
+    return omega, alpha, force
 
 
-def _reference(
-    cell: Cell,
-    planned: Plan,
-    nominal: Arm,
-    own: ArmErrors,
-    rng: np.random.Generator,
-    jitter_rng: np.random.Generator,
-    path: Path,
-) -> tuple[ReferencePoses, JointAngles | None]:
-    """Return poses and joint angles on the reference's own clock."""
-    r = cell.reference
-    skew = r.clock_drift_ppm * 1e-6
-    last = min(cell.seconds, planned.seconds)
-    tau = np.arange(0.0, (last - 2.0 * _MARGIN) / (1.0 + skew), r.interval)
-    kept = jitter_rng.uniform(size=tau.size) >= r.drop_share
-    kept[[0, -1]] = True
-    tau = tau[kept]
-    t = _MARGIN + (1.0 + skew) * tau
-    jitter = r.jitter * jitter_rng.normal(size=t.size)
-    p, q, angles = reported(rng, nominal, planned, t, jitter, own, cell.errors)
-    stamps = _START_NS + np.round((tau + _MARGIN - r.clock_offset) * 1e9).astype(np.int64)
-    name = "pose0"
-    reference = ReferencePoses(
-        name,
-        stamps,
-        p if r.measures != "orientation" else None,
-        q if r.measures != "position" else None,
-        path / name / "data.csv",
-    )
-    with_joints = r.joints and r.kind == "robot"
-    joints = JointAngles(stamps, angles, path / "joint0" / "data.csv") if with_joints else None
-    return reference, joints
-
-
-def recording_settings(cell: Cell, arm: Arm) -> RecordingSettings:
-    """Return what the cell's owner would write into recording.toml."""
-    errors, r = cell.errors, cell.reference
-
-    def sd(value: float) -> float:
-        return max(float(value), 1e-7)
-
-    robot = RobotTable()
-    if r.kind == "robot":
-        robot = RobotTable(
-            urdf="robot.urdf" if r.joints else None,
-            tcp=arm.tcp if r.joints else None,
-            length_sd=errors.geometry_length_sd,
-            angle_sd=errors.geometry_angle_sd,
-        )
-    grade = GRADES[cell.imu.grade]
-    return RecordingSettings(
-        imu=ImuTable(grade=cell.imu.grade)
-        if cell.imu.noise
-        else ImuTable(
-            gyro_noise_density=1e-7,
-            accel_noise_density=1e-5,
-            gyro_offset_sd=grade.gyro_offset_sd,
-            accel_offset_sd=grade.accel_offset_sd,
-        ),
-        site=SiteTable(latitude_deg=cell.site.latitude_deg, height_m=cell.site.height_m),
-        reference=ReferenceTable(
-            kind=r.kind,
-            # between two rests the error passes from that of the first to that of the second
-            position_sd=sd(np.hypot(errors.path_position_sd, errors.repeatability_position_sd)),
-            orientation_sd=sd(np.hypot(errors.path_orientation_sd, errors.repeatability_orientation_sd)),
-            standstill_position_sd=sd(errors.repeatability_position_sd),
-            standstill_orientation_sd=sd(errors.repeatability_orientation_sd),
-        ),
-        robot=robot,
-    )
+def _ideal(felt: _Felt, shake: tuple[Array, Array], device: _Device, t: Array) -> tuple[Array, Array]:
+    """Return the readings without noise (n, 3), before and after the device slips."""
+    omega, alpha, force = felt
+    moved = (omega + shake[0], alpha, force + shake[1])
+    rates, accelerations = ideal_readings(*moved, device.sensors, device.effects)
+    if device.slip is not None:
+        late = (t >= device.slip.time)[:, None]
+        later = ideal_readings(*moved, device.slip.after(device.sensors), device.effects)
+        rates, accelerations = np.where(late, later[0], rates), np.where(late, later[1], accelerations)
+    return rates, accelerations
 
 
 def write_truth(truth: Truth, file: Path) -> None:
     """Write the true values next to a recording; no estimator reads them."""
-    s = truth.sensors
+    s, effects, change = truth.sensors, truth.effects, truth.offset_change
+    gyroscope: dict[str, Any] = {
+        "cross_coupling": s.K_omega.tolist(),
+        "offset": s.k_w[0].tolist(),
+        "g_sensitivity": effects.g_sensitivity.tolist(),
+        "asymmetry": effects.gyro_asymmetry.tolist(),
+    }
+    accelerometer: dict[str, Any] = {
+        "cross_coupling": s.K_a.tolist(),
+        "offset": s.k_a[0].tolist(),
+        "lever_arms": s.lever_arms.tolist(),
+        "asymmetry": effects.accel_asymmetry.tolist(),
+        "delay": effects.accel_delay,
+    }
+    if change is not None:
+        gyroscope["offset_change"] = {"mean": change.gyro_mean.tolist(), "end": change.gyro_end.tolist()}
+        accelerometer["offset_change"] = {"mean": change.accel_mean.tolist(), "end": change.accel_end.tolist()}
+    if s.k_w.shape[0] > 1:
+        gyroscope["polynomial"], accelerometer["polynomial"] = {"2": s.k_w[1].tolist()}, {"2": s.k_a[1].tolist()}
     document: dict[str, Any] = {
-        "gyroscope": {"cross_coupling": s.K_omega.tolist(), "offset": s.k_w[0].tolist()},
-        "accelerometer": {
-            "cross_coupling": s.K_a.tolist(),
-            "offset": s.k_a[0].tolist(),
-            "lever_arms": s.lever_arms.tolist(),
-        },
+        "gyroscope": gyroscope,
+        "accelerometer": accelerometer,
         "time_offset": truth.time_offset,
         "time_skew": truth.time_skew,
         "gravity_in_base": truth.gravity_r.tolist(),
         "earth_rate_in_base": truth.earth_rate_r.tolist(),
+        "reference": {"position_scale": truth.position_scale, "smoothing": truth.reference_smoothing},
         "robot": {
             "placement_error": truth.arm.placement.tolist(),
             "gear_eccentricity": truth.arm.eccentricity.tolist(),
             "gear_phase": truth.arm.phase.tolist(),
             "compliance": truth.arm.compliance.tolist(),
             "lag": truth.arm.lag.tolist(),
+            "backlash": truth.arm.backlash.tolist(),
         },
     }
-    if s.k_w.shape[0] > 1:
-        document["gyroscope"]["polynomial"] = {"2": s.k_w[1].tolist()}
-        document["accelerometer"]["polynomial"] = {"2": s.k_a[1].tolist()}
+    if truth.slip is not None:
+        document["slip"] = {"turn": truth.slip.turn.tolist(), "time": truth.slip.time}
     file.write_text(json.dumps(document, indent=1), encoding="utf-8")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.inertial.noise import Grade, noise
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
+from kreisel.simulation.effects import DeviceEffects
 from kreisel.simulation.settings import Imu
 from kreisel.units import DEG
 
@@ -40,36 +43,48 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
     return SensorParameters(matrices[0], coefficients[0], matrices[1], coefficients[1], arms)
 
 
-def ideal_readings(omega: Array, alpha: Array, force: Array, sensors: SensorParameters) -> tuple[Array, Array]:
+def ideal_readings(
+    omega: Array, alpha: Array, force: Array, sensors: SensorParameters, effects: DeviceEffects | None = None
+) -> tuple[Array, Array]:
     """Return the raw rates and accelerations (n, 3) of a device without noise.
 
     Parameters
     ----------
     omega, alpha, force : (n, 3)
         Rate and angular acceleration against inertial space and specific force, all in b, of its origin.
+    effects
+        Further terms; the delay of the accelerometers is not among them.
     """
+    effects = effects or DeviceEffects.none()
     w = omega @ np.linalg.inv(sensors.K_omega).T
     a = force @ np.linalg.inv(sensors.K_a).T + size_effect(omega, alpha, sensors)
-    return _solve(w, sensors.k_w), _solve(a, sensors.k_a)
+    accelerations = _solve(a, sensors.k_a, effects.accel_asymmetry)
+    if np.any(effects.g_sensitivity):
+        w = w - accelerations @ effects.g_sensitivity.T
+    return _solve(w, sensors.k_w, effects.gyro_asymmetry), accelerations
 
 
-def _solve(y: Array, k: Array) -> Array:
-    """Return x with x + k_0 + k_2 x^2 + ... = y, by Newton's method."""
+def _solve(y: Array, k: Array, c: Array) -> Array:
+    """Return x with x + k_0 + k_2 x^2 + ... + c |x| = y, by Newton's method."""
     x = y - k[0]
-    if k.shape[0] == 1:
+    if k.shape[0] == 1 and not np.any(c):
         return x
     for _ in range(100):
-        value = x + k[0] + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
-        slope = 1.0 + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0]))
-        step = value / slope
+        value = x + k[0] + c * np.abs(x) + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
+        step = value / _slope(x, k, c)
         x = x - step
         if not np.max(np.abs(step)) > 1e-14 * max(1.0, float(np.max(np.abs(y)))):
             break
     else:
         step = np.full(1, np.nan)
-    if not np.isfinite(step).all() or not (1.0 + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0])) > 0.1).all():
+    if not np.isfinite(step).all() or not (_slope(x, k, c) > 0.1).all():
         raise SettingsError("imu.quadratic_…: no reading corresponds to some of the motion; take smaller coefficients")
     return np.asarray(x)
+
+
+def _slope(x: Array, k: Array, c: Array) -> Array:
+    """Return the derivative of what `_solve` solves."""
+    return np.asarray(1.0 + c * np.sign(x) + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0])))
 
 
 def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) -> Array:
@@ -107,25 +122,57 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
     return np.asarray(values)
 
 
-def disturbed(
-    rng: np.random.Generator, imu: Imu, grade: Grade, rate: float, rates: Array, accelerations: Array, force: Array
-) -> tuple[Array, Array]:
-    """Return the readings (n, 3) with the errors of the settings and the grade: bandwidth, drift, noise, rounding."""
-    n = rates.shape[0]
-    bandwidth = grade.bandwidth if imu.bandwidth is None else imu.bandwidth
-    w = filtered(rates, rate, bandwidth, averaged=imu.averaged)
-    a = filtered(accelerations, rate, bandwidth, averaged=imu.averaged)
-    ramp = np.linspace(0.0, 1.0, n)[:, None]
-    w, a = w + imu.gyro_temperature_drift * ramp, a + imu.accel_temperature_drift * ramp
+@dataclass(frozen=True)
+class DeviceNoise:
+    """Noise of one kind of sensors (n, 3): white, and slow (flicker and random walk), which moves the offsets."""
+
+    white: Array
+    slow: Array
+
+
+def draw_noise(
+    rng: np.random.Generator, imu: Imu, grade: Grade, n: int, rate: float
+) -> tuple[DeviceNoise, DeviceNoise]:
+    """Return the grade's noise of gyros and accelerometers; zeros for a device without noise."""
     if not imu.noise:
-        return w, a
-    w = w + noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
-    a = a + noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
-    if grade.g_sensitivity > 0.0:
-        w = w + force @ rng.normal(0.0, grade.g_sensitivity, size=(3, 3)).T
-    return _digitised(w, grade.gyro_range, grade.gyro_step), _digitised(a, grade.accel_range, grade.accel_step)
+        none = DeviceNoise(np.zeros((n, 3)), np.zeros((n, 3)))
+        return none, none
+    gyro, accel = (
+        DeviceNoise(noise(rng, n, rate, density, 0.0, 0.0), noise(rng, n, rate, 0.0, flicker, walk))
+        for density, flicker, walk in (
+            (grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk),
+            (grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk),
+        )
+    )
+    return gyro, accel
 
 
-def _digitised(values: Array, largest: float, step: float) -> Array:
-    values = np.clip(values, -largest, largest)
+def disturbed(
+    imu: Imu, grade: Grade, rate: float, readings: tuple[Array, Array], drift: tuple[Array, Array],
+    noises: tuple[DeviceNoise, DeviceNoise],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the readings (n, 3) with the errors of the settings and the grade: bandwidth, drift, noise, rounding.
+
+    Parameters
+    ----------
+    readings, drift, noises : (n, 3), twice
+        Of gyros and accelerometers: ideal readings, by how much changing offsets let them read too much, and noise.
+    """
+    bandwidth = grade.bandwidth if imu.bandwidth is None else imu.bandwidth
+    bandwidths = (bandwidth, bandwidth if imu.accel_bandwidth is None else imu.accel_bandwidth)
+    ranges = (grade.gyro_range, grade.accel_range)
+    steps = [step if imu.noise else 0.0 for step in (grade.gyro_step, grade.accel_step)]
+    steps = [
+        own if said is None else said for said, own in zip((imu.gyro_quantum, imu.accel_quantum), steps, strict=True)
+    ]
+    out = []
+    for k in range(2):
+        values = filtered(readings[k], rate, bandwidths[k], averaged=imu.averaged) + drift[k]
+        if imu.noise:
+            values = np.clip(values + (noises[k].white + noises[k].slow), -ranges[k], ranges[k])
+        out.append(_rounded(values, steps[k]))
+    return out[0], out[1]
+
+
+def _rounded(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step) if step > 0.0 else values

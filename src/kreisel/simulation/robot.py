@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,14 @@ from kreisel.geometry.rotation import Array, exp, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Plan
+from kreisel.simulation.effects import envelope
 from kreisel.simulation.settings import Errors
+
+Report = tuple[Array, Array, Array]
+"""Positions (n, 3), quaternions (n, 4) and joint angles (n, joints)."""
+
+_SLOW = 0.01
+"""rad/s of a joint below which its play is not taken up."""
 
 _FADE = 0.01
 """m/s of the tool at which the path error has half of its size."""
@@ -29,6 +37,8 @@ class ArmErrors:
         Of the gears, rad: a joint is amplitude * sin(angle + phase) beyond its motor's angle.
     compliance, lag : (joints,)
         rad/(N m), and s.
+    backlash : (joints,)
+        Play of the gears, rad.
     """
 
     placement: Array
@@ -36,6 +46,34 @@ class ArmErrors:
     phase: Array
     compliance: Array
     lag: Array
+    backlash: Array
+
+
+@dataclass(frozen=True)
+class Sway:
+    """How the base sways while the arm moves: its size (m), frequency (Hz), and phases (2,) along x and y of r."""
+
+    size: float
+    frequency: float
+    phases: Array
+
+    def at(self, planned: Plan, t: Array) -> tuple[Array, Array, Array]:
+        """Return displacement, velocity and acceleration (n, 3) of the base at times (n,)."""
+        omega = 2.0 * np.pi * self.frequency
+        share, slope, bend = (part[:, None] for part in envelope(planned, t))
+        angle = omega * t[:, None] + np.append(self.phases, 0.0)
+        amplitude = self.size * np.array([1.0, 1.0, 0.0])
+        sine, cosine = amplitude * np.sin(angle), amplitude * np.cos(angle)
+        return (
+            share * sine,
+            slope * sine + share * omega * cosine,
+            (bend - share * omega**2) * sine + 2.0 * slope * omega * cosine,
+        )
+
+
+def draw_sway(rng: np.random.Generator, errors: Errors) -> Sway:
+    """Return how the base sways."""
+    return Sway(errors.sway, errors.sway_frequency, rng.uniform(0.0, 2.0 * np.pi, 2))
 
 
 def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors:
@@ -49,7 +87,8 @@ def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors
     largest = np.abs(kinematics.gravity_torques(arm, drawn)).max(axis=0)
     size = np.where(largest > 1.0, size / np.maximum(largest, 1.0), 0.0)
     lag = errors.servo_lag * rng.uniform(0.7, 1.3, n)
-    return ArmErrors(placement, eccentricity, phase, size, lag)
+    backlash = errors.backlash_sd * np.abs(rng.spawn(1)[0].normal(size=n))
+    return ArmErrors(placement, eccentricity, phase, size, lag, backlash)
 
 
 def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
@@ -77,19 +116,23 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
     return x[0], x[1], -ddq - 2.0 * damping * omega * x[1] - omega**2 * x[0]
 
 
-def reported(
-    rng: np.random.Generator, nominal: Arm, plan: Plan, t: Array, jitter: Array, own: ArmErrors, errors: Errors
-) -> tuple[Array, Array, Array]:
-    """Return reported positions, quaternions and joint angles at times t (n,), measured `jitter` later.
-
-    Poses are those of the *nominal* arm at the motors' angles, plus the errors that do not depend on these angles:
-    repeatability and path error.
-    """
-    motor, rate = motor_angles(nominal, plan, t + jitter, own)
+def measured(nominal: Arm, plan: Plan, t: Array, own: ArmErrors, errors: Errors) -> Report:
+    """Return the controller's poses and joint angles at times t (n,): the *nominal* arm at the motors' angles."""
+    motor, rate = motor_angles(nominal, plan, t, own)
     motor = motor + own.lag * rate
     if errors.encoder_step > 0.0:
         motor = np.round(motor / errors.encoder_step) * errors.encoder_step
-    p, q = kinematics.poses(nominal, motor)
+    return *kinematics.poses(nominal, motor), motor
+
+
+def reported(
+    rng: np.random.Generator, measure: Callable[[Array], Report], plan: Plan, t: Array, jitter: Array, errors: Errors
+) -> Report:
+    """Return reported positions, quaternions and joint angles at times t (n,), measured `jitter` later.
+
+    To the measured poses are added the errors that do not depend on the joints' angles: repeatability and path error.
+    """
+    p, q, motor = measure(t + jitter)
     moved = _repeatability(rng, plan, t, errors) + _path(rng, plan, t, p, errors)
     return p + moved[:, :3], multiply(q, exp(moved[:, 3:])), motor
 
@@ -100,6 +143,8 @@ def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Ar
     motor = angle - own.eccentricity * np.sin(angle + own.phase)
     if np.any(own.compliance != 0.0):
         motor = motor + own.compliance * kinematics.gravity_torques(nominal, angle)
+    if np.any(own.backlash != 0.0):  # the motor is ahead of its joint, in the direction of motion
+        motor = motor + 0.5 * own.backlash * np.tanh(rate / _SLOW)
     return motor, rate
 
 

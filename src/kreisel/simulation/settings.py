@@ -40,6 +40,8 @@ class Motion(_Table):
     tool_speed: float = _key(1.5, "largest speed of the tool, m/s", gt=0.0, le=20.0)
     tool_acceleration: float = _key(6.0, "largest acceleration of the tool, m/s^2", gt=0.0, le=100.0)
     smoothing: float = _key(0.012, "time over which the controller averages its set points, s", ge=0.0, le=0.5)
+    joints: tuple[int, ...] = _key((), "joints that random moves use, from 1; all if empty")
+    still_poses: bool = _key(False, "poses are reported only at standstill")
 
 
 class Errors(_Table):
@@ -64,11 +66,18 @@ class Errors(_Table):
     oscillation_frequency: float = _key(0.0, "Hz: elastic joints swing after each stop; 0: stiff", ge=0.0, le=100.0)
     oscillation_damping: float = _key(0.05, "share of critical damping of that swing", gt=0.0, lt=1.0)
     encoder_step: float = _key(0.0, "rad: joint angles are rounded to this", ge=0.0, le=0.01)
+    backlash_sd: float = _key(
+        0.0, "rad: play of each gear; while it moves, its joint is half of it behind the motor", ge=0.0, le=0.01
+    )
+    sway: float = _key(
+        0.0, "m rms: while the arm moves, its base sways; not reported by the controller", ge=0.0, le=0.1
+    )
+    sway_frequency: float = _key(4.0, "Hz, of that sway", gt=0.0, le=50.0)
 
     @classmethod
     def none(cls) -> Errors:
         """Return an arm without errors."""
-        return cls.model_validate({name: 0.0 for name in cls.model_fields if name.endswith(("_sd", "_lag"))})
+        return cls.model_validate({name: 0.0 for name in cls.model_fields if name.endswith(("_sd", "_lag", "sway"))})
 
 
 class Reference(_Table):
@@ -82,6 +91,18 @@ class Reference(_Table):
     clock_drift_ppm: float = _key(0.0, "the IMU's clock against the reference's", ge=-10000.0, le=10000.0)
     jitter: float = _key(0.0, "s: difference between the time of a pose and its stamp", ge=0.0, le=0.1)
     drop_share: float = _key(0.0, "share of poses that are lost", ge=0.0, le=0.9)
+    position_scale_ppm: float = _key(0.0, "reported positions are longer by this", ge=-50000.0, le=50000.0)
+    smoothing: float = _key(
+        0.0, "s: reported poses are means over a window of this standard deviation, as much before as after",
+        ge=0.0, le=0.5,
+    )  # fmt: skip
+    interpolation: float = _key(
+        0.0, "s: poses are taken at this interval, and interpolated linearly to their stamps; 0: not", ge=0.0, le=1.0
+    )
+    clock_walk: float = _key(0.0, "s per root second: random walk of the clock offset", ge=0.0, le=0.01)
+    clock_jump: float = _key(0.0, "s: the clock offset jumps once, in the middle half", ge=-1.0, le=1.0)
+    outlier_share: float = _key(0.0, "share of poses that are wrong by 20 mm and 20 mrad", ge=0.0, le=0.5)
+    held: float = _key(0.0, "share of poses that repeat the one before, with a new stamp", ge=0.0, le=0.9)
 
 
 class Imu(_Table):
@@ -101,6 +122,32 @@ class Imu(_Table):
     drop_share: float = _key(0.0, "share of samples that are lost", ge=0.0, le=0.5)
     gyro_temperature_drift: float = _key(0.0, "change of each gyro offset over the recording, rad/s", ge=-1.0, le=1.0)
     accel_temperature_drift: float = _key(0.0, "the same for accelerometers, m/s^2", ge=-1.0, le=1.0)
+    gyro_g_sensitivity_sd: float | None = _key(
+        None, "response of the gyros to raw accelerations, rad/s per m/s^2; with noise, the grade's if not set",
+        ge=0.0, le=0.01,
+    )  # fmt: skip
+    gyro_asymmetry_sd: float = _key(0.0, "coefficient of |w'|: scale factors differ with the sign", ge=0.0, le=0.05)
+    accel_asymmetry_sd: float = _key(0.0, "coefficient of |a'|", ge=0.0, le=0.05)
+    accel_delay: float = _key(0.0, "s: accelerometers show what was so long before", ge=-0.1, le=0.1)
+    accel_bandwidth: float | None = _key(
+        None, "Hz: low-pass of the accelerometers, if it is not that of the gyros; 0: none", ge=0.0, le=5000.0
+    )
+    gyro_walk: float = _key(0.0, "further random walk of the offsets, rad/s per root second", ge=0.0, le=0.1)
+    accel_walk: float = _key(0.0, "the same for accelerometers, m/s^2 per root second", ge=0.0, le=1.0)
+    gyro_step: float = _key(0.0, "jump of every offset, up or down, once in the middle half, rad/s", ge=0.0, le=1.0)
+    accel_step: float = _key(0.0, "the same for accelerometers, m/s^2", ge=0.0, le=10.0)
+    gyro_warm_up: float = _key(0.0, "excess of every offset at the beginning, up or down, rad/s", ge=0.0, le=1.0)
+    accel_warm_up: float = _key(0.0, "the same for accelerometers, m/s^2", ge=0.0, le=10.0)
+    warm_up_time: float = _key(60.0, "s in which that excess falls to 37 %", gt=0.0, le=1e5)
+    vibration: float = _key(0.0, "m/s^2 rms, of a sine along one direction while moving", ge=0.0, le=100.0)
+    vibration_frequency: float = _key(83.0, "Hz; above half the sample rate it aliases", gt=0.0, le=5000.0)
+    gyro_quantum: float | None = _key(None, "step that rates are rounded to, rad/s; the grade's if not set", ge=0.0)
+    accel_quantum: float | None = _key(None, "the same for accelerometers, m/s^2", ge=0.0)
+    slip_deg: float = _key(0.0, "the IMU turns in its mount by this, once in the middle half", ge=0.0, le=45.0)
+    stuck_share: float = _key(0.0, "share of samples that repeat the one before", ge=0.0, le=0.5)
+    spike_share: float = _key(
+        0.0, "share of samples one of whose readings is ten times as large as usual", ge=0.0, le=0.5
+    )
 
 
 class Site(_Table):
@@ -110,6 +157,24 @@ class Site(_Table):
     height_m: float = _key(200.0, "above the ellipsoid", ge=-500.0, le=9000.0)
     heading_deg: float = _key(30.0, "the base's x axis, from north to east", ge=-360.0, le=360.0)
     tilt_sd: float = _key(2e-3, "rad: tilt of the base", ge=0.0, le=0.5)
+
+
+class Stated(_Table):
+    """What the owner writes into recording.toml, where it differs from the truth; nothing differs by default."""
+
+    settings: bool = _key(True, "false: recording.toml is empty")
+    grade: str = _key("", "name of another grade; the device's own if empty")
+    noise_factor: float = _key(1.0, "on both noise densities of the IMU", gt=0.0, le=1000.0)
+    offset_sd_factor: float = _key(1.0, "on the standard deviations of its offsets", gt=0.0, le=1000.0)
+    place: bool = _key(True, "false: nothing is said about the place on Earth")
+    latitude_deg: float | None = _key(None, "another latitude than the cell's", ge=-90.0, le=90.0)
+    gravity: float | None = _key(None, "a value of gravity, m/s^2; only the place if not set", ge=9.7, le=9.9)
+    reference_factor: float = _key(1.0, "on the standard deviations of the poses", gt=0.0, le=1000.0)
+    robot: bool = _key(True, "false: nothing is said about the robot's errors")
+    robot_factor: float = _key(1.0, "on the standard deviations of the robot's errors", gt=0.0, le=1000.0)
+    joints: bool = _key(True, "false: joint angles and the robot's description are not given")
+    urdf_length_error: float = _key(0.0, "m: one link of the robot's description is too long", ge=-0.1, le=0.1)
+    tcp_error: float = _key(0.0, "m: its tool is so much off, across the flange's axis", ge=-0.5, le=0.5)
 
 
 class Cell(_Table):
@@ -123,6 +188,7 @@ class Cell(_Table):
     reference: Reference = Reference()
     imu: Imu = Imu()
     site: Site = Site()
+    stated: Stated = Stated()
 
 
 def read_cell(path: Path) -> Cell:
@@ -163,8 +229,9 @@ def parse_cell(content: dict[str, Any], path: Path) -> Cell:
         cell = Cell.model_validate(content)
     except ValidationError as error:
         raise SettingsError(f"{path}: {what_is_wrong(error)}") from error
-    if cell.imu.grade not in GRADES:
-        raise SettingsError(f"{path}: {unknown_name('grade', cell.imu.grade, GRADES)}")
+    for grade in (cell.imu.grade, cell.stated.grade):
+        if grade and grade not in GRADES:
+            raise SettingsError(f"{path}: {unknown_name('grade', grade, GRADES)}")
     return cell
 
 

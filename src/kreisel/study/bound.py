@@ -13,8 +13,9 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.simulation.cell import recording_settings, simulate
+from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell, Errors
+from kreisel.simulation.stated import recording_settings
 from kreisel.study.truth import judged, true_parameters
 
 

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.imu import disturbed, draw_sensors, filtered, ideal_readings
+from kreisel.simulation.effects import draw_effects, offset_drift
+from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, filtered, ideal_readings
 from kreisel.simulation.settings import Cell, Imu
 
 from ...navigation import corrected
@@ -185,9 +186,10 @@ def test_a_reading_is_the_mean_over_the_sample_before():
 # What a grade adds
 
 
-def run(grade, rates, accelerations, seed=0, force=None, **imu):
-    force = np.zeros_like(rates) if force is None else force
-    return disturbed(np.random.default_rng(seed), Imu(**imu), grade, RATE, rates, accelerations, force)
+def run(grade, rates, accelerations, seed=0, **imu):
+    rng, imu = np.random.default_rng(seed), Imu(**imu)
+    drift = offset_drift(rng.spawn(1)[0], imu, np.arange(len(rates)) / RATE)
+    return disturbed(imu, grade, RATE, (rates, accelerations), drift, draw_noise(rng, imu, grade, len(rates), RATE))
 
 
 def test_readings_end_at_the_range():
@@ -217,18 +219,22 @@ def test_without_noise_nothing_is_rounded_or_clipped():
     np.testing.assert_array_equal(a, values)
 
 
-def test_gyros_feel_acceleration():
+@pytest.mark.parametrize("own", [True, False])
+def test_gyros_feel_acceleration(own):
     sensitivity = 1e-3
-    grade = replace(QUIET, g_sensitivity=sensitivity)
-    force = np.random.default_rng(2).normal(0.0, 9.81, (50, 3))
+    grade = replace(QUIET, g_sensitivity=sensitivity if own else 7.0)
+    imu = Imu() if own else Imu(gyro_g_sensitivity_sd=sensitivity)
+    force, sensors = np.random.default_rng(2).normal(0.0, 9.81, (50, 3)), SensorParameters.ideal()
     found = []
     for seed in range(30):
-        w, a = run(grade, np.zeros((50, 3)), force, seed, force)
+        effects = draw_effects(np.random.default_rng(seed), imu, grade)
+        w, a = ideal_readings(np.zeros((50, 3)), np.zeros((50, 3)), force, sensors, effects)
         np.testing.assert_array_equal(a, force)
         G, *_ = np.linalg.lstsq(force, w, rcond=None)
-        np.testing.assert_allclose(force @ G, w, rtol=0, atol=1e-14)  # linear, and the same all the time
+        np.testing.assert_allclose(G.T, -effects.g_sensitivity, rtol=0, atol=1e-14)
         found.append(G)
     assert inside_chi_square(found, sensitivity)
+    assert not np.any(draw_effects(np.random.default_rng(0), Imu(noise=False), grade).g_sensitivity)
 
 
 def test_offsets_drift_with_temperature():

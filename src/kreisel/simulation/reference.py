@@ -1,0 +1,137 @@
+"""A simulated reference: its clock, and how it takes, averages and reports poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.recording.recording import JointAngles, ReferencePoses
+from kreisel.robot.motion import Plan
+from kreisel.simulation.effects import middle
+from kreisel.simulation.robot import Report, reported
+from kreisel.simulation.settings import Cell, Reference
+
+START_NS = 1_000_000_000_000
+"""Stamp of the first reading."""
+
+_MARGIN = 0.06
+"""Seconds of IMU readings before the first pose and after the last."""
+
+_WRONG = 0.02
+"""m and rad: size of an outlier."""
+
+Measure = Callable[[Array], Report]
+
+
+@dataclass(frozen=True)
+class ReferenceDraws:
+    """Random streams of the reference: of path and repeatability, jitter and losses, clock, outliers and repeats."""
+
+    path: np.random.Generator
+    jitter: np.random.Generator
+    clock: np.random.Generator
+    faults: np.random.Generator
+
+
+def report_poses(
+    cell: Cell, planned: Plan, measure: Measure, draws: ReferenceDraws, path: Path
+) -> tuple[ReferencePoses, JointAngles | None]:
+    """Return poses and joint angles on the reference's own clock.
+
+    Parameters
+    ----------
+    measure
+        From times (n,) to what the reference measures then.
+    """
+    r = cell.reference
+    skew = r.clock_drift_ppm * 1e-6
+    last = min(cell.seconds, planned.seconds)
+    tau = np.arange(0.0, (last - 2.0 * _MARGIN) / (1.0 + skew), r.interval)
+    kept = draws.jitter.uniform(size=tau.size) >= r.drop_share
+    kept[[0, -1]] = True
+    tau = tau[kept]
+    t = _MARGIN + (1.0 + skew) * tau
+    late = r.jitter * draws.jitter.normal(size=t.size) + _clock_error(draws.clock, r, t, last)
+    taken = _interpolated(_averaged(measure, r.smoothing), r.interpolation)
+    p, q, angles = reported(draws.path, taken, planned, t, late, cell.errors)
+    p, q, angles = _faulty(draws.faults, r, (p, q, angles))
+    stamps = START_NS + np.round((tau + _MARGIN - r.clock_offset) * 1e9).astype(np.int64)
+    if cell.motion.still_poses:
+        still = planned.at_rest(t, 0.5 * planned.smoothing)  # the averaged set points stand, too
+        stamps, p, q, angles = stamps[still], p[still], q[still], angles[still]
+    name = "pose0"
+    reference = ReferencePoses(
+        name,
+        stamps,
+        p * (1.0 + 1e-6 * r.position_scale_ppm) if r.measures != "orientation" else None,
+        q if r.measures != "position" else None,
+        path / name / "data.csv",
+    )
+    with_joints = r.joints and r.kind == "robot"
+    joints = JointAngles(stamps, angles, path / "joint0" / "data.csv") if with_joints else None
+    return reference, joints
+
+
+def _clock_error(rng: np.random.Generator, r: Reference, t: Array, last: float) -> Array:
+    """Return by how much later poses are measured than the clocks' constant offset and ratio say, (n,), s."""
+    jump, walk = middle(rng, last), np.cumsum(rng.normal(size=t.size) * np.sqrt(np.diff(t, prepend=t[0])))
+    return r.clock_jump * (t >= jump) + r.clock_walk * walk
+
+
+def _averaged(measure: Measure, sd: float) -> Measure:
+    """Return the mean over a window of constant weight, its standard deviation sd, by Gauss-Legendre quadrature."""
+    if sd <= 0.0:
+        return measure
+    nodes, weights = np.polynomial.legendre.leggauss(7)
+
+    def mean(t: Array) -> Report:
+        _, centre, _ = measure(t)
+        p, turn, angles = 0.0, 0.0, 0.0
+        for x, weight in zip(np.sqrt(3.0) * sd * nodes, 0.5 * weights, strict=True):
+            position, q, joints = measure(t + x)
+            p, angles = p + weight * position, angles + weight * joints
+            turn = turn + weight * log(multiply(conjugate(centre), q))
+        return np.asarray(p), multiply(centre, exp(np.asarray(turn))), np.asarray(angles)
+
+    return mean
+
+
+def _interpolated(measure: Measure, interval: float) -> Measure:
+    """Return poses that are measured once an interval, and on a straight line between."""
+    if interval <= 0.0:
+        return measure
+
+    def straight(t: Array) -> Report:
+        first = np.floor(t.min() / interval)
+        ticks = interval * np.arange(first, np.floor(t.max() / interval) + 2.0)
+        p, q, angles = measure(ticks)
+        k = np.clip(np.floor(t / interval - first).astype(int), 0, ticks.size - 2)
+        share = (t / interval - first - k)[:, None]
+        turn = log(multiply(conjugate(q[k]), q[k + 1]))
+        return (
+            p[k] + share * (p[k + 1] - p[k]),
+            multiply(q[k], exp(share * turn)),
+            angles[k] + share * (angles[k + 1] - angles[k]),
+        )
+
+    return straight
+
+
+def _faulty(rng: np.random.Generator, r: Reference, report: Report) -> Report:
+    """Return a report with outliers, and with poses that repeat the one before."""
+    p, q, angles = report
+    n = len(p)
+    wrong, held = rng.uniform(size=(2, n))
+    directions = rng.normal(size=(2, n, 3))
+    directions /= np.linalg.norm(directions, axis=2)[:, :, None]
+    size = np.where(wrong < r.outlier_share, _WRONG, 0.0)[:, None]
+    if r.outlier_share > 0.0:
+        p, q = p + size * directions[0], multiply(q, exp(size * directions[1]))
+    repeats = held < r.held
+    repeats[0] = False
+    last = np.maximum.accumulate(np.where(repeats, 0, np.arange(n)))
+    return p[last], q[last], angles[last]
