@@ -12,7 +12,7 @@ from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.recording.recording import DataWarning
 
@@ -30,6 +30,9 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         warnings.append(_frame_warning(problem))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
+    for group in found.walks:
+        # a moment's offset against the end's, as far apart as two moments of the recording are on average
+        belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
     warnings += _gravity_warning(problem, filtered)
     return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
 

@@ -7,13 +7,16 @@ import numpy as np
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import GATE, chi_square_bound, lag_one, mean_normalised
+from kreisel.filtering.effect_selection import describe
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
+from kreisel.geometry.rotation import Array
 from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
-MAX_CONTRADICTION = 3.0
+MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 5.0, 15.0
+"""Factors on given noise figures: the larger one where the innovations are white, and all else fits."""
 
 MAX_SCORE = 4.5
 """Standard deviations by which estimates may differ between halves of a recording, or from stated values."""
@@ -52,6 +55,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_halves(evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
+        *_expansions(estimate),
         *_passes(estimate),
         *_noise(estimate),
         *_motion(evidence.observability),
@@ -108,14 +112,30 @@ _STATED = {
 """Groups with a prior the user states or accepts: their titles, and the keys of recording.toml."""
 
 
+def prior_scores(estimate: Estimate, group: str) -> Array:
+    """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
+
+    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, the
+    estimate itself is compared.
+    """
+    problem = estimate.problem
+    prior = np.diag(problem.prior.covariance[group])
+    own = np.diag(estimate.run.belief.covariance)[problem.layout[group]]
+    moved = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group))
+    share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
+    data = own / share
+    return np.asarray(np.where(share > _LEAST_SHARE, moved / share / np.sqrt(data + prior), moved / np.sqrt(prior)))
+
+
 def _priors(estimate: Estimate) -> list[str]:
     """Return the reasons about estimates that lie far from their stated prior."""
     problem, reasons = estimate.problem, []
     for group, (title, keys) in _STATED.items():
         if group not in problem.layout or (group.endswith("_offset") and group not in problem.prior.stated):
             continue
-        sd = np.sqrt(np.diag(problem.prior.covariance[group]))
-        far = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group)) / sd
+        if group in estimate.walks:
+            continue  # not one value
+        far = prior_scores(estimate, group)
         if float(far.max()) > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(
@@ -123,6 +143,32 @@ def _priors(estimate: Estimate) -> list[str]:
                 "in recording.toml, or look for an effect that is not modelled"
             )
     return reasons
+
+
+_LEAST_SHARE = 3e-3
+"""Share of the information about a parameter that the data must give to be compared with its prior."""
+
+MAX_POSITION_SCALE = 2.5e-3
+"""Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
+
+_LARGEST = {"accel_delay": 15e-3, "accel_smoothing": 2e-4, "reference_smoothing": 2e-4}
+"""Sizes (s, s^2) up to which the first terms of a series describe an effect."""
+
+
+def _expansions(estimate: Estimate) -> list[str]:
+    """Return the reasons about effects that are too large: for their model, or to be what they seem."""
+    scale = next((e for e in estimate.considered if e.included and e.group == "position_scale"), None)
+    found = []
+    if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE:
+        found.append(
+            f"{describe(scale)}: more than a reference errs. The positions' unit, or what recording.toml says of gravity "
+            "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which"
+        )
+    return found + [
+        f"{describe(effect)}: this is too large for its model, which is a series; mend the cause, or record more slowly"
+        for effect in estimate.considered
+        if effect.included and float(np.abs(effect.value).max()) > _LARGEST.get(effect.group, np.inf)
+    ]
 
 
 def _passes(estimate: Estimate) -> list[str]:
@@ -136,7 +182,8 @@ def _passes(estimate: Estimate) -> list[str]:
 
 def _noise(estimate: Estimate) -> list[str]:
     reasons = []
-    if estimate.contradiction > MAX_CONTRADICTION:
+    white = estimate.correlation_factor == 1.0 and estimate.problem.noise.correlation_time == 0.0
+    if estimate.contradiction > (MAX_WHITE_CONTRADICTION if white else MAX_CONTRADICTION):
         reasons.append(
             "the data contradict the given noise figures: the noise found is up to "
             f"{estimate.contradiction:.1f} times as large. The model does not fit (try --polynomial-order 2, or record "

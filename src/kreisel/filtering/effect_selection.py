@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.estimation.belief import Belief
+from kreisel.estimation.consistency import mean_normalised
+from kreisel.filtering.correlated_innovations import correlation_factor
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import parameters_of, stored_state
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.model.problem import Problem, with_groups
+from kreisel.model.problem import Problem, usual_covariance, with_groups
 from kreisel.model.settings import BY_CHOICE
 from kreisel.progress import StepProgress
 
@@ -28,6 +30,9 @@ MIN_GAIN = 6.0
 
 USUAL_ODDS = 1.0 / 20.0
 """Odds, before any look at the data, that a device has an effect."""
+
+_GATE = 100.0
+"""Factor on the gate: noise may be larger than assumed."""
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
@@ -120,9 +125,13 @@ class Survey:
         return np.asarray(P @ eta), np.asarray(P)
 
     def conditioned(self, groups: tuple[str, ...]) -> tuple[Problem, FilterRun]:
-        """Return the problem with some candidates, and the run's result with all others zero."""
+        """Return the problem with some candidates, and the run's result with all others zero.
+
+        The prior of one that is larger than usual is as wide as its estimate: what is usual for many devices must not
+        pull at one that is found in the data.
+        """
         rest = tuple(g for g in self.groups if g not in groups)
-        problem = with_groups(self.before, groups)
+        problem = with_groups(self.before, groups, {group: self.prior(group) for group in groups})
         all_of, P = self._without(rest)
         before, after = self.problem.layout, problem.layout
         kept = np.concatenate([np.r_[before[part.name]] for part in after])
@@ -186,19 +195,39 @@ class Survey:
         P = self.run.belief.covariance[np.ix_(every, every)]
         scale = np.sqrt(np.diag(P))
         information = np.linalg.inv(P / np.outer(scale, scale)) / np.outer(scale, scale)
-        D = self.temper * (information - np.linalg.inv(self._prior(self.groups)))
+        D = self.temper * (information - np.linalg.inv(self._usual_prior()))
         eta = self.temper * (information @ self._values(every))
         chosen = np.searchsorted(every, i)
         return D[np.ix_(chosen, chosen)], eta[chosen]
 
+    def _usual_prior(self) -> Array:
+        covariance = self.problem.prior.covariance
+        return np.diag(np.concatenate([np.diag(covariance[group]) for group in self.groups]))
+
     def _prior(self, groups: tuple[str, ...]) -> Array:
-        blocks = [self.problem.prior.covariance[g] for g in groups]
-        out = np.zeros((sum(map(len, blocks)),) * 2)
-        at = 0
-        for block in blocks:
+        """Return the covariance of the candidates' prior, as wide as the data ask for."""
+        out, at = np.zeros((self.places(groups).size,) * 2), 0
+        for group in groups:
+            block = self.prior(group)
             out[at : at + len(block), at : at + len(block)] = block
             at += len(block)
         return out
+
+    def prior(self, group: str) -> Array:
+        """Return the covariance of a candidate's prior: the usual one, or wider by the size of its estimate.
+
+        What is usual for many devices must not pull at an effect that is found in the data.
+        """
+        usual = self.before.prior.covariance.get(group, self.problem.prior.covariance[group])
+        D, eta = self._data(self.places((group,)))
+        scale = np.sqrt(np.diag(usual))
+        seen, strength = np.linalg.eigh(D * np.outer(scale, scale))
+        shown = seen > 1.0  # by data, not by the prior
+        if not shown.any():
+            return usual
+        along = strength[:, shown].T @ (scale * eta) / seen[shown]
+        factor = float(np.mean(along**2 - 1.0 / seen[shown]))
+        return usual * max(1.0, factor)
 
 
 def _factor(P: Array) -> Array:
@@ -213,15 +242,18 @@ def _with_nominal(values: CellParameters, groups: tuple[str, ...], problem: Prob
     return CellParameters.from_stored(stored)
 
 
-def survey(problem: Problem, run: FilterRun, correlation: float, progress: StepProgress | None = None) -> Survey | None:
+def survey(problem: Problem, run: FilterRun, progress: StepProgress | None = None) -> Survey | None:
     """Return a pass with all candidates, from the result of a run without them; None if there are none.
 
-    correlation: factor on standard deviations for innovations that are correlated in time.
+    If the innovations of this very pass are too large or correlated, something else is missing too: the evidence is
+    then tempered.
     """
     groups = candidates(problem)
     if not groups:
         return None
-    larger = with_groups(problem, groups)
+    # A grade may state that there is hardly such an effect. Here its prior is wide: the data must be seen behind it.
+    wide = {g: usual_covariance(g, problem) for g in groups if group_named(g).usual_sd is not None}
+    larger = with_groups(problem, groups, {g: P for g, P in wide.items() if len(P)})
     n, before, after = len(problem.parameter_names), problem.layout, larger.layout
     parameters = run.parameters.with_order(larger.settings.polynomial_order)
     P = np.zeros((after.degrees, after.degrees))
@@ -232,8 +264,13 @@ def survey(problem: Problem, run: FilterRun, correlation: float, progress: StepP
     old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
     P[np.ix_(new, new)] = run.belief.covariance[np.ix_(old, old)]
     begun = replace(run, belief=Belief(stored_state(larger, parameters), _factor(P)), parameters=parameters)
-    found = further_pass(larger, begun, progress=progress)
-    return Survey(problem, larger, found, groups, correlation**-2)
+    found = further_pass(larger, begun, gate=_GATE, progress=progress)
+    return Survey(problem, larger, found, groups, 1.0 / (correlation_factor(found) ** 2 * max(1.0, _size(found))))
+
+
+def _size(run: FilterRun) -> float:
+    """Return the mean normalised innovation squared per degree of freedom."""
+    return run.excess * mean_normalised(run.history.nis, run.history.degrees)
 
 
 def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:

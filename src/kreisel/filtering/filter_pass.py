@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from kreisel._kernels import cell
 from kreisel._kernels.filter import run
 from kreisel.errors import EstimationError
-from kreisel.estimation.belief import Belief
+from kreisel.estimation.belief import Belief, inflate_variance
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of
 from kreisel.filtering.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps
 from kreisel.filtering.record import history_of, joined
 from kreisel.model.parameters import CellParameters
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, walked_variance
 from kreisel.model.schedule import Update
 from kreisel.progress import StepProgress
 
@@ -91,6 +91,10 @@ def _belief_before(
     """Return the belief before an update, with a new start of navigation where there is one."""
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
+        for group in problem.noise.offset_walk if rejected[0] >= MAX_REJECTED_IN_A_ROW else ():
+            if group in problem.layout:  # perhaps it has jumped, by as much as it walks in the whole run
+                size = walked_variance(problem, group) ** 0.5
+                belief = inflate_variance(problem.layout, belief, group, size)
         belief = navigation_from_reference(problem, start, belief, at)
         rejected[0] = 0
     return belief

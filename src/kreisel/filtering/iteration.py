@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.estimation.belief import Belief, triangularise
-from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
+from kreisel.estimation.consistency import GATE, chi_square_bound
+from kreisel.filtering.correlated_innovations import correlation_factor
 from kreisel.filtering.effect_selection import Considered, Survey, considered, describe, selected, survey
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
@@ -40,9 +41,6 @@ MAX_PASSES = 10
 
 MAX_ROUNDS = 4
 """Largest number of times that further effects, or parameters that walk, are looked for."""
-
-COLOURED = 0.3
-"""Correlation of neighbouring innovations above which they no longer count as white."""
 
 NEAR = 3.0
 """Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another pass."""
@@ -79,8 +77,8 @@ class _Passes:
         Whether noise figures were changed.
     moved
         How far the last pass moved the estimates, in standard deviations; 0 after a single one.
-    survey
-        The last look at further effects.
+    survey, surveyed
+        The last look at further effects, and the problem it was made for.
     """
 
     problem: Problem
@@ -89,13 +87,14 @@ class _Passes:
     adapted: bool = False
     moved: float = 0.0
     survey: Survey | None = None
+    surveyed: Problem | None = None
 
 
 def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
     """Return the estimate after all passes; `given` states whose noise figures the user gave."""
     passes = _until_settled(problem, 0, given, progress)
-    adapted = passes.adapted
     passes = _with_effects(problem, passes, given, progress)
+    adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
     lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
@@ -109,7 +108,7 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
-    last = _last_survey(passes, factor, progress)
+    last = _last_survey(passes, progress)
     run, found = passes.run, passes.problem
     scaled = factor * run.belief.factor
     undecided = np.zeros((len(scaled), 0)) if last is None else last.undecided()
@@ -130,14 +129,14 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     )
 
 
-def _last_survey(passes: _Passes, correlation: float, progress: Progress | None) -> Survey | None:
+def _last_survey(passes: _Passes, progress: Progress | None) -> Survey | None:
     """Return the survey of the final problem: the last one, if the problem has not changed since."""
     found = passes.survey
     if passes.problem.settings.passes is not None or found is None:
         return None
-    if found.before is passes.problem:
+    if passes.surveyed is passes.problem:
         return found
-    return survey(passes.problem, passes.run, correlation, of_step(progress, "effects"))
+    return survey(passes.problem, passes.run, of_step(progress, "effects"))
 
 
 def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
@@ -221,23 +220,23 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
         correlation, step = correlation_factor(run), of_step(progress, f"pass {count}")
-        found = survey(problem, run, correlation, step)
-        passes = replace(passes, survey=found)
+        found = survey(_with_noise_of(first, problem), run, step)
         chosen = () if found is None else selected(found)
-        gained = found.gain(chosen) if found is not None else 0.0
         walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, step)
-        if walk is not None and walk.gain > gained * correlation**2:
-            larger, begun = walk.problem, run
-        elif found is not None and chosen:
-            larger, begun = found.conditioned(chosen)
-        else:
-            return replace(passes, count=count)
-        larger = replace(larger, noise=replace(larger.noise, reference=first.noise.reference))
-        larger = replace(larger, readings=replace(larger.readings, noise=first.readings.noise))
-        adapted = passes.adapted
-        passes = _until_settled(larger, count, given, progress, begun)
-        passes = replace(passes, adapted=passes.adapted or adapted, survey=found)
+        larger = [] if walk is None else [(walk, run)]
+        larger += [found.conditioned(chosen)] if found is not None and chosen else []
+        if not larger:
+            return replace(passes, count=count, survey=found, surveyed=problem)
+        tried = [_until_settled(_with_noise_of(first, one), count, given, progress, begun) for one, begun in larger]
+        best = max(tried, key=lambda one: float(one.run.history.log_likelihood.sum()))
+        passes = replace(best, survey=found)
     return passes
+
+
+def _with_noise_of(first: Problem, problem: Problem) -> Problem:
+    """Return a problem with the noise that was assumed at first."""
+    noise = replace(problem.noise, reference=first.noise.reference)
+    return replace(problem, noise=noise, readings=replace(problem.readings, noise=first.readings.noise))
 
 
 def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
@@ -295,25 +294,3 @@ def _wide_gate_mattered(run: FilterRun) -> bool:
     bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
     beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-
-
-def correlation_factor(run: FilterRun) -> float:
-    """Return the factor on standard deviations for correlated innovations; 1 where they are white.
-
-    The filter counts an error of the reference that lasts over several updates as a new one at each of them. The
-    effective number of updates is theirs divided by the correlation time of the innovations, the larger of those of
-    position and orientation. Innovations smaller than assumed reduce the factor.
-    """
-    history = run.history
-    path = history.used & ~history.at_standstill
-    size = 1.0
-    if path.any():
-        size = min(run.excess * mean_normalised(history.nis[path], history.degrees[path]), 1.0)
-    times = []
-    for rows in (slice(0, 3), slice(3, 6)):
-        series = history.whitened[path, rows]
-        if series.shape[0] < 20 or not np.isfinite(series).all():
-            continue
-        if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
-            times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
-    return float(np.sqrt(max(1.0, size * max(times, default=1.0))))

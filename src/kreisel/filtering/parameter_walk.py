@@ -6,7 +6,7 @@ a random walk explains: the filter then forgets what it learnt of it long ago.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,15 +21,7 @@ _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 """Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
 
 
-@dataclass(frozen=True)
-class Walk:
-    """A problem with random walks, and what they gain in log-likelihood."""
-
-    problem: Problem
-    gain: float
-
-
-def found_walks(problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None) -> Walk | None:
+def found_walks(problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None) -> Problem | None:
     """Return the problem with the walks that raise the likelihood most; None if they gain less than `least`.
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
@@ -61,7 +53,7 @@ def found_walks(problem: Problem, run: FilterRun, least: float, progress: StepPr
             density *= _STEP
     if best < base + least or not walks:
         return None
-    return Walk(with_walks(problem, problem.noise.offset_walk | walks), best - base)
+    return with_walks(problem, problem.noise.offset_walk | walks)
 
 
 def with_walks(problem: Problem, density: dict[str, float]) -> Problem:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.estimation.state import Part, StateLayout
+from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
@@ -110,11 +111,10 @@ class Problem:
     @property
     def walked_variance(self) -> Array:
         """Variance of the offsets' random walk from the first update to the last, one for each parameter, (n,)."""
-        out, updates = np.zeros(len(self.parameter_names)), self.schedule.updates
-        seconds = float(self.readings.stamps[updates[-1].last] - self.readings.stamps[updates[0].first])
-        for group, density in self.noise.offset_walk.items():
+        out = np.zeros(len(self.parameter_names))
+        for group in self.noise.offset_walk:
             if group in self.layout:
-                out[self.layout[group]] = density**2 * seconds
+                out[self.layout[group]] = walked_variance(self, group)
         return out
 
     @property
@@ -125,6 +125,12 @@ class Problem:
             own = parameter_names(group, self.settings.polynomial_order, self.joints)
             names.extend(own[: self.layout[group].stop - self.layout[group].start])
         return tuple(names)
+
+
+def walked_variance(problem: Problem, group: str) -> float:
+    """Return the variance of a group's random walk from the first update to the last."""
+    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    return problem.noise.offset_walk.get(group, 0.0) ** 2 * float(stamps[updates[-1].last] - stamps[updates[0].first])
 
 
 def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
@@ -149,15 +155,18 @@ def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
     )
 
 
-def with_groups(problem: Problem, groups: tuple[str, ...]) -> Problem:
-    """Return the problem with further groups of parameters in the state; polynomials are of the second order."""
+def with_groups(problem: Problem, groups: tuple[str, ...], known: Mapping[str, Array] | None = None) -> Problem:
+    """Return the problem with further groups of parameters in the state; polynomials are of the second order.
+
+    known: covariances of their priors; the usual ones by default.
+    """
     order = problem.settings.polynomial_order
     if order == 1 and any(group.endswith("polynomial") for group in groups):
         problem, order = _with_order(problem, 2), 2
     parts = {part.name: part for part in problem.layout} | {g: group_part(g, order, problem.joints) for g in groups}
     others = [part for part in problem.layout if part.name not in GROUPS]
     prior = problem.prior
-    covariance = {g: prior.covariance.get(g, _usual_covariance(parts[g])) for g in groups}
+    covariance = {g: prior.covariance.get(g, usual_covariance(g, problem)) for g in groups} | dict(known or {})
     return replace(
         problem,
         layout=StateLayout([*(parts[g] for g in GROUPS if g in parts), *others]),
@@ -170,9 +179,11 @@ def with_groups(problem: Problem, groups: tuple[str, ...]) -> Problem:
     )
 
 
-def _usual_covariance(part: Part) -> Array:
-    sd = _CONSIDERED_SD.get(part.name, group_named(part.name).usual_sd or 1.0)
-    return np.asarray(sd**2 * np.eye(part.degrees))
+def usual_covariance(group: str, problem: Problem) -> Array:
+    """Return the covariance of a group's prior for devices of which nothing is known; polynomials of second order."""
+    degrees = group_part(group, max(problem.settings.polynomial_order, 2), problem.joints).degrees
+    sd = _CONSIDERED_SD.get(group, group_named(group).usual_sd or 1.0)
+    return np.asarray(sd**2 * np.eye(degrees))
 
 
 def _with_order(problem: Problem, order: int) -> Problem:

@@ -17,6 +17,9 @@ from kreisel.preparation.preparation import Preparation
 
 _MIN_WINDOWS = 20
 
+_SEPARABLE = 0.05
+"""Deviation of the positions' scale up to which the motion tells accelerations from those of a lever arm."""
+
 
 @dataclass(frozen=True)
 class AccelerationFit:
@@ -35,6 +38,9 @@ class AccelerationFit:
         Of predicted accelerations, f, and reference ones, a: 1 - var(f - a) / (var f + var a).
     size
         Standard deviation of the larger of the two, m/s^2.
+    separable
+        Whether the motion tells the reference's accelerations from those of a lever arm; a body that only turns about a
+        point does not.
     """
 
     K_a: Array
@@ -43,6 +49,7 @@ class AccelerationFit:
     explained: float
     agreement: float
     size: float
+    separable: bool = True
 
 
 def fit_accelerations(preparation: Preparation) -> AccelerationFit:
@@ -83,6 +90,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         explained=fit.explained,
         agreement=agreement,
         size=amplitude,
+        separable=bool(inverse_sd < _SEPARABLE),
     )
 
 

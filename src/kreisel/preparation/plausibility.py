@@ -124,7 +124,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     reference = preparation.reference
     F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
     in_order = np.linalg.det(F) > 0.0 and _angle(F) < MAX_TURN
-    agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION
+    agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or not fit.separable
     if not (in_order and agreed):
         reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
         if reading is not None:

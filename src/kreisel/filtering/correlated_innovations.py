@@ -1,0 +1,33 @@
+"""How much less innovations say if they are correlated in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.estimation.consistency import correlation_time, lag_one, mean_normalised
+from kreisel.filtering.history import FilterRun
+
+COLOURED = 0.3
+"""Correlation of neighbouring innovations above which they no longer count as white."""
+
+
+def correlation_factor(run: FilterRun) -> float:
+    """Return the factor on standard deviations for correlated innovations; 1 where they are white.
+
+    The filter counts an error of the reference that lasts over several updates as a new one at each of them. The
+    effective number of updates is theirs divided by the correlation time of the innovations, the larger of those of
+    position and orientation. Innovations smaller than assumed reduce the factor.
+    """
+    history = run.history
+    path = history.used & ~history.at_standstill
+    size = 1.0
+    if path.any():
+        size = min(run.excess * mean_normalised(history.nis[path], history.degrees[path]), 1.0)
+    times = []
+    for rows in (slice(0, 3), slice(3, 6)):
+        series = history.whitened[path, rows]
+        if series.shape[0] < 20 or not np.isfinite(series).all():
+            continue
+        if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
+            times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
+    return float(np.sqrt(max(1.0, size * max(times, default=1.0))))
