@@ -14,9 +14,12 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, with_nominal, without_groups
 from kreisel.preparation.start_values import EARTH_SD
 from kreisel.progress import Progress, of_step
+
+_MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
+"""The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be believed."""
 
 SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
@@ -28,11 +31,20 @@ def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None =
     if site.earth_rate_n is None or "north" not in layout:
         return None
     level, down = site.earth_rate_units
-    north_sd = run.belief.standard_deviation[layout["north"]]
-    if abs(level) / EARTH_RATE * float(np.max(north_sd)) > SEEN and abs(level) > 0.1 * EARTH_RATE:
+    north_sd = abs(level) / EARTH_RATE * float(np.max(run.belief.standard_deviation[layout["north"]]))
+    if north_sd > SEEN and abs(level) > 0.1 * EARTH_RATE and _MIMICS not in layout:
         return None
-    free = _with_free_earth_rate(problem, run)
-    found = first_pass(free, progress=of_step(progress, "latitude"))
+    if _MIMICS in layout:
+        # A wrong latitude looks like gyros that respond to acceleration: along gravity, and equally in all axes.
+        plain = replace(run, parameters=with_nominal(problem, run.parameters, (_MIMICS,)))
+        free = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
+        found = first_pass(free, progress=of_step(progress, "latitude"))
+        if found.history.log_likelihood.sum() < run.history.log_likelihood.sum() - _AS_GOOD:
+            free = _with_free_earth_rate(problem, run)
+            found = first_pass(free, progress=of_step(progress, "latitude"))
+    else:
+        free = _with_free_earth_rate(problem, run)
+        found = first_pass(free, progress=of_step(progress, "latitude"))
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = found.belief.covariance[np.ix_(index, index)]

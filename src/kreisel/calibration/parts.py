@@ -144,6 +144,15 @@ class Consistency:
 
 
 @dataclass(frozen=True)
+class Cause:
+    """A cause of what does not fit: its name, its figure in words, and the log-likelihood by which the data show it."""
+
+    name: str
+    text: str
+    weight: float
+
+
+@dataclass(frozen=True)
 class Verdict:
     """Whether a result may be used: the same text on the terminal, in the report and in the result file.
 
@@ -153,11 +162,14 @@ class Verdict:
         Whether it may be used, and the reasons if not.
     unobservable
         Names of parameters that are not observable, or too weakly to be of use.
+    causes
+        What the data show beyond the usual model, the likeliest first; estimated, where that is possible.
     """
 
     accepted: bool
     reasons: tuple[str, ...]
     unobservable: tuple[str, ...] = ()
+    causes: tuple[Cause, ...] = ()
 
     @property
     def headline(self) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel.calibration.causes import find_causes
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import GATE, chi_square_bound, lag_one, mean_normalised
 from kreisel.filtering.effect_selection import describe
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
-from kreisel.geometry.rotation import Array
+from kreisel.filtering.prior_conflict import prior_scores
 from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
@@ -61,7 +62,10 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_motion(evidence.observability),
         *_scale(estimate),
     ]
-    return Verdict(not reasons, tuple(reasons), evidence.observability.unobservable)
+    causes = find_causes(estimate, evidence.halves, evidence.latitude)
+    if reasons and causes:
+        reasons = [f"{reasons[0]}. Likeliest cause: {causes[0].text}", *reasons[1:]]
+    return Verdict(not reasons, tuple(reasons), evidence.observability.unobservable, causes)
 
 
 def _innovations(facts: Consistency) -> list[str]:
@@ -112,21 +116,6 @@ _STATED = {
 """Groups with a prior the user states or accepts: their titles, and the keys of recording.toml."""
 
 
-def prior_scores(estimate: Estimate, group: str) -> Array:
-    """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
-
-    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, the
-    estimate itself is compared.
-    """
-    problem = estimate.problem
-    prior = np.diag(problem.prior.covariance[group])
-    own = np.diag(estimate.run.belief.covariance)[problem.layout[group]]
-    moved = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group))
-    share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
-    data = own / share
-    return np.asarray(np.where(share > _LEAST_SHARE, moved / share / np.sqrt(data + prior), moved / np.sqrt(prior)))
-
-
 def _priors(estimate: Estimate) -> list[str]:
     """Return the reasons about estimates that lie far from their stated prior."""
     problem, reasons = estimate.problem, []
@@ -135,7 +124,11 @@ def _priors(estimate: Estimate) -> list[str]:
             continue
         if group in estimate.walks:
             continue  # not one value
-        far = prior_scores(estimate, group)
+        if group == "robot_placement":  # each by itself is hardly shown, and what is shown of them is a mixture
+            sd = np.sqrt(np.diag(problem.prior.covariance[group]))
+            far = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group)) / sd
+        else:
+            far = prior_scores(problem, estimate.run, group)
         if float(far.max()) > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(
@@ -144,9 +137,6 @@ def _priors(estimate: Estimate) -> list[str]:
             )
     return reasons
 
-
-_LEAST_SHARE = 3e-3
-"""Share of the information about a parameter that the data must give to be compared with its prior."""
 
 MAX_POSITION_SCALE = 2.5e-3
 """Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
@@ -161,7 +151,7 @@ def _expansions(estimate: Estimate) -> list[str]:
     found = []
     if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE:
         found.append(
-            f"{describe(scale)}: more than a reference errs. The positions' unit, or what recording.toml says of gravity "
+            f"{describe(scale)}: more than a reference errs. The positions' unit, or what is stated about gravity "
             "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which"
         )
     return found + [

@@ -20,8 +20,8 @@ from kreisel.filtering.initial_belief import parameters_of, stored_state
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.groups import group_named
-from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.model.problem import Problem, usual_covariance, with_groups
+from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
+from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal
 from kreisel.model.settings import BY_CHOICE
 from kreisel.progress import StepProgress
 
@@ -138,7 +138,7 @@ class Survey:
         mean = np.empty(after.size)
         for part in after:
             mean[after.stored(part.name)] = all_of[before.stored(part.name)]
-        known = _with_nominal(self.run.parameters, rest, self.problem)
+        known = with_nominal(self.problem, self.run.parameters, rest)
         belief = Belief(mean, _factor(P[np.ix_(kept, kept)]))
         return problem, replace(self.run, belief=belief, parameters=parameters_of(problem, known, mean))
 
@@ -186,7 +186,7 @@ class Survey:
         return change, P - gain @ P[i]
 
     def _values(self, i: Indices) -> Array:
-        zero = stored_state(self.problem, _with_nominal(self.run.parameters, self.groups, self.problem))
+        zero = stored_state(self.problem, with_nominal(self.problem, self.run.parameters, self.groups))
         return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[i, 0])
 
     def _data(self, i: Indices) -> tuple[Array, Array]:
@@ -235,11 +235,6 @@ def _factor(P: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
     correlation = P / np.outer(scale, scale)
     return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
-
-
-def _with_nominal(values: CellParameters, groups: tuple[str, ...], problem: Problem) -> CellParameters:
-    stored = {g: (problem.prior.nominal if g in groups else values).stored(g) for g in GROUPS}
-    return CellParameters.from_stored(stored)
 
 
 def survey(problem: Problem, run: FilterRun, progress: StepProgress | None = None) -> Survey | None:

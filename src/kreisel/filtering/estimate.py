@@ -18,7 +18,9 @@ class Estimate:
     The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
     by which given noise figures had to be raised; 1 if none were given or none had to be raised. `moved` is the
     largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough. `considered` are
-    all effects beyond the usual ones, found or not; `walks` the densities of random walks that were found.
+    all effects beyond the usual ones, found or not; `walks` the groups that walk, and what that gains in
+    log-likelihood; `contradicted` the offsets whose stated prior had to be widened, with their scores; `stated` the
+    problem as it was stated.
     """
 
     problem: Problem
@@ -30,3 +32,5 @@ class Estimate:
     warnings: tuple[DataWarning, ...]
     considered: tuple[Considered, ...] = ()
     walks: Mapping[str, float] = field(default_factory=dict)
+    contradicted: Mapping[str, float] = field(default_factory=dict)
+    stated: Problem | None = None

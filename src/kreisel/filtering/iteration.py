@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.correlated_innovations import correlation_factor
@@ -24,6 +25,7 @@ from kreisel.filtering.noise_adaptation import (
 from kreisel.filtering.nonlinearity import curved
 from kreisel.filtering.observability import unobservable_groups
 from kreisel.filtering.parameter_walk import found_walks
+from kreisel.filtering.prior_conflict import contradicted_offsets, with_wider_priors
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.model.parameters import GROUPS
@@ -79,6 +81,8 @@ class _Passes:
         How far the last pass moved the estimates, in standard deviations; 0 after a single one.
     survey, surveyed
         The last look at further effects, and the problem it was made for.
+    walk_gain
+        What walks of parameters gained in log-likelihood.
     """
 
     problem: Problem
@@ -88,12 +92,33 @@ class _Passes:
     moved: float = 0.0
     survey: Survey | None = None
     surveyed: Problem | None = None
+    walk_gain: float = 0.0
 
 
 def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
-    """Return the estimate after all passes; `given` states whose noise figures the user gave."""
+    """Return the estimate after all passes; `given` states whose noise figures the user gave.
+
+    Raises
+    ------
+    EstimationError
+        If the estimate does not stay finite.
+    """
+    try:
+        return _estimate(problem, given, progress)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            f"the estimate's covariance does not stay positive ({error}): the noise figures, or the grade, in "
+            "recording.toml are far from the data, or the readings have gross errors"
+        ) from error
+
+
+def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Estimate:
     passes = _until_settled(problem, 0, given, progress)
     passes = _with_effects(problem, passes, given, progress)
+    contradicted = {} if problem.settings.passes is not None else contradicted_offsets(passes.problem, passes.run)
+    if contradicted:
+        wider = with_wider_priors(passes.problem, contradicted)
+        passes = _until_settled(wider, passes.count, given, progress, passes.run)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
@@ -115,7 +140,8 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
     widened = replace(run, belief=Belief(run.belief.mean, triangularise(np.hstack([scaled, undecided]))))
     included = tuple(g for g in found.groups if g not in problem.groups)
     effects = considered(last, found, widened, included)
-    walks = {g: d for g, d in found.noise.offset_walk.items() if d > problem.noise.offset_walk.get(g, 0.0)}
+    before = problem.noise.offset_walk
+    walks = {g: passes.walk_gain for g, d in found.noise.offset_walk.items() if d > before.get(g, 0.0)}
     return Estimate(
         found,
         widened,
@@ -123,10 +149,24 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
         factor,
         _contradiction(problem, found, given),
         passes.moved / factor,
-        (*warnings, *_found(effects, walks)),
+        (*warnings, *_found(effects, walks), *_wider(contradicted)),
         effects,
         walks,
+        contradicted,
+        problem,
     )
+
+
+def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
+    """Return the warnings about stated priors that had to be widened."""
+    return [
+        DataWarning(
+            "offsets",
+            f"{'gyro' if group == 'gyro_offset' else 'accelerometer'} offsets lie {score:.1f} stated deviations away: "
+            f"what is stated is not used (imu.{group}_sd or imu.grade in recording.toml)",
+        )
+        for group, score in contradicted.items()
+    ]
 
 
 def _last_survey(passes: _Passes, progress: Progress | None) -> Survey | None:
@@ -223,13 +263,14 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         found = survey(_with_noise_of(first, problem), run, step)
         chosen = () if found is None else selected(found)
         walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, step)
-        larger = [] if walk is None else [(walk, run)]
+        larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         if not larger:
             return replace(passes, count=count, survey=found, surveyed=problem)
         tried = [_until_settled(_with_noise_of(first, one), count, given, progress, begun) for one, begun in larger]
         best = max(tried, key=lambda one: float(one.run.history.log_likelihood.sum()))
-        passes = replace(best, survey=found)
+        gain = walk[1] if walk is not None and best is tried[0] else passes.walk_gain
+        passes = replace(best, survey=found, walk_gain=gain)
     return passes
 
 

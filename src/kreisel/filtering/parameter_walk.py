@@ -21,8 +21,10 @@ _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 """Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
 
 
-def found_walks(problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None) -> Problem | None:
-    """Return the problem with the walks that raise the likelihood most; None if they gain less than `least`.
+def found_walks(
+    problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None
+) -> tuple[Problem, float] | None:
+    """Return the problem with the walks that raise the likelihood most, and by how much; None if by less than `least`.
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
     """
@@ -53,7 +55,7 @@ def found_walks(problem: Problem, run: FilterRun, least: float, progress: StepPr
             density *= _STEP
     if best < base + least or not walks:
         return None
-    return with_walks(problem, problem.noise.offset_walk | walks)
+    return with_walks(problem, problem.noise.offset_walk | walks), best - base
 
 
 def with_walks(problem: Problem, density: dict[str, float]) -> Problem:

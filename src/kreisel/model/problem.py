@@ -136,18 +136,13 @@ def walked_variance(problem: Problem, group: str) -> float:
 def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
     """Return the problem with groups taken out of the state and held at their nominal values."""
     prior = problem.prior
-
-    def with_nominal(values: CellParameters) -> CellParameters:
-        stored = {group: (prior.nominal if group in groups else values).stored(group) for group in GROUPS}
-        return CellParameters.from_stored(stored)
-
     return replace(
         problem,
         layout=without(problem.layout, groups),
         prior=replace(
             prior,
-            start=with_nominal(prior.start),
-            value=with_nominal(prior.value),
+            start=with_nominal(problem, prior.start, groups),
+            value=with_nominal(problem, prior.value, groups),
             start_covariance={g: P for g, P in prior.start_covariance.items() if g not in groups},
             covariance={g: P for g, P in prior.covariance.items() if g not in groups},
         ),
@@ -177,6 +172,19 @@ def with_groups(problem: Problem, groups: tuple[str, ...], known: Mapping[str, A
             width=prior.width | {g: np.sqrt(np.diag(P)) for g, P in covariance.items()},
         ),
     )
+
+
+def without_groups(problem: Problem, groups: tuple[str, ...]) -> Problem:
+    """Return the problem without groups of parameters, which have their nominal values in its start and prior."""
+    start, value = (with_nominal(problem, values, groups) for values in (problem.prior.start, problem.prior.value))
+    prior = replace(problem.prior, start=start, value=value)
+    return replace(problem, layout=without(problem.layout, groups), prior=prior)
+
+
+def with_nominal(problem: Problem, values: CellParameters, groups: tuple[str, ...]) -> CellParameters:
+    """Return parameters with groups at their nominal values."""
+    stored = {group: (problem.prior.nominal if group in groups else values).stored(group) for group in GROUPS}
+    return CellParameters.from_stored(stored)
 
 
 def usual_covariance(group: str, problem: Problem) -> Array:

@@ -43,6 +43,9 @@ _SEEDS = 10_000
 WRONG, GROSSLY_WRONG, GOOD = 4.0, 6.0, 3.0
 """Standard deviations beyond which an accepted result is wrong, and within which a rejected one was good."""
 
+REJECTED_RIGHTLY = ("slipping mount", "stated latitude", "stated gravity")
+"""Situations without one truth, or with a statement that decides the result: rejecting them is never needless."""
+
 VERDICTS = ("accepted", "rejected", "refused", "crashed")
 
 
@@ -108,7 +111,7 @@ def run_situation(situation: Situation, seed: int) -> Row:
 
 def named_causes(outcome: Outcome) -> tuple[str, ...]:
     """Return the causes that a result names, the likeliest first."""
-    return tuple(str(getattr(cause, "name", cause)) for cause in getattr(outcome.verdict, "causes", ()))
+    return tuple(cause.name for cause in outcome.verdict.causes)
 
 
 def worst_error(outcome: Outcome, truth: Truth) -> tuple[float, str, float]:
@@ -290,7 +293,7 @@ class Totals:
     wrong, grossly_wrong
         Share of accepted runs beyond 4, and beyond 6 standard deviations.
     needless
-        Share of rejected runs whose errors were within 3 standard deviations.
+        Share of rejected runs whose errors were within 3 standard deviations; see `REJECTED_RIGHTLY`.
     noticed
         Share of runs with a cause outside the model that were not simply accepted: rejected, or a cause named.
     named_rightly
@@ -310,7 +313,7 @@ def total(rows: Sequence[Row]) -> Totals:
     """Return the totals of all runs."""
     causes = _causes()
     accepted = [row.worst for row in rows if row.verdict == "accepted"]
-    rejected = [row.worst for row in rows if row.verdict == "rejected"]
+    rejected = [row.worst for row in rows if row.verdict == "rejected" and row.name not in REJECTED_RIGHTLY]
     present = [row for row in rows if causes.get(row.key) and row.verdict in ("accepted", "rejected")]
     noticed = [row for row in present if row.verdict == "rejected" or row.named]
     return Totals(

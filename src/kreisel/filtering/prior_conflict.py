@@ -1,0 +1,51 @@
+"""Stated priors against what the data alone say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+
+MAX_SCORE = 4.5
+"""Standard deviations between prior and data from which on they contradict each other."""
+
+_WIDER, _HOPELESS = 2.0, 100.0
+"""Deviations of the wider prior that the data then lie from its centre; a score beyond which nothing is mended."""
+
+_LEAST_SHARE = 0.02
+"""Share of the information about a parameter that the data must give to be compared with its prior."""
+
+_OFFSETS = ("gyro_offset", "accel_offset")
+
+
+def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
+    """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
+
+    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, the
+    estimate itself is compared.
+    """
+    prior = np.diag(problem.prior.covariance[group])
+    own = np.diag(run.belief.covariance)[problem.layout[group]]
+    moved = np.abs(run.parameters.stored(group) - problem.prior.value.stored(group))
+    share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
+    score = moved / share / np.sqrt(own / share + prior)
+    return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
+
+
+def contradicted_offsets(problem: Problem, run: FilterRun) -> dict[str, float]:
+    """Return the offsets whose stated prior the data contradict, with their scores."""
+    stated = [g for g in _OFFSETS if g in problem.layout and g in problem.prior.stated]
+    scores = {g: float(prior_scores(problem, run, g).max()) for g in stated}
+    return {group: score for group, score in scores.items() if MAX_SCORE < score < _HOPELESS}
+
+
+def with_wider_priors(problem: Problem, scores: dict[str, float]) -> Problem:
+    """Return the problem with priors so wide that the data no longer contradict them."""
+    covariance = dict(problem.prior.covariance)
+    for group, score in scores.items():
+        covariance[group] = covariance[group] * (score / _WIDER) ** 2
+    return replace(problem, prior=replace(problem.prior, covariance=covariance))
