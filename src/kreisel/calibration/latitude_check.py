@@ -34,17 +34,16 @@ def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None =
     north_sd = abs(level) / EARTH_RATE * float(np.max(run.belief.standard_deviation[layout["north"]]))
     if north_sd > SEEN and abs(level) > 0.1 * EARTH_RATE and _MIMICS not in layout:
         return None
+    step = of_step(progress, "latitude")
+    free = _with_free_earth_rate(problem, run)
+    found = first_pass(free, progress=step)
     if _MIMICS in layout:
         # A wrong latitude looks like gyros that respond to acceleration: along gravity, and equally in all axes.
         plain = replace(run, parameters=with_nominal(problem, run.parameters, (_MIMICS,)))
-        free = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
-        found = first_pass(free, progress=of_step(progress, "latitude"))
-        if found.history.log_likelihood.sum() < run.history.log_likelihood.sum() - _AS_GOOD:
-            free = _with_free_earth_rate(problem, run)
-            found = first_pass(free, progress=of_step(progress, "latitude"))
-    else:
-        free = _with_free_earth_rate(problem, run)
-        found = first_pass(free, progress=of_step(progress, "latitude"))
+        simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
+        other = first_pass(simpler, progress=step)
+        if other.history.log_likelihood.sum() > found.history.log_likelihood.sum() - _AS_GOOD:
+            free, found = simpler, other
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = found.belief.covariance[np.ix_(index, index)]

@@ -153,6 +153,23 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class OtherEffect:
+    """An effect that was considered: see `filtering.effect_selection.Considered`.
+
+    `value` and `deviation` are tuples, SI; `shift` is that of `shifted`, in standard deviations.
+    """
+
+    group: str
+    path: str
+    value: tuple[float, ...]
+    deviation: tuple[float, ...]
+    gain: float
+    included: bool
+    shift: float
+    shifted: str
+
+
+@dataclass(frozen=True)
 class Verdict:
     """Whether a result may be used: the same text on the terminal, in the report and in the result file.
 
@@ -220,6 +237,8 @@ class CalibrationParts:
         The robot's own errors, where they were estimated.
     others
         Groups of parameters without a field of their own, by their path in the result file.
+    considered
+        Effects beyond the usual ones, whether or not the data show them.
     """
 
     sensors: SensorParameters
@@ -234,3 +253,4 @@ class CalibrationParts:
     estimator: EstimatorFacts | None = None
     robot: RobotErrors | None = None
     others: Mapping[str, Measured] = field(default_factory=dict)
+    considered: tuple[OtherEffect, ...] = ()

@@ -16,10 +16,12 @@ from kreisel.calibration.data_sheet import OF_SCHEMA_1
 from kreisel.calibration.parts import (
     Alignment,
     CalibrationParts,
+    Cause,
     Consistency,
     EstimatorFacts,
     FinalNoise,
     Measured,
+    OtherEffect,
     RecordingFacts,
     RobotErrors,
     Timing,
@@ -67,7 +69,8 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
     document |= {"standard_deviation": deviations, "derived": derived}
     if parts.robot is not None:
         document["robot"] = _robot_table(parts.robot)
-    return document | {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
+    document |= {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
+    return document | {"considered": [_effect_table(effect) for effect in parts.considered]}
 
 
 def from_document(document: Mapping[str, Any]) -> CalibrationParts:
@@ -96,6 +99,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         estimator=None if estimator is None else _estimator(estimator),
         robot=_robot(document["robot"]) if "robot" in document else None,
         others=others,
+        considered=tuple(_effect(table) for table in document.get("considered", ())),
     )
 
 
@@ -317,6 +321,7 @@ def _verdict_table(verdict: Verdict) -> dict[str, Any]:
         "summary": verdict.summary,
         "reasons": list(verdict.reasons),
         "unobservable": list(verdict.unobservable),
+        "causes": [{"name": cause.name, "text": cause.text, "weight": float(cause.weight)} for cause in verdict.causes],
     }
 
 
@@ -324,7 +329,32 @@ def _verdict(table: Mapping[str, Any]) -> Verdict:
     accepted = table["accepted"]
     if not isinstance(accepted, bool):
         raise TypeError(f"verdict.accepted is {accepted!r}, expected true or false")
-    return Verdict(accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())))
+    causes = tuple(Cause(str(c["name"]), str(c["text"]), _number(c["weight"])) for c in table.get("causes", ()))
+    return Verdict(accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())), causes)
+
+
+def _effect_table(effect: OtherEffect) -> dict[str, Any]:
+    return {
+        "group": effect.group,
+        "path": effect.path,
+        "value": [_rounded(x) for x in effect.value],
+        "standard_deviation": [_rounded(x) for x in effect.deviation],
+        "gain": _rounded(effect.gain),
+        "included": effect.included,
+        "shift": _rounded(effect.shift),
+        "shifted": effect.shifted,
+    }
+
+
+def _effect(table: Mapping[str, Any]) -> OtherEffect:
+    value, deviation = (tuple(_number(x) for x in table[name]) for name in ("value", "standard_deviation"))
+    included = table["included"]
+    if not isinstance(included, bool):
+        raise TypeError(f"considered.included is {included!r}, expected true or false")
+    shift = _number(table["shift"]), str(table["shifted"])
+    return OtherEffect(
+        str(table["group"]), str(table["path"]), value, deviation, _number(table["gain"]), included, *shift
+    )
 
 
 # Numbers and texts

@@ -150,7 +150,7 @@ class Survey:
         places = [i for i in range(self.problem.sensor_degrees) if i not in own]
         if not places:
             return 0.0, ""
-        change = self.problem.layout.minus(more[:, None], base)[places, 0] / np.sqrt(np.diag(P)[places])
+        change = self.problem.layout.minus(more[:, None], base)[places, 0] / _deviations(P)[places]
         worst = int(np.argmax(np.abs(change)))
         return float(np.abs(change[worst])), self.problem.parameter_names[places[worst]]
 
@@ -230,9 +230,14 @@ class Survey:
         return usual * max(1.0, factor)
 
 
+def _deviations(P: Array) -> Array:
+    """Return the standard deviations of a covariance matrix that may have lost rank in rounding."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(P), 1e-300)))
+
+
 def _factor(P: Array) -> Array:
     """Return the lower triangular factor of a covariance matrix that may have lost rank in rounding."""
-    scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    scale = _deviations(P)
     correlation = P / np.outer(scale, scale)
     return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
 
@@ -305,7 +310,7 @@ def considered(
     if found is not None:
         for group in found.groups:
             value, P = found.alone((group,))
-            sd, (shift, name) = np.sqrt(np.diag(P)), found.shift(group)
+            sd, (shift, name) = _deviations(P), found.shift(group)
             gain = found.gain((group,))
             out.append(Considered(group, value, sd, gain, included=False, shift=shift, shifted=name))
     return tuple(sorted(out, key=lambda effect: -effect.gain))

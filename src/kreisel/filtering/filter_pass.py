@@ -58,12 +58,14 @@ def run_filter(
     belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
     limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
-    histories = []
+    histories, jumps = [], 0
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         steps, record = filter_steps(problem, start, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
         done = begin
         while done < chunk.stop:
+            if limit.rejected[0] >= MAX_REJECTED_IN_A_ROW:
+                belief, jumps = _after_a_jump(problem, belief), jumps + 1
             belief = _belief_before(problem, start, belief, done, limit.rejected)
             filtered = cell.Gaussian(belief.mean.copy(), belief.factor.T.copy())
             signal, until = readings.holding(updates[done].first, updates[done].last)
@@ -82,7 +84,15 @@ def run_filter(
                 progress(done / len(updates))
         histories.append(history_of(problem, updates[chunk], record))
     history = joined(problem, histories, belief.mean)
-    return FilterRun(start, belief, parameters_of(problem, start, belief.mean), history)
+    return FilterRun(start, belief, parameters_of(problem, start, belief.mean), history, jumps=jumps)
+
+
+def _after_a_jump(problem: Problem, belief: Belief) -> Belief:
+    """Return the belief after many rejected updates: what walks may have jumped, by what it walks in the whole run."""
+    for group in problem.noise.offset_walk:
+        if group in problem.layout:
+            belief = inflate_variance(problem.layout, belief, group, walked_variance(problem, group) ** 0.5)
+    return belief
 
 
 def _belief_before(
@@ -91,10 +101,6 @@ def _belief_before(
     """Return the belief before an update, with a new start of navigation where there is one."""
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
-        for group in problem.noise.offset_walk if rejected[0] >= MAX_REJECTED_IN_A_ROW else ():
-            if group in problem.layout:  # perhaps it has jumped, by as much as it walks in the whole run
-                size = walked_variance(problem, group) ** 0.5
-                belief = inflate_variance(problem.layout, belief, group, size)
         belief = navigation_from_reference(problem, start, belief, at)
         rejected[0] = 0
     return belief

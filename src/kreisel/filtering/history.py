@@ -62,7 +62,7 @@ class FilterRun:
     """Result of one run: start values, final belief, parameters in it, history.
 
     `fitted` is the number of parameters that were fitted to the same data before the run began: the innovations are
-    smaller by so many degrees of freedom.
+    smaller by so many degrees of freedom. `jumps` is how often parameters with a random walk may have jumped.
     """
 
     start: CellParameters
@@ -70,6 +70,7 @@ class FilterRun:
     parameters: CellParameters
     history: History
     fitted: float = 0.0
+    jumps: int = 0
 
     @property
     def excess(self) -> float:

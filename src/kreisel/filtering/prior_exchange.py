@@ -80,7 +80,7 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
         return run
     covariance = run.belief.covariance
     scale = np.sqrt(np.diag(covariance)[:n])
-    size, walk = np.outer(scale, scale), np.diag(problem.walked_variance)
+    size, walk = np.outer(scale, scale), np.diag((1 + run.jumps) * problem.walked_variance)
     prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
     P = covariance[:n, :n] / size
     I_run, I_begun, I_prior = (

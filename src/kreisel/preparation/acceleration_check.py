@@ -17,8 +17,9 @@ from kreisel.preparation.preparation import Preparation
 
 _MIN_WINDOWS = 20
 
-_SEPARABLE = 0.05
-"""Deviation of the positions' scale up to which the motion tells accelerations from those of a lever arm."""
+_SEPARABLE, _USUAL_NOISE = 0.05, 0.1
+"""Deviation of the positions' scale up to which the motion tells accelerations from those of a lever arm, with this
+noise of accelerations, m/s^2."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +91,19 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         explained=fit.explained,
         agreement=agreement,
         size=amplitude,
-        separable=bool(inverse_sd < _SEPARABLE),
+        separable=bool(inverse_sd / fit.noise * _USUAL_NOISE < _SEPARABLE),
     )
 
 
 @dataclass(frozen=True)
 class _Homogeneous:
-    """Solution x (16,) of ``unknown x = -gravity``, its deviations, the residuals, and the explained share."""
+    """Solution x (16,) of ``unknown x = -gravity``, its deviations, residuals and their deviation, explained share."""
 
     x: Array
     sd: Array
     left: Array
     explained: float
+    noise: float
 
 
 def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
@@ -120,7 +122,8 @@ def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
     # windows overlap by half or more and share their noise
     variance = 2.0 * float(np.sum(weight[:, None] * left**2)) / (3.0 * float(weight.sum()))
     explained = 1.0 - float(values[0] / max(values[2], 1e-30))
-    return _Homogeneous(x, np.sqrt(variance * np.diag(np.linalg.inv(normal))), left, explained)
+    deviation = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
+    return _Homogeneous(x, deviation, left, explained, variance**0.5)
 
 
 def _least_scale(regressor: Array, reference: Array, weight: Array, gravity: float) -> float:

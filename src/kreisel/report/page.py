@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
+from kreisel.filtering.effect_selection import MIN_GAIN
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -48,6 +49,7 @@ def render(data: ReportData) -> str:
         unobservable=tables.unobservable_by_group(data.outcome),
         not_estimated=tables.not_estimated(data.outcome),
         figures=drawn,
+        min_gain=MIN_GAIN,
         snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
         **_tables(data),
     )
@@ -80,6 +82,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
         "cause_table": tables.cause_table(data.difference),
         "robot_tables": tables.robot_tables(outcome),
         "parameter_table": tables.parameter_table(data),
+        "considered_table": tables.considered_table(outcome),
         "drift_table": None if data.unseen is None else tables.drift_table(data.unseen),
         "unseen": data.unseen,
         "scores": None if data.halves is None else tables.score_summary(data.halves),

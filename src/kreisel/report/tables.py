@@ -14,7 +14,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.parts import Measured, Timing
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.geometry.rotation import Array
-from kreisel.model.groups import REGISTRY
+from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
 from kreisel.robot.pose_accuracy import PoseAccuracy
@@ -272,6 +272,27 @@ def cause_table(difference: Difference) -> Table:
 def _cause_rows(title: str, unit: str, change: Change) -> Iterable[Row]:
     for cause, rms in change.causes.items():
         yield Row((f"{title}: {cause}", unit, *(number(float(v)) for v in rms)))
+
+
+def considered_table(outcome: Outcome) -> Table | None:
+    """Return every effect that was considered: its largest value, what it gains, and what it changes."""
+    rows = []
+    for effect in outcome.estimate.considered:
+        group = group_named(effect.group)
+        values, sd = effect.value / group.size, effect.deviation / group.size
+        worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
+        shift = f"{effect.shift:.1f} ({effect.shifted})" if effect.shifted else ""
+        name = group.meaning if values.size == 1 else f"{group.meaning} (of {values.size}, the clearest)"
+        cells = (name, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
+        rows.append(Row((*cells, "yes" if effect.included else "no", shift), weak=not effect.included))
+    for walking, gain in outcome.estimate.walks.items():
+        name = f"random walk during the recording: {group_named(walking).meaning.split(',')[0]}"
+        density = number(outcome.problem.noise.offset_walk[walking])
+        rows.insert(0, Row((name, "SI/√s", density, f"{gain:.1f}", "yes", "")))
+    if not rows:
+        return None
+    columns = ("Effect", "Unit", "Estimate", "Gain", "Estimated", "Largest shift")
+    return Table("Effects beyond the usual model", columns, tuple(rows), 2, broad=True)
 
 
 def parameter_table(data: ReportData) -> Table:
