@@ -12,6 +12,10 @@ from kreisel.geometry.rotation import Array, skew
 from kreisel.inertial.effects import RawReadings, added
 
 FORMULA = {
+    "readings": (
+        "first w' <- w' + g_sensitivity a' + asymmetry_w |w'| and a' <- a' + asymmetry_a |a'| + delay da'/dt - smoothing "
+        "d^2a'/dt^2, element by element, each where the file has it"
+    ),
     "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
     "specific_force": (
         "f_b = K_a (a' + k_a0 + sum_i k_ai a'^i - e), e_j = s_j . ([alpha x] + [omega x]^2) r_j, "
