@@ -12,15 +12,14 @@ import numpy as np
 from kreisel._kernels import coefficients, composition, preintegration
 from kreisel._kernels.preintegration import Increments
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import RawReadings, groups_of, places_of
+from kreisel.inertial.effects import groups_of, places_of
 from kreisel.inertial.sensor_model import (
     SensorParameters,
     SizeEffect,
     correct_angular_rate,
     correct_specific_force,
-    without_effects,
 )
-from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal
+from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal, raw_readings, without_effects
 
 Sensors = Mapping[str, Array]
 """Values of effects, flat, by group."""
@@ -79,7 +78,7 @@ def corrected(
     t: Array, w: Array, a: Array, p: SensorParameters, alpha: Array, form: SizeEffect = SizeEffect.COMPLETED
 ) -> tuple[Array, Array]:
     """Return rate and specific force (n, 3) from raw readings, with all effects, for a known angular acceleration."""
-    rates, accelerations = without_effects(RawReadings.unbroken(t, w, a), p)
+    rates, accelerations = without_effects(raw_readings(t, w, a), p)
     omega = correct_angular_rate(rates, p)
     return omega, correct_specific_force(accelerations, omega, alpha, p, form)
 

@@ -22,8 +22,7 @@ from kreisel.calibration.parts import (
     Verdict,
 )
 from kreisel.calibration.result import Calibration
-from kreisel.filtering.effect_selection import Considered
-from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.estimate import Considered, Estimate
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array, exp, matrix, multiply

@@ -6,8 +6,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Cause
-from kreisel.filtering.effect_selection import describe
-from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.estimate import Estimate, describe
 from kreisel.filtering.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.filtering.prior_conflict import MAX_SCORE, prior_scores
 from kreisel.geometry.rotation import Array

@@ -8,8 +8,7 @@ from kreisel.calibration.causes import find_causes
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import GATE, chi_square_bound, lag_one, mean_normalised
-from kreisel.filtering.effect_selection import describe
-from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.estimate import Estimate, describe
 from kreisel.filtering.observability import Observability
 from kreisel.filtering.prior_conflict import prior_scores
 from kreisel.synchronization.results import Correlation

@@ -15,9 +15,9 @@ import numpy as np
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.filtering.correlated_innovations import correlation_factor
-from kreisel.filtering.history import FilterRun
+from kreisel.filtering.estimate import Considered
+from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.initial_belief import parameters_of, stored_state
-from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
@@ -35,35 +35,6 @@ _GATE = 100.0
 """Factor on the gate: noise may be larger than assumed."""
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
-
-
-@dataclass(frozen=True)
-class Considered:
-    """An effect that was considered.
-
-    Attributes
-    ----------
-    group
-        Its parameters.
-    value, deviation : (k,)
-        Its estimate, together with the effects that are estimated; as stored.
-    gain
-        Logarithm of the ratio of the evidences of the data with and without it.
-    included
-        Whether it is part of the model.
-    shift
-        Largest change of a sensor's parameter by including it, in standard deviations without it.
-    shifted
-        Name of that parameter.
-    """
-
-    group: str
-    value: Array
-    deviation: Array
-    gain: float
-    included: bool
-    shift: float
-    shifted: str
 
 
 def candidates(problem: Problem) -> tuple[str, ...]:
@@ -242,7 +213,7 @@ def _factor(P: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
 
 
-def survey(problem: Problem, run: FilterRun, progress: StepProgress | None = None) -> Survey | None:
+def survey(problem: Problem, run: FilterRun, further_pass: Pass, progress: StepProgress | None = None) -> Survey | None:
     """Return a pass with all candidates, from the result of a run without them; None if there are none.
 
     If the innovations of this very pass are too large or correlated, something else is missing too: the evidence is
@@ -324,13 +295,3 @@ def _shift_without(problem: Problem, run: FilterRun, group: str) -> tuple[float,
     score = np.abs(change) / np.sqrt(np.diag(P)[others])
     worst = int(np.argmax(score))
     return float(score[worst]), problem.parameter_names[others[worst]]
-
-
-def describe(effect: Considered) -> str:
-    """Return an effect with its largest value, in the unit it is shown in."""
-    group = group_named(effect.group)
-    values = effect.value / group.size
-    largest = float(values[int(np.argmax(np.abs(values)))])
-    deviation = float(effect.deviation[int(np.argmax(np.abs(values)))]) / group.size
-    which = "up to " if values.size > 1 else ""
-    return f"{group.meaning.split(',')[0]}, {which}{largest:.3g} +- {deviation:.2g} {group.unit}"

@@ -12,8 +12,9 @@ from kreisel.estimation.belief import Belief, inflate_variance
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief, navigation_from_reference, parameters_of
-from kreisel.filtering.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps
+from kreisel.filtering.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.filtering.record import history_of, joined
+from kreisel.filtering.reported_poses import pose_regressor
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.model.schedule import Update
@@ -61,7 +62,9 @@ def run_filter(
     histories, jumps = [], 0
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
-        steps, record = filter_steps(problem, start, updates[chunk]), filter_record(problem, chunk.stop - chunk.start)
+        reported = pose_regressor(problem, start, updates[chunk], reference_groups(problem, start))
+        steps = filter_steps(problem, updates[chunk], reported)
+        record = filter_record(problem, chunk.stop - chunk.start)
         done = begin
         while done < chunk.stop:
             if limit.rejected[0] >= MAX_REJECTED_IN_A_ROW:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,3 +78,7 @@ class FilterRun:
         """Factor on normalised innovations squared for the degrees of freedom fitted before; 1 where none were."""
         degrees = float(np.sum(self.history.degrees[self.history.used]))
         return degrees / max(degrees - self.fitted, 0.3 * degrees, 1.0) if degrees > 0.0 else 1.0
+
+
+Pass = Callable[..., FilterRun]
+"""A further pass: `prior_exchange.further_pass`, which takes a problem, a run near the result, a gate and progress."""

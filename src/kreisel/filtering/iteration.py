@@ -11,8 +11,8 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.filtering.correlated_innovations import correlation_factor
-from kreisel.filtering.effect_selection import Considered, Survey, considered, describe, selected, survey
-from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.effect_selection import Survey, considered, selected, survey
+from kreisel.filtering.estimate import Considered, Estimate, describe
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.noise_adaptation import (
     NoiseFactors,
@@ -176,7 +176,7 @@ def _last_survey(passes: _Passes, progress: Progress | None) -> Survey | None:
         return None
     if passes.surveyed is passes.problem:
         return found
-    return survey(passes.problem, passes.run, of_step(progress, "effects"))
+    return survey(passes.problem, passes.run, further_pass, of_step(progress, "effects"))
 
 
 def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
@@ -260,9 +260,9 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
         correlation, step = correlation_factor(run), of_step(progress, f"pass {count}")
-        found = survey(_with_noise_of(first, problem), run, step)
+        found = survey(_with_noise_of(first, problem), run, further_pass, step)
         chosen = () if found is None else selected(found)
-        walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, step)
+        walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         if not larger:

@@ -9,11 +9,10 @@ import numpy as np
 from kreisel._kernels import cell
 from kreisel._kernels.sigma_points import FIGURES
 from kreisel.estimation.sigma_points import weights
-from kreisel.filtering.reported_poses import pose_regressor, reference_groups
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.strapdown import NOISE_STEP
-from kreisel.model.parameters import POSE_GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.parameters import POSE_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
 
@@ -81,14 +80,19 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     )  # fmt: skip
 
 
+def reference_groups(problem: Problem, known: CellParameters) -> tuple[str, ...]:
+    """Return those of `REFERENCE_GROUPS` that are in the state, or have a known value other than zero."""
+    return tuple(g for g in REFERENCE_GROUPS if g in problem.layout or known.stored(g).any())
+
+
 def effect_sizes(problem: Problem) -> dict[str, int]:
     """Return the numbers of parameters of the sensors' effects that are in the state, by group."""
     layout = problem.layout
     return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
 
 
-def filter_steps(problem: Problem, known: CellParameters, updates: Sequence[Update]) -> cell.Steps:
-    """Return some updates with the poses they use; `known`: the parameters the run starts with."""
+def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -> cell.Steps:
+    """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`."""
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
     positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
@@ -97,7 +101,7 @@ def filter_steps(problem: Problem, known: CellParameters, updates: Sequence[Upda
     if reference.quaternions is not None:
         quaternions = reference.quaternions[poses]
     robot = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
-    regressor = np.concatenate([pose_regressor(problem, known, updates), robot], axis=2)
+    regressor = np.concatenate([reported, robot], axis=2)
     return cell.Steps(
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.filtering.history import FilterRun
-from kreisel.filtering.prior_exchange import further_pass
+from kreisel.filtering.history import FilterRun, Pass
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
@@ -22,7 +21,7 @@ _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 
 
 def found_walks(
-    problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None
+    problem: Problem, run: FilterRun, least: float, further_pass: Pass, progress: StepProgress | None = None
 ) -> tuple[Problem, float] | None:
     """Return the problem with the walks that raise the likelihood most, and by how much; None if by less than `least`.
 

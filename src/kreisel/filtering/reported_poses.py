@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, apply
 from kreisel.inertial.sensor_model import correct_specific_force
-from kreisel.model.parameters import REFERENCE_GROUPS, CellParameters
+from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
 
@@ -16,24 +16,19 @@ _WINDOW = 0.01
 """s; the angular acceleration is the change of the rate over so long before and behind."""
 
 
-def reference_groups(problem: Problem, known: CellParameters) -> tuple[str, ...]:
-    """Return those of `REFERENCE_GROUPS` that are in the state, or have a known value other than zero."""
-    return tuple(g for g in REFERENCE_GROUPS if g in problem.layout or known.stored(g).any())
-
-
-def pose_regressor(problem: Problem, known: CellParameters, updates: Sequence[Update]) -> Array:
-    """Return the effect of `reference_groups` on the poses of updates, (u, 6, e): the true poses less the reported.
+def pose_regressor(problem: Problem, known: CellParameters, updates: Sequence[Update], groups: Sequence[str]) -> Array:
+    """Return the effect of groups on the poses of updates, (u, 6, e): the true poses less the reported.
 
     Rows: position in r, rotation as a right perturbation. `known`: parameters by which accelerations are computed.
 
     Notes
     -----
-    A pose that is averaged over a symmetric window of variance 2 kappa is the true one plus kappa times its second
-    derivative: of the position, and of the rotation vector away from it, to second order.
+    The two of equation (24). A pose that is averaged over a symmetric window of variance 2 kappa is the true one plus
+    kappa times its second derivative: of the position, and of the rotation vector away from it, to second order.
     """
     poses = np.array([update.pose for update in updates])
     samples = np.array([update.last for update in updates])
-    columns = [_COLUMNS[group](problem, known, samples, poses) for group in reference_groups(problem, known)]
+    columns = [_COLUMNS[group](problem, known, samples, poses) for group in groups]
     return np.stack(columns, axis=2) if columns else np.zeros((poses.size, 6, 0))
 
 

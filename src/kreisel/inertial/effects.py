@@ -14,10 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from kreisel._kernels import quadrature
 from kreisel.geometry.rotation import Array, Indices
-
-_POINTS = 5  # of the stencil of derivatives
 
 
 @dataclass(frozen=True)
@@ -30,36 +27,24 @@ class RawReadings:
         Seconds, ascending.
     rates, accelerations : (n, 3)
         rad/s and m/s^2.
-    first : (n,)
-        First sample of the stencil of five that derivatives are taken over.
+    derivative
+        Returns the time derivative of values (n, 3).
     """
 
     stamps: Array
     rates: Array
     accelerations: Array
-    first: Indices
-
-    @classmethod
-    def unbroken(cls, stamps: Array, rates: Array, accelerations: Array) -> RawReadings:
-        """Return readings without gaps, five samples or more."""
-        first = np.clip(np.arange(stamps.size) - _POINTS // 2, 0, stamps.size - _POINTS)
-        t, w, a = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
-        return cls(t, w, a, first.astype(np.int64))
+    derivative: Callable[[Array], Array]
 
     @cached_property
     def accel_slopes(self) -> Array:
         """Time derivative of the accelerometers' readings, (n, 3)."""
-        return self._derivative(self.accelerations)
+        return self.derivative(self.accelerations)
 
     @cached_property
     def accel_curvatures(self) -> Array:
         """Second time derivative of the accelerometers' readings, (n, 3)."""
-        return self._derivative(self.accel_slopes)
-
-    def _derivative(self, values: Array) -> Array:
-        out = np.empty_like(values)
-        quadrature.differentiate(self.stamps, self.first, np.ascontiguousarray(values), out)
-        return out
+        return self.derivative(self.accel_slopes)
 
 
 @dataclass(frozen=True)
@@ -139,7 +124,12 @@ def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:
 
 
 def added(raw: RawReadings, values: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return what effects add to the raw rates and accelerations (n, 3) each, by the values of their groups."""
+    """Return what effects add to the raw rates and accelerations (n, 3) each, by the values of their groups.
+
+    Notes
+    -----
+    The sums of equation (23).
+    """
     out = {"gyroscope": np.zeros_like(raw.rates), "accelerometer": np.zeros_like(raw.accelerations)}
     for group, value in values.items():
         flat = np.asarray(value, dtype=float).ravel()

@@ -9,12 +9,11 @@ from enum import StrEnum
 import numpy as np
 
 from kreisel.geometry.rotation import Array, skew
-from kreisel.inertial.effects import RawReadings, added
 
 FORMULA = {
     "readings": (
-        "first w' <- w' + g_sensitivity a' + asymmetry_w |w'| and a' <- a' + asymmetry_a |a'| + delay da'/dt - smoothing "
-        "d^2a'/dt^2, element by element, each where the file has it"
+        "first w' <- w' + g_sensitivity a' + asymmetry_w |w'| and a' <- a' + asymmetry_a |a'| + delay da'/dt "
+        "- smoothing d^2a'/dt^2, element by element, each where the file has it"
     ),
     "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
     "specific_force": (
@@ -84,18 +83,12 @@ class SensorParameters:
         return cls(np.eye(3), zero, np.eye(3), zero, np.zeros((3, 3)))
 
 
-def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:
-    """Return raw rates and accelerations (n, 3) each, corrected for all effects beyond offset and matrix."""
-    rates, accelerations = added(raw, parameters.effects)
-    return raw.rates + rates, raw.accelerations + accelerations
-
-
 def correct_angular_rate(rates: Array, parameters: SensorParameters) -> Array:
     """Return the angular rate of b against inertial space (n, 3), rad/s, from readings without effects (n, 3).
 
     Notes
     -----
-    Fox and Janocha (2005), equation (1); the sum in it is an effect, see `without_effects`.
+    Fox and Janocha (2005), equation (1); the sum in it is an effect, see `strapdown.without_effects`.
     """
     return np.asarray((rates + parameters.k_w[0]) @ parameters.K_omega.T)
 

@@ -112,11 +112,10 @@ def prepare(
     single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
     _straighten(between, stamps, base, single, double)
-    raw = RawReadings(stamps, rates, accelerations, first)
+    raw = raw_readings(stamps, rates, accelerations, first)
     change = added(raw, applied)
     rates, accelerations = rates + change[0], accelerations + change[1]
-    slope = np.empty_like(rates)
-    quadrature.differentiate(stamps, first, rates, slope)
+    slope = raw.derivative(rates)
     features = _stacked(np.ones(n), rates.T, features_of(raw, estimated, "gyroscope"))
     integrals = np.empty((features.shape[0], n - 1))
     quadrature.integrate_intervals(base, single, features, integrals)
@@ -133,6 +132,26 @@ def prepare(
         usual=float(np.median(np.diff(stamps))),
     )
     return InertialSignal(samples, segments)
+
+
+def raw_readings(stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None) -> RawReadings:
+    """Return raw readings (n, 3) with derivatives over five samples, beginning at `first` (n,); by default without gaps."""
+    if first is None:
+        first = np.clip(np.arange(stamps.size) - 2, 0, stamps.size - 5).astype(np.int64)
+
+    def derivative(values: Array) -> Array:
+        values = np.ascontiguousarray(values, dtype=float)
+        out = np.empty_like(values)
+        quadrature.differentiate(np.ascontiguousarray(stamps, dtype=float), first, values, out)
+        return out
+
+    return RawReadings(stamps, rates, accelerations, derivative)
+
+
+def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:
+    """Return raw rates and accelerations (n, 3) each, corrected for all effects beyond offset and matrix."""
+    rates, accelerations = added(raw, parameters.effects)
+    return raw.rates + rates, raw.accelerations + accelerations
 
 
 def _stacked(*rows: Array) -> Array:

@@ -11,8 +11,8 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.filtering.history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
-from kreisel.inertial.effects import RawReadings
-from kreisel.inertial.sensor_model import correct_angular_rate, without_effects
+from kreisel.inertial.sensor_model import correct_angular_rate
+from kreisel.inertial.strapdown import raw_readings, without_effects
 from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
 from kreisel.synchronization.clock import Clock
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
@@ -282,7 +282,7 @@ def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
     )
     t = readings.stamps[excerpt]
     s = parameters.sensors
-    raw = RawReadings.unbroken(t, readings.rates[excerpt], readings.accelerations[excerpt])
+    raw = raw_readings(t, readings.rates[excerpt], readings.accelerations[excerpt])
     omega = correct_angular_rate(without_effects(raw, s)[0], s)
     gyro_rate = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
@@ -380,7 +380,7 @@ def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     omega, f = outcome.calibration.correct(rates, forces, readings.stamps[wide])
     cut = slice(excerpt.start - wide.start, excerpt.stop - wide.start)
     t = readings.stamps[excerpt]
-    clean = without_effects(RawReadings.unbroken(readings.stamps[wide], rates, forces), sensors)
+    clean = without_effects(raw_readings(readings.stamps[wide], rates, forces), sensors)
     gyro = _parts(rates[cut], clean[0][cut], sensors.K_omega, sensors.k_w[0], nominal.K_omega, omega[cut])
     accel = _parts(forces[cut], clean[1][cut], sensors.K_a, sensors.k_a[0], nominal.K_a, f[cut])
     del gyro["lever arms"]  # rates have none

@@ -17,6 +17,9 @@ from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import small_problem, with_noise
 
+NOTHING = np.zeros((20, 6, 0))
+"""No errors of the reported poses."""
+
 ORDER = {
     "gyro": ("gyro_cross_coupling", "gyro_offset"),
     "accel": ("accel_cross_coupling", "accel_offset", "lever_arms"),
@@ -142,7 +145,7 @@ def test_weights_give_the_moments_of_a_square_of_a_normal_variable(estimator):
 def test_steps_are_updates_and_the_poses_they_use():
     problem = small_problem()
     updates, reference = problem.schedule.updates[10:30], problem.reference
-    steps = filter_steps(problem, problem.prior.start, updates)
+    steps = filter_steps(problem, updates, NOTHING)
     for i, update in enumerate(updates):
         assert (steps.first[i], steps.last[i], steps.tau[i]) == (update.first, update.last, update.tau)
         assert steps.at_standstill[i] == (update.standstill is not None)
@@ -155,11 +158,11 @@ def test_steps_are_updates_and_the_poses_they_use():
 def test_what_the_reference_does_not_show_is_not_given():
     problem = small_problem()
     blind = replace(problem, reference=replace(problem.reference, positions=None))
-    steps = filter_steps(blind, problem.prior.start, problem.schedule.updates[:5])
+    steps = filter_steps(blind, problem.schedule.updates[:5], NOTHING[:5])
     assert steps.given.tolist() == [False, True]
     assert not steps.position.any()
     turned = replace(problem, reference=replace(problem.reference, quaternions=None))
-    assert filter_steps(turned, problem.prior.start, problem.schedule.updates[:5]).given.tolist() == [True, False]
+    assert filter_steps(turned, problem.schedule.updates[:5], NOTHING[:5]).given.tolist() == [True, False]
 
 
 def test_there_is_room_in_the_record_for_every_update():

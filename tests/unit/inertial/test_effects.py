@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from kreisel.inertial.effects import EFFECTS, RawReadings, added, features_of, groups_of, places_of
-from kreisel.inertial.strapdown import prepare
+from kreisel.inertial.effects import EFFECTS, added, features_of, groups_of, places_of
+from kreisel.inertial.strapdown import prepare, raw_readings
 
 T = np.arange(300) / 200.0
 W = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T + 0.5), 0.7 * np.sin(5.0 * T)])
 A = np.column_stack([4.0 * np.cos(2.0 * T), 9.8 + 2.0 * np.sin(3.0 * T), 3.0 * np.sin(4.0 * T + 1.0)])
 A_SLOPE = np.column_stack([-8.0 * np.sin(2.0 * T), 6.0 * np.cos(3.0 * T), 12.0 * np.cos(4.0 * T + 1.0)])
 A_CURVATURE = np.column_stack([-16.0 * np.cos(2.0 * T), -18.0 * np.sin(3.0 * T), -48.0 * np.sin(4.0 * T + 1.0)])
-RAW = RawReadings.unbroken(T, W, A)
+RAW = raw_readings(T, W, A)
 
 G = np.arange(9.0) - 4.0
 B = np.array([1.0, -2.0, 3.0])
