@@ -17,6 +17,12 @@ _WALKS = {
     "time_offset": ("clock walk", "the clocks' offset changes during the recording"),
 }
 
+_REPEATED, _GROSS, _SHAKEN = 0.01, 50.0, 3.0
+"""Share of repeated or gross values that counts; size of a gross one, in medians; vibration, in noise at rest."""
+
+_EXCERPT = 20_000
+"""Samples that are enough to see how readings are rounded."""
+
 _OFFSETS = {"gyro_offset": "gyro", "accel_offset": "accelerometer"}
 
 
@@ -28,6 +34,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *_slip(halves),
         *_site(estimate, latitude),
         *_offsets(estimate),
+        *_robot(estimate),
         *_noise(estimate),
     ]
     return tuple(sorted(found, key=lambda cause: -cause.weight))
@@ -44,7 +51,7 @@ def _slip(halves: SplitHalves | None) -> list[Cause]:
     score = np.abs(0.5 * (a + b)) / np.hypot(a_sd, b_sd) * 2.0**0.5
     apart = np.abs(a - b) / np.hypot(a_sd, b_sd)
     worst = int(np.argmax(score))
-    if score[worst] < 0.7 * MAX_SCORE or apart[worst] > score[worst]:
+    if score[worst] < MAX_SCORE or apart[worst] > score[worst]:
         return []
     angle = np.degrees(float(np.linalg.norm(0.5 * (a + b))))
     text = f"the IMU turned in its mount by about {angle:.2g} deg"
@@ -86,18 +93,85 @@ def _offsets(estimate: Estimate) -> list[Cause]:
     return out
 
 
+def _robot(estimate: Estimate) -> list[Cause]:
+    """Return errors of the arm that are far from what is stated."""
+    problem = estimate.problem
+    if "robot_placement" not in problem.layout:
+        return []
+    sd = np.sqrt(np.diag(problem.prior.covariance["robot_placement"]))
+    score = float(np.abs(estimate.run.parameters.stored("robot_placement") / sd).max())
+    if score <= MAX_SCORE:
+        return []
+    return [Cause("robot_placement", f"the robot's errors, up to {score:.1f} times what is stated", 0.5 * score**2)]
+
+
 def _noise(estimate: Estimate) -> list[Cause]:
-    """Return stated noise figures that the data contradict."""
+    """Return stated noise figures that the data contradict, or what makes the noise as large."""
     out, first, last = [], estimate.stated, estimate.problem
     if first is None:
         return []
     found, stated = last.noise.reference, first.noise.reference
     reference = max(found.position / stated.position, found.orientation / stated.orientation)
     if reference > CONTRADICTION:
-        out.append(
-            Cause("stated reference", f"the poses are {reference:.1f} times less accurate than stated", reference)
-        )
-    imu = max(a / b for a, b in zip(imu_density(last), imu_density(first), strict=True))
-    if imu > CONTRADICTION:
-        out.append(Cause("stated noise", f"the IMU's noise is {imu:.1f} times what is stated", imu))
+        name, text = _of_poses(estimate)
+        out.append(Cause(name, f"{text} ({reference:.1f} times the assumed noise)", _strength(name, reference)))
+    gyro, accel = (a / b for a, b in zip(imu_density(last), imu_density(first), strict=True))
+    if max(gyro, accel) > CONTRADICTION:
+        name, text = _of_readings(estimate)
+        size = max(gyro, accel)
+        out.append(Cause(name, f"{text} ({size:.1f} times the assumed noise)", _strength(name, size)))
     return out
+
+
+def _strength(name: str, factor: float) -> float:
+    """Return a weight for noise that is larger by a factor: little where nothing tells why."""
+    return (5.0 if name.startswith("stated") else 50.0) * float(np.log(factor))
+
+
+def _of_poses(estimate: Estimate) -> tuple[str, str]:
+    """Return what makes the poses noisy."""
+    reference, history = estimate.problem.reference, estimate.run.history
+    positions = reference.positions
+    if positions is not None:
+        step = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        usual = 0.3 * float(np.percentile(step, 75))
+        held = float(np.mean((step[1:-1] == 0.0) & ((step[:-2] > usual) | (step[2:] > usual))))
+        if held > _REPEATED:
+            return "held poses", f"{100.0 * held:.0f} % of the poses repeat the one before"
+    size = history.nis / history.degrees
+    if float(np.mean(size > _GROSS * np.median(size))) > _REPEATED:
+        return "pose outliers", "some poses are grossly wrong"
+    return "stated reference", "the poses are less accurate than stated"
+
+
+def _of_readings(estimate: Estimate) -> tuple[str, str]:
+    """Return what makes the readings noisy."""
+    readings = estimate.problem.readings
+    for name, values in (("gyro", readings.rates), ("accelerometer", readings.accelerations)):
+        part = values[: min(len(values), _EXCERPT)]
+        repeated = float(np.mean(np.all(np.diff(part, axis=0) == 0.0, axis=1)))
+        levels = np.unique(part[:, 0])
+        steps = np.diff(levels)
+        coarse = float(np.min(steps)) if steps.size else 0.0
+        change = float(np.median(np.abs(np.diff(part[:, 0])[np.diff(part[:, 0]) != 0.0]))) if steps.size else 1.0
+        if coarse > 0.5 * change:
+            return "rounding", f"{name} readings are rounded to steps of {coarse:.2g}"
+        if repeated > _REPEATED:
+            return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
+    quiet, busy = _high_frequency(estimate)
+    if busy > _SHAKEN * quiet:
+        return "vibration", f"the IMU vibrates while it moves: its noise is {busy / quiet:.0f} times that at rest"
+    return "stated noise", "the IMU is noisier than stated"
+
+
+def _high_frequency(estimate: Estimate) -> tuple[float, float]:
+    """Return the size of third differences of the accelerometers' readings at standstill and on the path."""
+    readings, still = estimate.problem.readings, estimate.problem.schedule.standstills
+    at = np.zeros(readings.stamps.size - 3, dtype=bool)
+    for interval in still:
+        a, b = np.searchsorted(readings.stamps, (interval.start, interval.stop))
+        at[a : max(b - 3, a)] = True
+    third = np.sum(np.diff(readings.accelerations, n=3, axis=0) ** 2, axis=1)
+    if not at.any() or at.all():
+        return 1.0, 1.0
+    return float(np.sqrt(np.median(third[at]))), float(np.sqrt(np.median(third[~at])))

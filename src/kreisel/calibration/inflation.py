@@ -16,6 +16,12 @@ from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.recording.recording import DataWarning
 
+_TERMS = {"accel_delay": 0.01, "accel_smoothing": 1.5e-4, "reference_smoothing": 1.5e-4}
+"""Sizes (s, s^2) at which the terms that the model of an effect leaves out are as large as other uncertainties."""
+
+_SMALL = 0.3
+_SERIES = "delay or smoothing are large for a model that is the first terms of a series;"
+
 _GRAVITY_SHARE = 0.25
 """Share of a variance that would remain with gravity known; below it, gravity limits the result."""
 
@@ -33,8 +39,22 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     for group in found.walks:
         # a moment's offset against the end's, as far apart as two moments of the recording are on average
         belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
+    factor = series_factor(found)
+    if factor > 1.0:
+        belief = replace(belief, factor=factor * belief.factor)
+        warnings.append(DataWarning("effects", f"{_SERIES} standard deviations were multiplied by {factor:.2f}"))
     warnings += _gravity_warning(problem, filtered)
     return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
+
+
+def series_factor(found: Estimate) -> float:
+    """Return the factor on deviations for delay and smoothing, the first terms of a series; 1 for small ones."""
+    sizes = [
+        float(np.abs(effect.value).max()) / _TERMS[effect.group]
+        for effect in found.considered
+        if effect.included and effect.group in _TERMS
+    ]
+    return (1.0 + max(sizes) ** 2) ** 0.5 if sizes and max(sizes) > _SMALL else 1.0
 
 
 def _as_filtered(found: Estimate) -> FilterRun:

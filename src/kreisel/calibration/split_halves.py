@@ -22,6 +22,9 @@ from kreisel.recording.recording import DataWarning
 MAX_RMS = 2.0
 """Root mean square of a group's scores above which the halves count as different; by chance, in one case of 200."""
 
+_LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
+"""Least variance of a difference, in the sum of both variances."""
+
 
 def split_halves(
     found: Estimate, progress: Progress | None = None, together: Together = one_by_one
@@ -52,7 +55,9 @@ def split_halves(
     A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
     shared = A @ np.linalg.solve(P, B)  # equation (22)
     variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
-    variance = np.maximum(variance, 1e-4 * np.diag(A + B)) + 0.5 * problem.walked_variance
+    # what both share is less certain if offsets walk: the prior is exchanged approximately
+    least = _LEAST_WITH_WALKS if found.walks else _LEAST
+    variance = np.maximum(variance, least * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
     return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
 

@@ -15,7 +15,7 @@ from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
-MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 5.0, 15.0
+MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 7.0, 25.0
 """Factors on given noise figures: the larger one where the innovations are white, and all else fits."""
 
 MAX_SCORE = 4.5
@@ -140,7 +140,7 @@ def _priors(estimate: Estimate) -> list[str]:
 MAX_POSITION_SCALE = 2.5e-3
 """Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
 
-_LARGEST = {"accel_delay": 15e-3, "accel_smoothing": 2e-4, "reference_smoothing": 2e-4}
+_LARGEST = {"accel_delay": 50e-3, "accel_smoothing": 1.5e-3, "reference_smoothing": 1.5e-3}
 """Sizes (s, s^2) up to which the first terms of a series describe an effect."""
 
 

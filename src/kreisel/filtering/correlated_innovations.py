@@ -1,10 +1,10 @@
-"""How much less innovations say if they are correlated in time."""
+"""What innovations say of a model: how much less if they are correlated in time, and how likely they are."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from kreisel.estimation.consistency import correlation_time, lag_one, mean_normalised
+from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
 from kreisel.filtering.history import FilterRun
 
 COLOURED = 0.3
@@ -31,3 +31,14 @@ def correlation_factor(run: FilterRun) -> float:
         if float(np.mean(lag_one(series, np.ones(series.shape[0], dtype=bool)))) > COLOURED:
             times.append(float(np.mean([correlation_time(series[:, i]) for i in range(3)])))
     return float(np.sqrt(max(1.0, size * max(times, default=1.0))))
+
+
+def bounded_likelihood(run: FilterRun) -> float:
+    """Return the log-likelihood of a run, in which no update counts less than one at the gate.
+
+    Gross errors of a few poses must not decide between models.
+    """
+    history = run.history
+    bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(history.degrees)}
+    beyond = np.maximum(history.nis - np.array([bounds[m] for m in history.degrees]), 0.0)
+    return float(np.sum(history.log_likelihood + 0.5 * beyond))

@@ -28,8 +28,8 @@ from kreisel.progress import StepProgress
 MIN_GAIN = 6.0
 """Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
 
-USUAL_ODDS = 1.0 / 20.0
-"""Odds, before any look at the data, that a device has an effect."""
+USUAL_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 20.0
+"""Odds, before any look at the data, that a device has an effect, and one that its grade states."""
 
 _GATE = 100.0
 """Factor on the gate: noise may be larger than assumed."""
@@ -137,7 +137,8 @@ class Survey:
         base, _ = self._without(self.groups)
         columns = [np.zeros((self.before.layout.degrees, 0))]
         for group in self.groups:
-            odds = USUAL_ODDS * np.exp(min(self.gain((group,)), MIN_GAIN))
+            before = EXPECTED_ODDS if group in self.before.prior.expected else USUAL_ODDS
+            odds = before * np.exp(min(self.gain((group,)), MIN_GAIN))
             others = tuple(g for g in self.groups if g != group)
             more, P = self._without(others)
             i = self.places((group,))
@@ -255,8 +256,9 @@ def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
         whole = found.gain(chosen)
         rest = {g: tuple(other for other in chosen if other != g) for g in chosen}
         lost = {g: whole - found.gain(others) for g, others in rest.items()}
-        least = min(lost, key=lost.__getitem__)
-        if lost[least] >= threshold:
+        needed = {g: 0.0 if g in found.before.prior.expected else threshold for g in chosen}
+        least = min(lost, key=lambda g: lost[g] - needed[g])
+        if lost[least] >= needed[least]:
             break
         chosen = rest[least]
     return chosen

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.consistency import GATE, chi_square_bound
-from kreisel.filtering.correlated_innovations import correlation_factor
+from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
 from kreisel.filtering.estimate import Considered, Estimate, describe
 from kreisel.filtering.history import FilterRun
@@ -82,7 +82,7 @@ class _Passes:
     survey, surveyed
         The last look at further effects, and the problem it was made for.
     walk_gain
-        What walks of parameters gained in log-likelihood.
+        What the walk of each group gained in log-likelihood.
     """
 
     problem: Problem
@@ -92,7 +92,7 @@ class _Passes:
     moved: float = 0.0
     survey: Survey | None = None
     surveyed: Problem | None = None
-    walk_gain: float = 0.0
+    walk_gain: Mapping[str, float] = field(default_factory=dict)
 
 
 def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
@@ -114,11 +114,10 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
 
 def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Estimate:
     passes = _until_settled(problem, 0, given, progress)
+    passes = _without_contradiction(problem, passes, given, progress)
     passes = _with_effects(problem, passes, given, progress)
-    contradicted = {} if problem.settings.passes is not None else contradicted_offsets(passes.problem, passes.run)
-    if contradicted:
-        wider = with_wider_priors(passes.problem, contradicted)
-        passes = _until_settled(wider, passes.count, given, progress, passes.run)
+    passes = _without_contradiction(problem, passes, given, progress)
+    contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
@@ -141,7 +140,7 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Esti
     included = tuple(g for g in found.groups if g not in problem.groups)
     effects = considered(last, found, widened, included)
     before = problem.noise.offset_walk
-    walks = {g: passes.walk_gain for g, d in found.noise.offset_walk.items() if d > before.get(g, 0.0)}
+    walks = {g: gain for g, gain in passes.walk_gain.items() if found.noise.offset_walk[g] > before.get(g, 0.0)}
     return Estimate(
         found,
         widened,
@@ -155,6 +154,25 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Esti
         contradicted,
         problem,
     )
+
+
+def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str, float]:
+    """Return the offsets whose prior in a problem the data contradict, but those that walk: they are not one value."""
+    if passes.problem.settings.passes is not None:
+        return {}
+    found = contradicted_offsets(replace(passes.problem, prior=stating.prior), passes.run)
+    walks, before = passes.problem.noise.offset_walk, first.noise.offset_walk
+    return {group: score for group, score in found.items() if not walks.get(group, 0.0) > before.get(group, 0.0)}
+
+
+def _without_contradiction(first: Problem, passes: _Passes, given: Given, progress: Progress | None) -> _Passes:
+    """Return the passes with wider priors of offsets, where the data contradict those that are stated."""
+    scores = _contradicted(first, passes, passes.problem)
+    if not scores:
+        return passes
+    wider = with_wider_priors(passes.problem, scores)
+    again = _until_settled(wider, passes.count, given, progress, passes.run)
+    return replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
 
 
 def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
@@ -268,8 +286,8 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         if not larger:
             return replace(passes, count=count, survey=found, surveyed=problem)
         tried = [_until_settled(_with_noise_of(first, one), count, given, progress, begun) for one, begun in larger]
-        best = max(tried, key=lambda one: float(one.run.history.log_likelihood.sum()))
-        gain = walk[1] if walk is not None and best is tried[0] else passes.walk_gain
+        best = max(tried, key=lambda one: bounded_likelihood(one.run))
+        gain = {**passes.walk_gain, **walk[1]} if walk is not None and best is tried[0] else passes.walk_gain
         passes = replace(best, survey=found, walk_gain=gain)
     return passes
 

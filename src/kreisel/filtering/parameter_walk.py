@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from kreisel.filtering.correlated_innovations import bounded_likelihood
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -22,8 +23,8 @@ _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 
 def found_walks(
     problem: Problem, run: FilterRun, least: float, further_pass: Pass, progress: StepProgress | None = None
-) -> tuple[Problem, float] | None:
-    """Return the problem with the walks that raise the likelihood most, and by how much; None if by less than `least`.
+) -> tuple[Problem, dict[str, float]] | None:
+    """Return the problem with the walks that raise the likelihood most, and what each gains; None below `least`.
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
     """
@@ -37,12 +38,13 @@ def found_walks(
     def likelihood(walks: dict[str, float]) -> float:
         own = {g: max(walks.get(g, 0.0), density) for g, density in (problem.noise.offset_walk | walks).items()}
         trial = further_pass(with_walks(problem, own), run, progress=progress)
-        return float(trial.history.log_likelihood.sum())
+        return bounded_likelihood(trial)
 
     base = likelihood({})
     if likelihood(least_densities) < base + least:
         return None
     walks: dict[str, float] = {}
+    gains: dict[str, float] = {}
     best = base
     for group in groups:
         density = max(least_densities[group], problem.noise.offset_walk.get(group, 0.0))
@@ -50,11 +52,12 @@ def found_walks(
             now = likelihood(walks | {group: density})
             if now < best + (least if group not in walks else 0.0):
                 break
+            gains[group] = gains.get(group, 0.0) + now - best
             walks[group], best = density, now
             density *= _STEP
     if best < base + least or not walks:
         return None
-    return with_walks(problem, problem.noise.offset_walk | walks), best - base
+    return with_walks(problem, problem.noise.offset_walk | walks), gains
 
 
 def with_walks(problem: Problem, density: dict[str, float]) -> Problem:

@@ -135,7 +135,7 @@ def prepare(
 
 
 def raw_readings(stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None) -> RawReadings:
-    """Return raw readings (n, 3) with derivatives over five samples, beginning at `first` (n,); by default without gaps."""
+    """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps."""
     if first is None:
         first = np.clip(np.arange(stamps.size) - 2, 0, stamps.size - 5).astype(np.int64)
 

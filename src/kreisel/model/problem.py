@@ -40,6 +40,8 @@ class Prior:
         Groups whose prior the user states.
     nominal
         A faultless IMU on the mount found: values of groups that are not observable.
+    expected
+        Effects that a device of the stated grade has.
     """
 
     start: CellParameters
@@ -49,6 +51,7 @@ class Prior:
     width: dict[str, Array]
     stated: tuple[str, ...]
     nominal: CellParameters
+    expected: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from kreisel.preparation.attitude import start_attitudes
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.robot import ANGLE_SD, LENGTH_SD
 from kreisel.preparation.scheduling import schedule_updates
-from kreisel.preparation.start_values import nominal_parameters, starting_point, stated_prior
+from kreisel.preparation.start_values import expected_effects, nominal_parameters, starting_point, stated_prior
 from kreisel.preparation.state_layout import build_layout
 from kreisel.recording.recording import ReferencePoses, angles_over
 from kreisel.synchronization.clock import Clock
@@ -195,4 +195,5 @@ def _prior(
         },
         stated=tuple(stated),
         nominal=nominal_parameters(preparation, order),
+        expected=expected_effects(preparation),
     )

@@ -176,6 +176,12 @@ def _deviations_without_fit(preparation: Preparation, order: int) -> dict[str, A
     }
 
 
+def expected_effects(preparation: Preparation) -> tuple[str, ...]:
+    """Return the effects that a device of the stated grade has."""
+    grade = GRADES.get(preparation.recording.settings.imu.grade or "")
+    return ("gyro_g_sensitivity",) if grade is not None and grade.g_sensitivity > 0.0 else ()
+
+
 def _g_sensitivity(preparation: Preparation) -> float:
     """Return the deviation of the gyros' sensitivity to acceleration, rad/s per m/s^2, by grade."""
     grade = GRADES.get(preparation.recording.settings.imu.grade or "")

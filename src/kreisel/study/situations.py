@@ -35,6 +35,9 @@ GYRO_CHANGES = ("gyro offset walks", "gyro offset steps", "gyros warm up", "gyro
 ACCEL_CHANGES = ("accel offset walks", "accel offset steps", "accelerometers warm up", "accel temperature")
 """Situations in which offsets change; any of them counts as the cause of any other."""
 
+_NOT_SHOWN = ("swinging joints", "sway", "reference_smoothing")
+"""Motion that the reference does not show."""
+
 
 @dataclass(frozen=True)
 class Situation:
@@ -49,7 +52,8 @@ class Situation:
     cell
         Content of a `Cell`.
     causes
-        Names of causes that are true; empty where the model covers all that differs.
+        Names of causes that are true; empty where the model covers all that differs. Motion that the reference does not
+        show (interpolated poses, an arm that swings) and poses that are smoothed look alike: either name is true.
     """
 
     name: str
@@ -296,10 +300,10 @@ def _arm() -> tuple[_Effect, ...]:
             "backlash", "play of the gears",
             _sizes("errors", "backlash_sd", "mrad", MRAD, 0.05, 0.3, 2), ("backlash",), _ROBOTS,
         ),
-        _Effect("swinging joints", "elastic joints swing after stops", swinging, ("swinging joints", "sway"), _ROBOTS),
+        _Effect("swinging joints", "elastic joints swing after stops", swinging, _NOT_SHOWN, _ROBOTS),
         _Effect(
             "sway", "the base sways while the arm moves",
-            _sizes("errors", "sway", "mm", MM, 0.05, 0.4, 3), ("sway", "swinging joints"), _ROBOTS,
+            _sizes("errors", "sway", "mm", MM, 0.05, 0.4, 3), _NOT_SHOWN, _ROBOTS,
         ),
         _Effect(
             "encoder steps", "coarse joint angles",
