@@ -36,15 +36,24 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         warnings.append(_frame_warning(problem))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
-    for group in found.walks:
-        # a moment's offset against the end's, as far apart as two moments of the recording are on average
-        belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
     factor = series_factor(found)
     if factor > 1.0:
         belief = replace(belief, factor=factor * belief.factor)
         warnings.append(DataWarning("effects", f"{_SERIES} standard deviations were multiplied by {factor:.2f}"))
     warnings += _gravity_warning(problem, filtered)
     return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
+
+
+def with_walks(found: Estimate) -> Estimate:
+    """Return the estimate with deviations of what walks that include how far it walks.
+
+    By the distance of two moments of the recording, on average: the value at the end is known better, but it is not
+    the device's.
+    """
+    problem, belief = found.problem, found.run.belief
+    for group in found.walks:
+        belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
+    return replace(found, run=replace(found.run, belief=belief))
 
 
 def series_factor(found: Estimate) -> float:

@@ -286,6 +286,9 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         if not larger:
             return replace(passes, count=count, survey=found, surveyed=problem)
         tried = [_until_settled(_with_noise_of(first, one), count, given, progress, begun) for one, begun in larger]
+        if problem.noise.correlation_time == 0.0:
+            coloured = _with_coloured_noise(passes, progress)
+            tried += [coloured] if coloured.problem is not problem else []
         best = max(tried, key=lambda one: bounded_likelihood(one.run))
         gain = {**passes.walk_gain, **walk[1]} if walk is not None and best is tried[0] else passes.walk_gain
         passes = replace(best, survey=found, walk_gain=gain)
@@ -311,7 +314,7 @@ def _with_coloured_noise(passes: _Passes, progress: Progress | None) -> _Passes:
     Its time constant is found by likelihood: it is doubled from half the update interval while the likelihood grows.
     """
     problem, run, count = passes.problem, passes.run, passes.count
-    if problem.settings.passes is not None or correlation_factor(run) == 1.0:
+    if problem.settings.passes is not None or correlation_factor(run) == 1.0 or problem.noise.correlation_time > 0.0:
         return passes
     best = passes
     likelihood = float(further_pass(problem, run).history.log_likelihood.sum()) + MIN_LIKELIHOOD_GAIN
