@@ -175,7 +175,7 @@ def _noise(estimate: Estimate) -> list[str]:
     if estimate.contradiction > (MAX_WHITE_CONTRADICTION if white else MAX_CONTRADICTION):
         reasons.append(
             "the data contradict the given noise figures: the noise found is up to "
-            f"{estimate.contradiction:.1f} times as large. The model does not fit (try --polynomial-order 2, or record "
+            f"{estimate.contradiction:.1f} times as large. The model does not fit (record "
             "the robot's joint angles), or the figures are wrong"
         )
     return reasons

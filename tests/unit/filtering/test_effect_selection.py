@@ -1,0 +1,82 @@
+"""Evidence of effects by conditioning, against the likelihood that the filter itself gives with and without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.filtering import effect_selection
+from kreisel.filtering.effect_selection import candidates, selected, survey
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.initial_belief import first_belief
+from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.model.problem import hold, with_groups
+
+from ...small_problem import small_problem
+
+
+@pytest.fixture(scope="module")
+def found():
+    problem = small_problem()
+    run = further_pass(problem, first_pass(problem))
+    return survey(problem, run, further_pass)
+
+
+def filtered(problem, groups):
+    """Return a run of the filter with groups in the state, from the start's covariance and the groups' priors."""
+    larger = with_groups(problem, groups, {g: effect_selection.usual_covariance(g, problem) for g in groups})
+    order = larger.settings.polynomial_order
+    start = larger.prior.start.with_order(order)
+    return larger, run_filter(larger, start, belief=first_belief(larger, start), gate=np.inf)
+
+
+@pytest.mark.parametrize(
+    "groups",
+    [("accel_delay",), ("gyro_asymmetry",), ("accel_smoothing",), ("accel_delay", "accel_asymmetry"), ("gyro_polynomial",)],
+)
+def test_gain_is_the_difference_of_log_likelihoods(found, groups):
+    """The likelihood of all innovations with an effect is the evidence, the mean over the effect's prior.
+
+    The two begin at other points, and the model is not quite linear: a twentieth of the gain, or a fifth.
+    """
+    problem = found.before
+    plain = filtered(problem, ())[1].history.log_likelihood.sum()
+    with_effect = filtered(problem, groups)[1].history.log_likelihood.sum()
+    gain = replace(found, temper=1.0).gain(groups)
+    assert gain == pytest.approx(with_effect - plain, rel=0.05, abs=0.2)
+
+
+@pytest.mark.parametrize("groups", [("accel_delay",), ("gyro_asymmetry", "accel_smoothing")])
+def test_the_others_held_at_zero_the_result_is_that_of_the_smaller_model(found, groups):
+    problem, run = found.conditioned(groups)
+    again = further_pass(problem, run)
+    n = len(problem.parameter_names)
+    change = problem.layout.minus(again.belief.mean[:, None], run.belief.mean)[:n, 0]
+    assert np.abs(change / again.belief.standard_deviation[:n]).max() < 0.1
+    ratio = run.belief.standard_deviation[:n] / again.belief.standard_deviation[:n]
+    np.testing.assert_allclose(ratio, 1.0, atol=0.05)
+
+
+def test_clean_data_show_nothing_and_large_effects_are_never_dropped(found):
+    assert selected(found) == ()
+    assert selected(found, threshold=-np.inf) == found.groups
+
+
+def test_what_is_in_the_state_fixed_or_held_is_no_candidate():
+    problem = small_problem()
+    assert "accel_delay" in candidates(problem)
+    assert "accel_delay" not in candidates(with_groups(problem, ("accel_delay",)))
+    assert "accel_delay" not in candidates(hold(with_groups(problem, ("accel_delay",)), ("accel_delay",)))
+    settings = replace(problem.settings, fixed=("accel_delay",))
+    assert "accel_delay" not in candidates(replace(problem, settings=settings))
+    blind = replace(problem, reference=replace(problem.reference, positions=None))
+    assert not {g for g in candidates(blind) if g.startswith("accel") or g == "position_scale"}
+
+
+def test_undecided_effects_widen_by_little_where_they_gain_nothing(found):
+    columns = found.undecided()
+    P = found.before
+    added = np.sum(columns**2, axis=1)[: len(P.parameter_names)]
+    variance = np.diag(found.conditioned(())[1].belief.covariance)[: added.size]
+    assert (added >= 0.0).all()
+    assert (added / variance).max() < 0.3
