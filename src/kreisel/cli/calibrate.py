@@ -23,7 +23,7 @@ def calibrate(
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
     fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
     estimate: list[str] = typer.Option(
-        [], help="Group to estimate too: robot_gears or robot_compliance; may be repeated."
+        [], help="Effect to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated."
     ),
     skew: bool | None = typer.Option(
         None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."
