@@ -28,6 +28,10 @@ MIN_AGREEMENT = 0.6
 MIN_ACCELERATION = 0.08
 """m/s^2; standard deviation of accelerations below which the agreement has no meaning."""
 
+MAX_INTERVAL = 0.03
+"""s; usual time between two poses up to which a body that turns about a point is believed to do so: slower ones show too
+little of its accelerations."""
+
 MAX_CLOCK_DRIFT = 0.004
 """Seconds by which the clocks of a part of a recording may depart from their common relation, beyond uncertainty."""
 
@@ -124,7 +128,8 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     reference = preparation.reference
     F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
     in_order = np.linalg.det(F) > 0.0 and _angle(F) < MAX_TURN
-    agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or not fit.separable
+    about_a_point = not fit.separable and reference.interval < MAX_INTERVAL
+    agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or about_a_point
     if not (in_order and agreed):
         reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
         if reading is not None:

@@ -32,7 +32,13 @@ def filtered(problem, groups):
 
 @pytest.mark.parametrize(
     "groups",
-    [("accel_delay",), ("gyro_asymmetry",), ("accel_smoothing",), ("accel_delay", "accel_asymmetry"), ("gyro_polynomial",)],
+    [
+        ("accel_delay",),
+        ("gyro_asymmetry",),
+        ("accel_smoothing",),
+        ("accel_delay", "accel_asymmetry"),
+        ("gyro_polynomial",),
+    ],
 )
 def test_gain_is_the_difference_of_log_likelihoods(found, groups):
     """The likelihood of all innovations with an effect is the evidence, the mean over the effect's prior.
