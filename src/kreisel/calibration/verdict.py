@@ -15,7 +15,7 @@ from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
-MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 7.0, 25.0
+MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 15.0
 """Factors on given noise figures: the larger one where the innovations are white, and all else fits."""
 
 MAX_SCORE = 4.5
@@ -117,7 +117,13 @@ _STATED = {
 
 def _priors(estimate: Estimate) -> list[str]:
     """Return the reasons about estimates that lie far from their stated prior."""
-    problem, reasons = estimate.problem, []
+    problem = estimate.problem
+    reasons = [
+        f"{_STATED[group][0]} lie {score:.0f} stated standard deviations away: this is not the device that "
+        f"recording.toml describes; correct {_STATED[group][1]}"
+        for group, score in estimate.contradicted.items()
+        if score > MAX_OFFSET_SCORE
+    ]
     for group, (title, keys) in _STATED.items():
         if group not in problem.layout or (group.endswith("_offset") and group not in problem.prior.stated):
             continue
@@ -136,6 +142,9 @@ def _priors(estimate: Estimate) -> list[str]:
             )
     return reasons
 
+
+MAX_OFFSET_SCORE = 100.0
+"""Stated deviations beyond which offsets are no longer those of a device of the stated grade."""
 
 MAX_POSITION_SCALE = 2.5e-3
 """Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""

@@ -167,12 +167,14 @@ def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str
 
 def _without_contradiction(first: Problem, passes: _Passes, given: Given, progress: Progress | None) -> _Passes:
     """Return the passes with wider priors of offsets, where the data contradict those that are stated."""
-    scores = _contradicted(first, passes, passes.problem)
-    if not scores:
-        return passes
-    wider = with_wider_priors(passes.problem, scores)
-    again = _until_settled(wider, passes.count, given, progress, passes.run)
-    return replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+    for _ in range(MAX_ROUNDS):  # a narrow prior hides how far away the data lie
+        scores = _contradicted(first, passes, passes.problem)
+        if not scores:
+            break
+        wider = with_wider_priors(passes.problem, scores)
+        again = _until_settled(wider, passes.count, given, progress, passes.run)
+        passes = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+    return passes
 
 
 def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:

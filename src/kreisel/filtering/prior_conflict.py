@@ -13,8 +13,8 @@ from kreisel.model.problem import Problem
 MAX_SCORE = 4.5
 """Standard deviations between prior and data from which on they contradict each other."""
 
-_WIDER, _HOPELESS = 2.0, 100.0
-"""Deviations of the wider prior that the data then lie from its centre; a score beyond which nothing is mended."""
+_WIDER = 2.0
+"""Deviations of the wider prior that the data then lie from its centre."""
 
 _LEAST_SHARE = 0.02
 """Share of the information about a parameter that the data must give to be compared with its prior."""
@@ -40,7 +40,7 @@ def contradicted_offsets(problem: Problem, run: FilterRun) -> dict[str, float]:
     """Return the offsets whose stated prior the data contradict, with their scores."""
     stated = [g for g in _OFFSETS if g in problem.layout and g in problem.prior.stated]
     scores = {g: float(prior_scores(problem, run, g).max()) for g in stated}
-    return {group: score for group, score in scores.items() if MAX_SCORE < score < _HOPELESS}
+    return {group: score for group, score in scores.items() if score > MAX_SCORE}
 
 
 def with_wider_priors(problem: Problem, scores: dict[str, float]) -> Problem:

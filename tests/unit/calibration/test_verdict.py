@@ -112,11 +112,11 @@ def test_estimates_that_still_move_are_a_reason_unless_the_passes_were_stated():
 
 def test_noise_figures_that_the_data_contradict_are_a_reason():
     assert reasons(found(contradiction=MAX_CONTRADICTION)) == ()
-    assert reasons(found(contradiction=7.2)) == ()  # innovations are white, and all else fits
-    (reason,) = reasons(replace(found(contradiction=7.2), correlation_factor=1.5))
-    assert "the noise found is up to 7.2 times as large" in reason
-    (reason,) = reasons(found(contradiction=25.5))
-    assert "the noise found is up to 25.5 times as large" in reason
+    assert reasons(found(contradiction=3.2)) == ()  # innovations are white, and all else fits
+    (reason,) = reasons(replace(found(contradiction=3.2), correlation_factor=1.5))
+    assert "the noise found is up to 3.2 times as large" in reason
+    (reason,) = reasons(found(contradiction=15.5))
+    assert "the noise found is up to 15.5 times as large" in reason
 
 
 def test_what_a_calibration_needs_must_be_shown():
