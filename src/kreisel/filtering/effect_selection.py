@@ -9,6 +9,7 @@ prior: an effect with a wide prior has to gain more. No further pass is needed t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -82,16 +83,13 @@ class Survey:
         """Return the logarithm of the ratio of the evidences with some candidates and without any."""
         if not groups:
             return 0.0
-        i = self.places(groups)
-        D, eta = self._data(i)
-        prior = self._prior(groups)
-        posterior = np.linalg.inv(np.linalg.inv(prior) + D)
-        return float(0.5 * eta @ posterior @ eta - 0.5 * np.linalg.slogdet(np.eye(i.size) + prior @ D)[1])
+        D, eta = self._data_about(groups)
+        value, _ = self.alone(groups)
+        return float(0.5 * eta @ value - 0.5 * np.linalg.slogdet(np.eye(eta.size) + self._prior(groups) @ D)[1])
 
     def alone(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return estimate and covariance of some candidates with all others zero."""
-        i = self.places(groups)
-        D, eta = self._data(i)
+        D, eta = self._data_about(groups)
         P = np.linalg.inv(np.linalg.inv(self._prior(groups)) + D)
         return np.asarray(P @ eta), np.asarray(P)
 
@@ -102,7 +100,7 @@ class Survey:
         pull at one that is found in the data.
         """
         rest = tuple(g for g in self.groups if g not in groups)
-        problem = with_groups(self.before, groups, {group: self.prior(group) for group in groups})
+        problem = with_groups(self.before, groups, {group: self._priors[group] for group in groups})
         all_of, P = self._without(rest)
         before, after = self.problem.layout, problem.layout
         kept = np.concatenate([np.r_[before[part.name]] for part in after])
@@ -115,10 +113,9 @@ class Survey:
 
     def shift(self, group: str) -> tuple[float, str]:
         """Return the largest change of a sensor's parameter by one candidate, in deviations, and its name."""
-        base, P = self._without(self.groups)
-        more, _ = self._without(tuple(g for g in self.groups if g != group))
-        own = set(self.places(self.groups).tolist())
-        places = [i for i in range(self.problem.sensor_degrees) if i not in own]
+        base, P = self._plain
+        more, _ = self._with_one[group]
+        places = [i for i in self._others if i < self.problem.sensor_degrees]
         if not places:
             return 0.0, ""
         change = self.problem.layout.minus(more[:, None], base)[places, 0] / _deviations(P)[places]
@@ -131,67 +128,85 @@ class Survey:
         The square of a column is what an effect that is left out may add to the covariance, times the probability that
         it is there: its shift of the result, and the uncertainty of that.
         """
-        n = len(self.before.parameter_names)
-        own = set(self.places(self.groups).tolist())
-        kept = np.array([i for i in range(len(self.problem.parameter_names)) if i not in own], dtype=np.int64)
-        base, _ = self._without(self.groups)
-        columns = [np.zeros((self.before.layout.degrees, 0))]
+        degrees, base = self.before.layout.degrees, self._plain[0]
+        columns = [np.zeros((degrees, 0))]
         for group in self.groups:
             before = EXPECTED_ODDS if group in self.before.prior.expected else USUAL_ODDS
             odds = before * np.exp(min(self.gain((group,)), MIN_GAIN))
-            others = tuple(g for g in self.groups if g != group)
-            more, P = self._without(others)
+            more, P = self._with_one[group]
             i = self.places((group,))
-            spread = P[np.ix_(kept, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
-            shift = self.problem.layout.minus(more[:, None], base)[kept]
-            part = np.zeros((self.before.layout.degrees, 1 + i.size))
-            part[:n] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
+            spread = P[np.ix_(self._others, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
+            shift = self.problem.layout.minus(more[:, None], base)[self._others]
+            part = np.zeros((degrees, 1 + i.size))
+            part[: self._others.size] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
             columns.append(part)
         return np.hstack(columns)
+
+    @cached_property
+    def _others(self) -> Indices:
+        """Degrees of freedom of all parameters that are no candidates."""
+        return np.setdiff1d(np.arange(len(self.problem.parameter_names)), self.places(self.groups))
+
+    @cached_property
+    def _plain(self) -> tuple[Array, Array]:
+        """Mean and covariance without any candidate."""
+        return self._without(self.groups)
+
+    @cached_property
+    def _with_one(self) -> dict[str, tuple[Array, Array]]:
+        """Mean and covariance with each candidate alone."""
+        return {group: self._without(tuple(g for g in self.groups if g != group)) for group in self.groups}
 
     def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return mean and covariance conditioned on zero values of candidates."""
         belief, i = self.run.belief, self.places(groups)
         P = belief.covariance
         gain = np.linalg.solve(P[np.ix_(i, i)], P[i]).T
-        change = self.problem.layout.plus(belief.mean, -(gain @ self._values(i))[:, None])[:, 0]
+        change = self.problem.layout.plus(belief.mean, -(gain @ self._values[i])[:, None])[:, 0]
         return change, P - gain @ P[i]
 
-    def _values(self, i: Indices) -> Array:
+    @cached_property
+    def _values(self) -> Array:
+        """Distance of the estimate from one with all candidates zero, for every degree of freedom."""
         zero = stored_state(self.problem, with_nominal(self.problem, self.run.parameters, self.groups))
-        return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[i, 0])
+        return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[:, 0])
 
-    def _data(self, i: Indices) -> tuple[Array, Array]:
-        """Return information matrix and vector of the data about candidates, all else estimated."""
-        every = self.places(self.groups)
+    @cached_property
+    def _data(self) -> tuple[Array, Array]:
+        """Information matrix and vector of the data about all candidates, all else estimated."""
+        every, covariance = self.places(self.groups), self.problem.prior.covariance
         P = self.run.belief.covariance[np.ix_(every, every)]
         scale = np.sqrt(np.diag(P))
         information = np.linalg.inv(P / np.outer(scale, scale)) / np.outer(scale, scale)
-        D = self.temper * (information - np.linalg.inv(self._usual_prior()))
-        eta = self.temper * (information @ self._values(every))
-        chosen = np.searchsorted(every, i)
-        return D[np.ix_(chosen, chosen)], eta[chosen]
+        prior = np.concatenate([np.diag(covariance[group]) for group in self.groups])
+        return self.temper * (information - np.diag(1.0 / prior)), self.temper * (information @ self._values[every])
 
-    def _usual_prior(self) -> Array:
-        covariance = self.problem.prior.covariance
-        return np.diag(np.concatenate([np.diag(covariance[group]) for group in self.groups]))
+    def _data_about(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return the part of `_data` that belongs to some candidates."""
+        D, eta = self._data
+        i = np.searchsorted(self.places(self.groups), self.places(groups))
+        return D[np.ix_(i, i)], eta[i]
 
     def _prior(self, groups: tuple[str, ...]) -> Array:
         """Return the covariance of the candidates' prior, as wide as the data ask for."""
         out, at = np.zeros((self.places(groups).size,) * 2), 0
         for group in groups:
-            block = self.prior(group)
+            block = self._priors[group]
             out[at : at + len(block), at : at + len(block)] = block
             at += len(block)
         return out
 
-    def prior(self, group: str) -> Array:
-        """Return the covariance of a candidate's prior: the usual one, or wider by the size of its estimate.
+    @cached_property
+    def _priors(self) -> dict[str, Array]:
+        """Covariance of each candidate's prior: the usual one, or wider by the size of its estimate.
 
         What is usual for many devices must not pull at an effect that is found in the data.
         """
+        return {group: self._as_wide_as_asked(group) for group in self.groups}
+
+    def _as_wide_as_asked(self, group: str) -> Array:
         usual = self.before.prior.covariance.get(group, self.problem.prior.covariance[group])
-        D, eta = self._data(self.places((group,)))
+        D, eta = self._data_about((group,))
         scale = np.sqrt(np.diag(usual))
         seen, strength = np.linalg.eigh(D * np.outer(scale, scale))
         shown = seen > 1.0  # by data, not by the prior
