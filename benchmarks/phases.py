@@ -15,17 +15,46 @@ from pathlib import Path
 from . import yardstick
 
 
+class _Laps:
+    """Durations of phases, each from the end of the one before."""
+
+    def __init__(self) -> None:
+        self.phases: dict[str, float] = {}
+        self._at = time.perf_counter()
+
+    def end(self, name: str) -> None:
+        """End a phase."""
+        now = time.perf_counter()
+        self.phases[name], self._at = now - self._at, now
+
+
 def main(folder: Path | None) -> None:
     """Print the table."""
-    began = time.perf_counter()
+    started = _Laps()
     subprocess.run([sys.executable, "-c", "import kreisel.cli.main, kreisel.calibration.calibrate"], check=True)
-    phases = {"start Python, imports": time.perf_counter() - began}
+    started.end("start Python, imports")
+    with tempfile.TemporaryDirectory() as scratch:
+        measured, unit = _calibrated(folder or _simulated(Path(scratch)), Path(scratch))
+    phases = started.phases | measured
+    total = sum(phases.values())
+    for name, seconds in phases.items():
+        print(f"{name:28s} {seconds:7.3f} s {100 * seconds / total:5.1f} %")
+    print(f"{'sum':28s} {total:7.3f} s; one strapdown pass {unit * 1e3:.2f} ms")
 
-    def lap(name: str, since: float) -> float:
-        now = time.perf_counter()
-        phases[name] = now - since
-        return now
 
+def _simulated(scratch: Path) -> Path:
+    """Return the folder of a recording of ten minutes at 400 Hz."""
+    from kreisel.formats.write import write
+    from kreisel.simulation.cell import simulate
+    from kreisel.simulation.settings import Cell
+
+    folder = scratch / "recording"
+    write(simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), folder)[1], folder)
+    return folder
+
+
+def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
+    """Return the duration of each phase of a calibration, and of a strapdown pass over the same samples, s."""
     from kreisel.calibration.assembly import Judged, assemble
     from kreisel.calibration.cross_validation import cross_validate
     from kreisel.calibration.evidence import Evidence
@@ -38,52 +67,38 @@ def main(folder: Path | None) -> None:
     from kreisel.filtering.iteration import Given, estimate
     from kreisel.filtering.observability import observability
     from kreisel.formats.loading import load
-    from kreisel.formats.write import write
     from kreisel.model.settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
     from kreisel.report.page import write_report
-    from kreisel.simulation.cell import simulate
-    from kreisel.simulation.settings import Cell
 
-    with tempfile.TemporaryDirectory() as scratch:
-        if folder is None:
-            folder = Path(scratch) / "recording"
-            _, recording = simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), folder)
-            write(recording, folder)
-        at = time.perf_counter()
-        recording = load(folder)
-        at = lap("read and check", at)
-        settings = CalibrationSettings()
-        preparation = prepare_recording(recording, settings)
-        at = lap("synchronise, start values", at)
-        problem = build_problem(preparation, settings)
-        at = lap("build the problem", at)
-        found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True)))
-        at = lap(f"filter, {found.passes} pass(es)", at)
-        halves = split_halves(found, together=side_by_side)
-        latitude, cross = side_by_side([
-            lambda: check_latitude(found.problem, found.run), lambda: cross_validate(found),
-        ])  # fmt: skip
-        at = lap("halves, latitude, validation", at)
-        found = with_disagreement(found, halves)
-        seen, facts = observability(found.problem, found.run), consistency(found, preparation.correlation)
-        verdict = judge(found, Evidence(seen, facts, halves, latitude))
-        calibration = assemble(recording, found, Judged(seen, facts, verdict, 0.0), found.warnings)
-        at = lap("judge, assemble", at)
-        calibration.write(Path(scratch))
-        at = lap("write the result", at)
-        outcome = Outcome(
-            recording, preparation, found.problem, found, seen, facts, halves, verdict, found.warnings, calibration,
-            cross,
-        )  # fmt: skip
-        write_report(outcome, Path(scratch) / "report.html")
-        lap("report", at)
-        unit = yardstick.seconds(recording.imu.rates, recording.imu.accelerations, recording.imu.interval)
-    total = sum(phases.values())
-    for name, seconds in phases.items():
-        print(f"{name:28s} {seconds:7.3f} s {100 * seconds / total:5.1f} %")
-    print(f"{'sum':28s} {total:7.3f} s; one strapdown pass {unit * 1e3:.2f} ms")
+    laps = _Laps()
+    recording = load(folder)
+    laps.end("read and check")
+    settings = CalibrationSettings()
+    preparation = prepare_recording(recording, settings)
+    laps.end("synchronise, start values")
+    problem = build_problem(preparation, settings)
+    laps.end("build the problem")
+    found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True)))
+    laps.end(f"filter, {found.passes} pass(es)")
+    halves = split_halves(found, together=side_by_side)
+    latitude, cross = side_by_side([lambda: check_latitude(found.problem, found.run), lambda: cross_validate(found)])
+    laps.end("halves, latitude, validation")
+    found = with_disagreement(found, halves)
+    seen, facts = observability(found.problem, found.run), consistency(found, preparation.correlation)
+    verdict = judge(found, Evidence(seen, facts, halves, latitude))
+    calibration = assemble(recording, found, Judged(seen, facts, verdict, 0.0), found.warnings)
+    laps.end("judge, assemble")
+    calibration.write(scratch)
+    laps.end("write the result")
+    outcome = Outcome(
+        recording, preparation, found.problem, found, seen, facts, halves, verdict, found.warnings, calibration, cross
+    )
+    write_report(outcome, scratch / "report.html")
+    laps.end("report")
+    imu = recording.imu
+    return laps.phases, yardstick.seconds(imu.rates, imu.accelerations, imu.interval)
 
 
 if __name__ == "__main__":
