@@ -18,6 +18,7 @@ from kreisel.calibration.injection import inject
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.parts import Verdict
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.recording import DataWarning, Recording
@@ -262,6 +263,22 @@ def test_the_snippet_does_what_the_calibration_does(outcome: Outcome, order: int
     # central differences of a sine of 3 rad/s miss its slope by (3 * 5 ms)^2 / 6, at arms of 0.1 m or so
     reach = np.abs(sensors.lever_arms).sum()
     np.testing.assert_allclose(names["f"][2:-2], f[2:-2], atol=2.0 * reach * 3.0 * (3.0 * 0.005) ** 2 / 6.0)
+
+
+def test_the_snippet_corrects_every_effect(outcome: Outcome) -> None:
+    """With lever arms of zero, and derivatives by central differences: (4 rad/s * 5 ms)^2 / 6 of them is missed."""
+    size = {"gyro_g_sensitivity": (9, 1e-4), "accel_smoothing": (1, 1e-5), "accel_delay": (1, 1e-3)}
+    others = {g: np.full(*size.get(g, (3, 1e-3))) for g in EFFECTS if not g.endswith("polynomial")}
+    sensors = replace(outcome.calibration.sensors, lever_arms=np.zeros((3, 3)), others=others)
+    t = np.arange(0.0, 10.0, 0.005)
+    phase = 4.0 * t[:, None] + [0.0, 1.0, 2.0]
+    rates, accelerations = np.sin(phase), 5.0 * np.cos(phase) + [0.0, 0.0, 9.8]
+    names: dict[str, Any] = {"rates": rates, "accelerations": accelerations, "t": t}
+    exec(snippet(sensors, SizeEffect.COMPLETED), names)
+    omega, f = replace(outcome.calibration, sensors=sensors).correct(rates, accelerations, t)
+    np.testing.assert_allclose(names["omega"], omega, atol=2e-8)
+    missed = (4.0 * 0.005) ** 2 / 6.0 * (1e-3 * 20.0 + 2.0 * 1e-5 * 80.0)
+    np.testing.assert_allclose(names["f"][4:-4], f[4:-4], atol=1.5 * missed)
 
 
 def test_the_snippet_does_not_pretend_to_know_other_forms() -> None:
