@@ -15,14 +15,13 @@ from kreisel.calibration.parts import (
     EstimatorFacts,
     FinalNoise,
     Measured,
-    OtherEffect,
     RecordingFacts,
     RobotErrors,
     Timing,
     Verdict,
 )
 from kreisel.calibration.result import Calibration
-from kreisel.filtering.estimate import Considered, Estimate
+from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
@@ -71,7 +70,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tu
         estimator=_estimator_facts(found, judged),
         robot=None if problem.robot is None else _robot_errors(found, problem.robot),
         others=_others(found),
-        considered=tuple(_considered(effect) for effect in found.considered),
+        considered=found.considered,
     )
     n = len(judged.observability.names)
     robot = problem.robot
@@ -227,13 +226,6 @@ def _others(found: Estimate) -> dict[str, Measured]:
         g for g in other_groups() if g in found.problem.layout or (p.stored(g) != group_named(g).nominal(1)).any()
     ]
     return {group_named(g).path: Measured(p.stored(g), _deviation_of(found, g)) for g in present}
-
-
-def _considered(effect: Considered) -> OtherEffect:
-    value, deviation = (tuple(float(x) for x in numbers) for numbers in (effect.value, effect.deviation))
-    path = group_named(effect.group).path
-    facts = float(effect.gain), effect.included, float(effect.shift), effect.shifted
-    return OtherEffect(effect.group, path, value, deviation, *facts)
 
 
 def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:

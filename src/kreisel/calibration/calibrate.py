@@ -9,7 +9,7 @@ from functools import partial
 from kreisel.calibration.assembly import Judged, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
-from kreisel.calibration.inflation import with_unestimated_errors, with_walks
+from kreisel.calibration.inflation import with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -75,7 +75,7 @@ def run_calibration(
     )
     found = with_disagreement(found, halves)
     seen = observability(found.problem, found.run)
-    found = with_walks(found)
+    found = with_walked_deviations(found)
     seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))

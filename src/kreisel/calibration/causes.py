@@ -6,10 +6,11 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Cause
-from kreisel.filtering.estimate import Estimate, describe
+from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.noise_adaptation import CONTRADICTION, imu_density
-from kreisel.filtering.prior_conflict import MAX_SCORE, prior_scores
+from kreisel.filtering.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
 from kreisel.geometry.rotation import Array
+from kreisel.model.considered import describe
 
 _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),
@@ -22,8 +23,6 @@ _REPEATED, _GROSS, _SHAKEN = 0.01, 50.0, 3.0
 
 _EXCERPT = 20_000
 """Samples that are enough to see how readings are rounded."""
-
-_OFFSETS = {"gyro_offset": "gyro", "accel_offset": "accelerometer"}
 
 
 def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: LatitudeCheck | None) -> tuple[Cause, ...]:
@@ -88,18 +87,16 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
 def _offsets(estimate: Estimate) -> list[Cause]:
     out = []
     for group, score in estimate.contradicted.items():
-        text = f"the stated spread of the {_OFFSETS[group]} offsets, which lie {score:.1f} deviations away"
+        text = f"the stated spread of the {OFFSETS[group]} offsets, which lie {score:.1f} deviations away"
         out.append(Cause("stated offsets", text, 0.5 * score**2))
     return out
 
 
 def _robot(estimate: Estimate) -> list[Cause]:
     """Return errors of the arm that are far from what is stated."""
-    problem = estimate.problem
-    if "robot_placement" not in problem.layout:
+    if "robot_placement" not in estimate.problem.layout:
         return []
-    sd = np.sqrt(np.diag(problem.prior.covariance["robot_placement"]))
-    score = float(np.abs(estimate.run.parameters.stored("robot_placement") / sd).max())
+    score = float(prior_scores(estimate.problem, estimate.run, "robot_placement").max())
     if score <= MAX_SCORE:
         return []
     return [Cause("robot_placement", f"the robot's errors, up to {score:.1f} times what is stated", 0.5 * score**2)]

@@ -44,7 +44,7 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
 
 
-def with_walks(found: Estimate) -> Estimate:
+def with_walked_deviations(found: Estimate) -> Estimate:
     """Return the estimate with deviations of what walks that include how far it walks.
 
     By the distance of two moments of the recording, on average: the value at the end is known better, but it is not

@@ -7,19 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
-from kreisel.estimation.state import StateLayout
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import first_pass
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.model.layout import group_part
-from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import Problem, with_nominal, without_groups
+from kreisel.model.problem import Problem, with_groups, with_nominal, without_groups
 from kreisel.preparation.start_values import EARTH_SD
 from kreisel.progress import Progress, of_step
 
 _MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
-"""The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be believed."""
+"""The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be accepted."""
 
 SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
@@ -54,23 +51,12 @@ def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None =
 
 def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
     """Return the problem with the Earth's rotation as three unknowns that start at a run's result."""
-    prior = problem.prior
     level, down = (rate / EARTH_RATE for rate in problem.site.earth_rate_units)
-    parts = {part.name: part for part in problem.layout} | {"earth_down": group_part("earth_down", 1)}
-    others = [part for part in problem.layout if part.name not in GROUPS]
     earth = {"north": EARTH_SD**2 * np.eye(2), "earth_down": np.array([[EARTH_SD**2]])}
-    return replace(
-        problem,
-        site=replace(problem.site, earth_rate_n=None),
-        layout=StateLayout([*(parts[g] for g in GROUPS if g in parts), *others]),
-        prior=replace(
-            prior,
-            start=replace(run.parameters, north=level * run.parameters.north, earth_down=down),
-            value=replace(prior.value, north=np.zeros(2), earth_down=0.0),
-            start_covariance=prior.start_covariance | earth,
-            covariance=prior.covariance | earth,
-        ),
-    )
+    free = with_groups(replace(problem, site=replace(problem.site, earth_rate_n=None)), tuple(earth), earth)
+    start = replace(run.parameters, north=level * run.parameters.north, earth_down=down)
+    value = replace(problem.prior.value, north=np.zeros(2), earth_down=0.0)
+    return replace(free, prior=replace(free.prior, start=start, value=value))
 
 
 def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.model.considered import Considered
 from kreisel.robot.pose_accuracy import PoseAccuracy
 
 
@@ -153,23 +154,6 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class OtherEffect:
-    """An effect that was considered: see `filtering.effect_selection.Considered`.
-
-    `value` and `deviation` are tuples, SI; `shift` is that of `shifted`, in standard deviations.
-    """
-
-    group: str
-    path: str
-    value: tuple[float, ...]
-    deviation: tuple[float, ...]
-    gain: float
-    included: bool
-    shift: float
-    shifted: str
-
-
-@dataclass(frozen=True)
 class Verdict:
     """Whether a result may be used: the same text on the terminal, in the report and in the result file.
 
@@ -253,4 +237,4 @@ class CalibrationParts:
     estimator: EstimatorFacts | None = None
     robot: RobotErrors | None = None
     others: Mapping[str, Measured] = field(default_factory=dict)
-    considered: tuple[OtherEffect, ...] = ()
+    considered: tuple[Considered, ...] = ()

@@ -21,7 +21,6 @@ from kreisel.calibration.parts import (
     EstimatorFacts,
     FinalNoise,
     Measured,
-    OtherEffect,
     RecordingFacts,
     RobotErrors,
     Timing,
@@ -29,6 +28,7 @@ from kreisel.calibration.parts import (
 )
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect
+from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import SENSOR_GROUPS, other_groups
 from kreisel.robot.pose_accuracy import PoseAccuracy
@@ -333,12 +333,12 @@ def _verdict(table: Mapping[str, Any]) -> Verdict:
     return Verdict(accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())), causes)
 
 
-def _effect_table(effect: OtherEffect) -> dict[str, Any]:
+def _effect_table(effect: Considered) -> dict[str, Any]:
     return {
         "group": effect.group,
-        "path": effect.path,
-        "value": [_rounded(x) for x in effect.value],
-        "standard_deviation": [_rounded(x) for x in effect.deviation],
+        "path": group_named(effect.group).path,
+        "value": [_rounded(float(x)) for x in effect.value],
+        "standard_deviation": [_rounded(float(x)) for x in effect.deviation],
         "gain": _rounded(effect.gain),
         "included": effect.included,
         "shift": _rounded(effect.shift),
@@ -346,15 +346,13 @@ def _effect_table(effect: OtherEffect) -> dict[str, Any]:
     }
 
 
-def _effect(table: Mapping[str, Any]) -> OtherEffect:
-    value, deviation = (tuple(_number(x) for x in table[name]) for name in ("value", "standard_deviation"))
+def _effect(table: Mapping[str, Any]) -> Considered:
+    value, deviation = (np.array([_number(x) for x in table[name]]) for name in ("value", "standard_deviation"))
     included = table["included"]
     if not isinstance(included, bool):
         raise TypeError(f"considered.included is {included!r}, expected true or false")
-    shift = _number(table["shift"]), str(table["shifted"])
-    return OtherEffect(
-        str(table["group"]), str(table["path"]), value, deviation, _number(table["gain"]), included, *shift
-    )
+    shift, shifted = _number(table["shift"]), str(table["shifted"])
+    return Considered(str(table["group"]), value, deviation, _number(table["gain"]), included, shift, shifted)
 
 
 # Numbers and texts

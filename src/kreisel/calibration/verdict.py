@@ -7,10 +7,11 @@ import numpy as np
 from kreisel.calibration.causes import find_causes
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
-from kreisel.estimation.consistency import GATE, chi_square_bound, lag_one, mean_normalised
-from kreisel.filtering.estimate import Estimate, describe
+from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
+from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
-from kreisel.filtering.prior_conflict import prior_scores
+from kreisel.filtering.prior_conflict import MAX_SCORE, prior_scores
+from kreisel.model.considered import describe
 from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
@@ -18,11 +19,17 @@ MAX_REJECTED = 0.05
 MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 15.0
 """Factors on given noise figures: the larger one where the innovations are white, and all else fits."""
 
-MAX_SCORE = 4.5
-"""Standard deviations by which estimates may differ between halves of a recording, or from stated values."""
-
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
+
+MAX_OFFSET_SCORE = 100.0
+"""Stated deviations beyond which offsets are no longer those of a device of the stated grade."""
+
+MAX_POSITION_SCALE = 2.5e-3
+"""Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
+
+_LARGEST = {"accel_delay": 50e-3, "accel_smoothing": 1.5e-3, "reference_smoothing": 1.5e-3}
+"""Sizes (s, s^2) up to which the first terms of a series describe an effect."""
 
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")
 
@@ -34,8 +41,7 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     not use it, but the size of a single gross outlier must not dominate the mean.
     """
     h = estimate.run.history
-    bound = np.array([chi_square_bound(GATE, int(m)) for m in h.degrees])
-    nis = estimate.run.excess * np.minimum(h.nis, bound)
+    nis = estimate.run.excess * np.minimum(h.nis, gate_bounds(h.degrees))
     path, standstill = ~h.at_standstill, h.at_standstill
     return Consistency(
         nis_path=mean_normalised(nis[path], h.degrees[path]),
@@ -129,11 +135,7 @@ def _priors(estimate: Estimate) -> list[str]:
             continue
         if group in estimate.walks:
             continue  # not one value
-        if group == "robot_placement":  # each by itself is hardly shown, and what is shown of them is a mixture
-            sd = np.sqrt(np.diag(problem.prior.covariance[group]))
-            far = np.abs(estimate.run.parameters.stored(group) - problem.prior.value.stored(group)) / sd
-        else:
-            far = prior_scores(problem, estimate.run, group)
+        far = prior_scores(problem, estimate.run, group)
         if float(far.max()) > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(
@@ -141,16 +143,6 @@ def _priors(estimate: Estimate) -> list[str]:
                 "in recording.toml, or look for an effect that is not modelled"
             )
     return reasons
-
-
-MAX_OFFSET_SCORE = 100.0
-"""Stated deviations beyond which offsets are no longer those of a device of the stated grade."""
-
-MAX_POSITION_SCALE = 2.5e-3
-"""Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
-
-_LARGEST = {"accel_delay": 50e-3, "accel_smoothing": 1.5e-3, "reference_smoothing": 1.5e-3}
-"""Sizes (s, s^2) up to which the first terms of a series describe an effect."""
 
 
 def _expansions(estimate: Estimate) -> list[str]:

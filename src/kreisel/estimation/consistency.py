@@ -39,6 +39,12 @@ def chi_square_bound(tail: float, degrees: float) -> float:
     return 2.0 * y
 
 
+def gate_bounds(degrees: NDArray[np.generic]) -> Array:
+    """Return the bound of the normalised innovation squared for each update of so many degrees of freedom, (u,)."""
+    bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(degrees)}
+    return np.array([bounds[m] for m in degrees])
+
+
 def _gamma_tails(a: float, y: float) -> tuple[float, float]:
     """Return the regularised incomplete gamma functions P(a, y) and Q(a, y) (Abramowitz and Stegun, 6.5.29, 6.5.31)."""
     factor = math.exp(a * math.log(y) - y - math.lgamma(a))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.estimation.consistency import GATE, chi_square_bound, correlation_time, lag_one, mean_normalised
+from kreisel.estimation.consistency import correlation_time, gate_bounds, lag_one, mean_normalised
 from kreisel.filtering.history import FilterRun
 
 COLOURED = 0.3
@@ -39,6 +39,5 @@ def bounded_likelihood(run: FilterRun) -> float:
     Gross errors of a few poses must not decide between models.
     """
     history = run.history
-    bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(history.degrees)}
-    beyond = np.maximum(history.nis - np.array([bounds[m] for m in history.degrees]), 0.0)
+    beyond = np.maximum(history.nis - gate_bounds(history.degrees), 0.0)
     return float(np.sum(history.log_likelihood + 0.5 * beyond))

@@ -16,10 +16,10 @@ import numpy as np
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.filtering.correlated_innovations import correlation_factor
-from kreisel.filtering.estimate import Considered
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.initial_belief import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal

@@ -9,10 +9,10 @@ import numpy as np
 
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, triangularise
-from kreisel.estimation.consistency import GATE, chi_square_bound
+from kreisel.estimation.consistency import gate_bounds
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
-from kreisel.filtering.estimate import Considered, Estimate, describe
+from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.noise_adaptation import (
     NoiseFactors,
@@ -25,9 +25,10 @@ from kreisel.filtering.noise_adaptation import (
 from kreisel.filtering.nonlinearity import curved
 from kreisel.filtering.observability import unobservable_groups
 from kreisel.filtering.parameter_walk import found_walks
-from kreisel.filtering.prior_conflict import contradicted_offsets, with_wider_priors
+from kreisel.filtering.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, hold, with_correlation_time
 from kreisel.progress import Progress, of_step
@@ -182,7 +183,7 @@ def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
     return [
         DataWarning(
             "offsets",
-            f"{'gyro' if group == 'gyro_offset' else 'accelerometer'} offsets lie {score:.1f} stated deviations away: "
+            f"{OFFSETS[group]} offsets lie {score:.1f} stated deviations away: "
             f"what is stated is not used (imu.{group}_sd or imu.grade in recording.toml)",
         )
         for group, score in contradicted.items()
@@ -355,6 +356,5 @@ def _another_pass(problem: Problem, run: FilterRun, moved: float, count: int) ->
 
 def _wide_gate_mattered(run: FilterRun) -> bool:
     """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
-    bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(run.history.degrees)}
-    beyond = run.history.used * run.history.nis / np.array([bounds[m] for m in run.history.degrees])
+    beyond = run.history.used * run.history.nis / gate_bounds(run.history.degrees)
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002

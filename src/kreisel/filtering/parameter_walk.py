@@ -1,6 +1,6 @@
 """Random walks of offsets and of the clocks, with a density found by likelihood.
 
-An offset that warms up, steps or walks, and a clock that jumps or wanders, all leave innovations that a parameter with
+An offset that warms up, steps or walks, and a clock that jumps or drifts, all leave innovations that a parameter with
 a random walk explains: the filter then forgets what it learnt of it long ago.
 """
 

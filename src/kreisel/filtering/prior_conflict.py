@@ -11,7 +11,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 
 MAX_SCORE = 4.5
-"""Standard deviations between prior and data from which on they contradict each other."""
+"""Standard deviations by which estimates may differ between halves of a recording, or from stated values."""
 
 _WIDER = 2.0
 """Deviations of the wider prior that the data then lie from its centre."""
@@ -19,18 +19,24 @@ _WIDER = 2.0
 _LEAST_SHARE = 0.02
 """Share of the information about a parameter that the data must give to be compared with its prior."""
 
-_OFFSETS = ("gyro_offset", "accel_offset")
+OFFSETS = {"gyro_offset": "gyro", "accel_offset": "accelerometer"}
+"""Groups of offsets, and the word for their sensor."""
+
+_MIXED = ("robot_placement",)
+"""Groups of which the data show mixtures, but hardly any parameter by itself."""
 
 
 def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
     """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
 
-    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, the
-    estimate itself is compared.
+    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, and for
+    `_MIXED` groups, the estimate itself is compared.
     """
     prior = np.diag(problem.prior.covariance[group])
     own = np.diag(run.belief.covariance)[problem.layout[group]]
     moved = np.abs(run.parameters.stored(group) - problem.prior.value.stored(group))
+    if group in _MIXED:
+        return np.asarray(moved / np.sqrt(prior))
     share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
     score = moved / share / np.sqrt(own / share + prior)
     return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
@@ -38,7 +44,7 @@ def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
 
 def contradicted_offsets(problem: Problem, run: FilterRun) -> dict[str, float]:
     """Return the offsets whose stated prior the data contradict, with their scores."""
-    stated = [g for g in _OFFSETS if g in problem.layout and g in problem.prior.stated]
+    stated = [g for g in OFFSETS if g in problem.layout and g in problem.prior.stated]
     scores = {g: float(prior_scores(problem, run, g).max()) for g in stated}
     return {group: score for group, score in scores.items() if score > MAX_SCORE}
 

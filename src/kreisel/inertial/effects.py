@@ -73,9 +73,9 @@ def _of_each_axis(count: int) -> Indices:
     return out
 
 
-def _common(count: int) -> Indices:
+def _common(_count: int) -> Indices:
     """Return the places of three features, one for each axis, with a parameter that is common to all."""
-    return np.where(np.eye(3, dtype=bool), 0, -1) if count else np.zeros((0, 3), dtype=np.int64)
+    return np.where(np.eye(3, dtype=bool), 0, -1)
 
 
 def _matrix(count: int) -> Indices:
@@ -84,7 +84,7 @@ def _matrix(count: int) -> Indices:
 
 
 def _powers(values: Array, count: int) -> Array:
-    return np.concatenate([values.T ** (2 + i) for i in range(count // 3)] or [np.zeros((0, len(values)))])
+    return np.concatenate([values.T ** (2 + i) for i in range(count // 3)])
 
 
 EFFECTS: dict[str, SensorEffect] = {
@@ -101,26 +101,25 @@ EFFECTS: dict[str, SensorEffect] = {
 """All effects, by the names of their groups of parameters."""
 
 
+def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:
+    """Return those of some groups that are effects of a sensor, in the order of `EFFECTS`."""
+    return [g for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]
+
+
 def features_of(raw: RawReadings, sizes: Mapping[str, int], sensor: str) -> Array:
     """Return the features (E, n) of a sensor's effects, group by group; sizes: numbers of parameters by group."""
-    own = [effect.features(raw, sizes[g]) for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]
+    own = [EFFECTS[group].features(raw, sizes[group]) for group in groups_of(sizes, sensor)]
     return np.concatenate([np.zeros((0, raw.stamps.size)), *own])
 
 
 def places_of(sizes: Mapping[str, int], sensor: str) -> Indices:
     """Return the places (E, 3) of a sensor's effects among all parameters of these, group by group."""
     out, before = [np.zeros((0, 3), dtype=np.int64)], 0
-    for group, effect in EFFECTS.items():
-        if group in sizes and effect.sensor == sensor:
-            places = effect.places(sizes[group])
-            out.append(np.where(places < 0, -1, places + before))
-            before += sizes[group]
+    for group in groups_of(sizes, sensor):
+        places = EFFECTS[group].places(sizes[group])
+        out.append(np.where(places < 0, -1, places + before))
+        before += sizes[group]
     return np.ascontiguousarray(np.concatenate(out), dtype=np.int64)
-
-
-def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:
-    """Return those of some groups that are effects of a sensor, in the order of `features_of` and `places_of`."""
-    return [g for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]
 
 
 def added(raw: RawReadings, values: Mapping[str, Array]) -> tuple[Array, Array]:

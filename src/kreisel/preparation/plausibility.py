@@ -29,8 +29,8 @@ MIN_ACCELERATION = 0.08
 """m/s^2; standard deviation of accelerations below which the agreement has no meaning."""
 
 MAX_INTERVAL = 0.03
-"""s; usual time between two poses up to which a body that turns about a point is believed to do so: slower references
-show too little of its accelerations."""
+"""s; usual time between two poses up to which a body may be assumed to turn about a point: slower references show too
+little of its accelerations."""
 
 MAX_CLOCK_DRIFT = 0.004
 """Seconds by which the clocks of a part of a recording may depart from their common relation, beyond uncertainty."""

@@ -40,7 +40,7 @@ from kreisel.simulation.settings import Cell, Errors
 from kreisel.simulation.stated import as_stated
 from kreisel.units import DEG
 
-_Felt = tuple[Array, Array, Array]
+_Inertial = tuple[Array, Array, Array]
 Progress = Callable[[str, float], None]
 
 
@@ -139,8 +139,8 @@ def simulate(
         draw_slip(streams.slip, cell.imu, min(cell.seconds, planned.seconds)),
     )
     say("move the IMU", 0.2)
-    felt = partial(_felt, cell, planned, actual, sway, gravity, earth)
-    imu, change = _imu(cell, planned, felt, device, streams, path)
+    motion = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
+    imu, change = _imu(cell, planned, motion, device, streams, path)
     say("report poses", 0.8)
     if cell.reference.kind == "mocap":  # cameras observe the tool itself, not the motors
         faultless = draw_errors(np.random.default_rng(0), actual, Errors.none())
@@ -206,7 +206,7 @@ class _Device:
 
 
 def _imu(
-    cell: Cell, planned: Plan, felt: Callable[[Array], _Felt], device: _Device, streams: _Streams, path: Path
+    cell: Cell, planned: Plan, motion: Callable[[Array], _Inertial], device: _Device, streams: _Streams, path: Path
 ) -> tuple[ImuSamples, OffsetChange]:
     """Return the readings, and how the offsets changed."""
     grade = GRADES[cell.imu.grade]
@@ -214,9 +214,9 @@ def _imu(
     n = round(min(cell.seconds, planned.seconds) * rate) + 1
     t = np.arange(n) / rate
     shake = vibration(streams.vibration, cell.imu, planned, t)
-    rates, accelerations = _ideal(felt(t), shake, device, t)
+    rates, accelerations = _ideal(motion(t), shake, device, t)
     if device.effects.accel_delay:
-        _, accelerations = _ideal(felt(t - device.effects.accel_delay), shake, device, t)
+        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t)
     drift = offset_drift(streams.drift, cell.imu, t)
     noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
     readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
@@ -228,7 +228,9 @@ def _imu(
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))
 
 
-def _felt(cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array) -> _Felt:
+def _inertial_motion(
+    cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array
+) -> _Inertial:
     """Return inertial rate, its derivative and specific force (n, 3) of the tool, in b, at times (n,)."""
     motor = planned.at(t)
     elastic = swing(planned, t, cell.errors)
@@ -243,9 +245,9 @@ def _felt(cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, ea
     return omega, alpha, force
 
 
-def _ideal(felt: _Felt, shake: tuple[Array, Array], device: _Device, t: Array) -> tuple[Array, Array]:
+def _ideal(motion: _Inertial, shake: tuple[Array, Array], device: _Device, t: Array) -> tuple[Array, Array]:
     """Return the readings without noise (n, 3), before and after the device slips."""
-    omega, alpha, force = felt
+    omega, alpha, force = motion
     moved = (omega + shake[0], alpha, force + shake[1])
     rates, accelerations = ideal_readings(*moved, device.sensors, device.effects)
     if device.slip is not None:

@@ -17,7 +17,7 @@ _RATE_OF_VIBRATION = 1e-3
 """rad/s for each m/s^2 of vibration."""
 
 _PHASE_WALK = 0.5
-"""rad per root second: the vibration's phase wanders."""
+"""rad per root second: the vibration's phase drifts."""
 
 _RAMP = 0.25
 """s in which vibration and sway begin and end, within a move."""
@@ -153,7 +153,7 @@ def envelope(planned: Plan, t: Array) -> tuple[Array, Array, Array]:
         return zero, zero, zero
     k = np.clip(np.searchsorted(begin, t, side="right") - 1, 0, begin.size - 1)
     ramp = np.minimum(_RAMP, 0.5 * (end - begin))[k]
-    rise, fall = _step((t - begin[k]) / ramp), _step((end[k] - t) / ramp)
+    rise, fall = smooth_step((t - begin[k]) / ramp), smooth_step((end[k] - t) / ramp)
     return (
         rise[0] * fall[0],
         (rise[1] * fall[0] - rise[0] * fall[1]) / ramp,
@@ -161,7 +161,7 @@ def envelope(planned: Plan, t: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _step(x: Array) -> tuple[Array, Array, Array]:
+def smooth_step(x: Array) -> tuple[Array, Array, Array]:
     """Return a smooth step from 0 at x = 0 to 1 at x = 1, and its first and second derivative."""
     x = np.clip(x, 0.0, 1.0)
     return (
@@ -173,16 +173,20 @@ def _step(x: Array) -> tuple[Array, Array, Array]:
 
 def vibration(rng: np.random.Generator, imu: Imu, planned: Plan, t: Array) -> tuple[Array, Array]:
     """Return rate and specific force (n, 3) of the vibration, in b."""
+    if imu.vibration == 0.0:
+        return np.zeros((t.size, 3)), np.zeros((t.size, 3))
     directions = rng.normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    wander = _PHASE_WALK * np.cumsum(rng.normal(size=t.size) * np.sqrt(np.diff(t, prepend=t[0])))
+    drift = _PHASE_WALK * np.cumsum(rng.normal(size=t.size) * np.sqrt(np.diff(t, prepend=t[0])))
     size = np.sqrt(2.0) * imu.vibration * envelope(planned, t)[0]
-    wave = size * np.sin(2.0 * np.pi * imu.vibration_frequency * t + wander)
+    wave = size * np.sin(2.0 * np.pi * imu.vibration_frequency * t + drift)
     return _RATE_OF_VIBRATION * wave[:, None] * directions[0], wave[:, None] * directions[1]
 
 
 def with_faults(rng: np.random.Generator, imu: Imu, rates: Array, accelerations: Array) -> tuple[Array, Array]:
     """Return readings (n, 3) with spikes, and with samples that repeat the one before."""
+    if imu.spike_share == imu.stuck_share == 0.0:
+        return rates, accelerations
     n = rates.shape[0]
     draws, sign = rng.uniform(size=(2, n)), rng.choice([-1.0, 1.0], n)
     channel = rng.integers(0, 6, size=(n,))

@@ -12,7 +12,7 @@ from kreisel.geometry.rotation import Array, exp, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import Arm
 from kreisel.robot.motion import Plan
-from kreisel.simulation.effects import envelope
+from kreisel.simulation.effects import envelope, smooth_step
 from kreisel.simulation.settings import Errors
 
 Report = tuple[Array, Array, Array]
@@ -155,8 +155,7 @@ def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Error
     k = np.clip(np.searchsorted(plan.rests[:, 0], t, side="right") - 1, 0, len(draws) - 1)
     after = np.minimum(k + 1, len(draws) - 1)
     begin, end = plan.rests[k, 1], plan.rests[after, 0]
-    x = np.clip((t - begin) / np.where(end > begin, end - begin, 1.0), 0.0, 1.0)
-    share = (x**3 * (10.0 - 15.0 * x + 6.0 * x**2))[:, None]
+    share = smooth_step((t - begin) / np.where(end > begin, end - begin, 1.0))[0][:, None]
     return np.asarray((1.0 - share) * draws[k] + share * draws[after])
 
 

@@ -96,12 +96,16 @@ class Results:
 
 def _whole(file: Path) -> dict[int, dict[str, str]]:
     """Return the complete rows of a table of trials, by number."""
-    if not file.is_file():
-        return {}
-    text = file.read_text(encoding="utf-8")
-    lines = text[: text.rfind("\n") + 1].splitlines()
-    rows = [row for row in csv.reader(lines) if len(row) == len(_FACTS) and row[0].isdigit()]
+    rows = [row for row in whole_rows(file, len(_FACTS)) if row[0].isdigit()]
     return {int(row[0]): dict(zip(_FACTS, row, strict=True)) for row in rows}
+
+
+def whole_rows(file: Path, columns: int) -> list[list[str]]:
+    """Return the complete rows of a CSV file, header included: a study that was killed may leave one that is not."""
+    if not file.is_file():
+        return []
+    text = file.read_text(encoding="utf-8")
+    return [row for row in csv.reader(text[: text.rfind("\n") + 1].splitlines()) if len(row) == columns]
 
 
 def _write(file: Path, header: list[str], rows: list[list[str]]) -> None:

@@ -35,6 +35,7 @@ from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.checks import check_streams
 from kreisel.simulation.cell import Truth, simulate, write_truth
 from kreisel.simulation.settings import Cell
+from kreisel.study.results import whole_rows
 from kreisel.study.situations import Situation, situations
 
 _SEEDS = 10_000
@@ -226,7 +227,7 @@ class RowFile:
             raise SettingsError(f"{folder}: holds another study, or recordings of another length; give another -o")
         file.write_text(json.dumps(described), encoding="utf-8")
         self._file = folder / "robustness.csv"
-        whole = _whole_rows(self._file)
+        whole = [_from_text(row) for row in whole_rows(self._file, len(_HEADER))[1:]]
         with self._file.open("w", encoding="utf-8", newline="") as stream:
             csv.writer(stream).writerows([_HEADER, *map(_to_text, whole)])
         self._rows = {(*row.key, row.seed): row for row in whole}
@@ -262,14 +263,6 @@ def _to_text(row: Row) -> list[str]:
     return [
         json.dumps(value) if isinstance(value, tuple) else str(value) for value in (getattr(row, n) for n in _HEADER)
     ]
-
-
-def _whole_rows(file: Path) -> list[Row]:
-    if not file.is_file():
-        return []
-    text = file.read_text(encoding="utf-8")
-    lines = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))[1:]
-    return [_from_text(line) for line in lines if len(line) == len(_HEADER)]
 
 
 def _from_text(line: Sequence[str]) -> Row:
