@@ -16,6 +16,9 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices
 
+_UNCORRELATED = 0.52161
+"""Share of the fourth difference for which `RawReadings.accel_curvatures` is so, at equal sampling intervals."""
+
 
 @dataclass(frozen=True)
 class RawReadings:
@@ -43,8 +46,14 @@ class RawReadings:
 
     @cached_property
     def accel_curvatures(self) -> Array:
-        """Second time derivative of the accelerometers' readings, (n, 3)."""
-        return self.derivative(self.accel_slopes)
+        """Second time derivative of the accelerometers' readings, (n, 3).
+
+        Its noise, integrated between two updates, is not correlated with that of the integrated readings. Otherwise
+        the smoothing would be estimated by how much of that noise it takes away.
+        """
+        sharp = self.derivative(self.accel_slopes)
+        around = np.pad(sharp, ((2, 2), (0, 0)), mode="edge")
+        return np.asarray(sharp - _UNCORRELATED * np.diff(around, n=4, axis=0))
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,11 @@ def _common(_count: int) -> Indices:
     return np.where(np.eye(3, dtype=bool), 0, -1)
 
 
+def _offset(count: int) -> Indices:
+    """Return the places of one feature that enters each axis with a parameter of its own."""
+    return np.arange(count).reshape(1, 3)
+
+
 def _matrix(count: int) -> Indices:
     """Return the places of three features that enter all axes, through a matrix, row by row."""
     return np.arange(count).reshape(3, 3).T
@@ -87,16 +101,22 @@ def _powers(values: Array, count: int) -> Array:
     return np.concatenate([values.T ** (2 + i) for i in range(count // 3)])
 
 
+def _one(raw: RawReadings, _count: int) -> Array:
+    return np.ones((1, raw.stamps.size))
+
+
 EFFECTS: dict[str, SensorEffect] = {
     "gyro_polynomial": SensorEffect("gyroscope", lambda raw, count: _powers(raw.rates, count), _of_each_axis),
     "gyro_g_sensitivity": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T, _matrix),
     "gyro_asymmetry": SensorEffect("gyroscope", lambda raw, _: np.abs(raw.rates.T), _of_each_axis),
+    "gyro_drift": SensorEffect("gyroscope", _one, _offset),
     "accel_polynomial": SensorEffect(
         "accelerometer", lambda raw, count: _powers(raw.accelerations, count), _of_each_axis
     ),
     "accel_asymmetry": SensorEffect("accelerometer", lambda raw, _: np.abs(raw.accelerations.T), _of_each_axis),
     "accel_delay": SensorEffect("accelerometer", lambda raw, _: raw.accel_slopes.T, _common),
     "accel_smoothing": SensorEffect("accelerometer", lambda raw, _: -raw.accel_curvatures.T, _common),
+    "accel_drift": SensorEffect("accelerometer", _one, _offset),
 }
 """All effects, by the names of their groups of parameters."""
 

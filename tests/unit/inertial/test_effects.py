@@ -19,10 +19,12 @@ WRITTEN_OUT = {
     "gyro_polynomial": (B, B * W**2, 0.0),
     "gyro_g_sensitivity": (G, A @ G.reshape(3, 3).T, 0.0),
     "gyro_asymmetry": (B, B * np.abs(W), 0.0),
+    "gyro_drift": (B, B, 0.0),
     "accel_polynomial": (B, 0.0, B * A**2),
     "accel_asymmetry": (B, 0.0, B * np.abs(A)),
     "accel_delay": (np.array([2.0]), 0.0, 2.0 * A_SLOPE),
     "accel_smoothing": (np.array([2.0]), 0.0, -2.0 * A_CURVATURE),
+    "accel_drift": (B, 0.0, B),
 }
 
 
@@ -33,7 +35,7 @@ def test_each_adds_what_its_equation_says(group):
     found = added(RAW, {group: value})
     for one, want in zip(found, (rates, accelerations), strict=True):
         size = 1.0 + np.abs(want).max()
-        np.testing.assert_allclose(one[4:-4], np.broadcast_to(want, W.shape)[4:-4], rtol=0, atol=1e-7 * size)
+        np.testing.assert_allclose(one[6:-6], np.broadcast_to(want, W.shape)[6:-6], rtol=0, atol=1e-7 * size)
 
 
 def test_effects_add_up_and_zeros_add_nothing():
@@ -68,3 +70,20 @@ def test_derivatives_do_not_reach_across_a_gap():
     signal = prepare(T + late, W, stepped, segments=((0, 149), (150, 299)), applied={"accel_delay": np.array([1.0])})
     change = signal.accelerations - stepped
     assert np.abs(change).max() < 1.1 * np.abs(A_SLOPE).max()
+
+
+@pytest.mark.parametrize("samples", [12, 25])
+def test_the_noise_of_curvatures_is_not_that_of_the_integral(samples):
+    """White noise of variance one: the covariance of the two integrals between two updates, impulse by impulse."""
+    n, first = 100, 40
+    t = np.arange(n) / 200.0
+    integral, curvature = np.empty(n), np.empty(n)
+    for k in range(n):
+        impulse = np.zeros((n, 3))
+        impulse[k] = 1.0
+        raw = raw_readings(t, impulse, impulse)
+        # integrals over intervals by the rates' quadrature
+        for out, values in ((integral, impulse), (curvature, raw.accel_curvatures)):
+            out[k] = prepare(t, values, values).integrals[first : first + samples, 0].sum()
+    correlation = integral @ curvature / np.sqrt((integral @ integral) * (curvature @ curvature))
+    assert abs(correlation) < 1e-4
