@@ -16,8 +16,9 @@ from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.history import FilterRun, History
 from kreisel.filtering.initial_belief import stored_state
 from kreisel.filtering.prior_exchange import first_pass
+from kreisel.model.noise import Drift
 from kreisel.model.parameters import GROUPS, CellParameters
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, with_groups
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.preparation import Preparation
@@ -103,6 +104,12 @@ def with_fit(preparation: Preparation, **changed: object) -> Preparation:
 def with_noise(problem: Problem, **changed: object) -> Problem:
     """Return the problem with other assumptions about its noise."""
     return replace(problem, noise=replace(problem.noise, **changed))
+
+
+def with_drifts(problem: Problem, drift: Drift) -> Problem:
+    """Return the problem with a passing change of the gyros' offsets, and nothing that walks."""
+    known = {"gyro_drift": drift.size**2 * np.eye(3)}
+    return with_noise(with_groups(problem, ("gyro_drift",), known), drifts={"gyro_drift": drift}, offset_walk={})
 
 
 def history(u: int, **columns: np.ndarray) -> History:

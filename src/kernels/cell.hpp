@@ -28,8 +28,8 @@ struct Model {
     Numbers noise;           // (6,): standard deviations
     Numbers standstill;      // (2,): deviations of the reference's error at a standstill, position and orientation
     Numbers coloured;        // (3,): time constant of the reference's coloured noise, s; deviations
-    Indices walking;         // degrees of freedom that walk, and their densities
-    Numbers walk;
+    Indices walking;         // degrees of freedom that walk; the densities, and the rates at which what they were fades, 1/s
+    Numbers walk, fading;
     double noise_step;       // seconds of readings whose noise is taken together
 };
 

@@ -89,6 +89,21 @@ inline void renew_standstill(const Model &model, double *mean, Columns upper, Wo
     }
 }
 
+/// Let degrees of freedom walk for some seconds: equation (25). What fades is a Gauss-Markov process.
+inline void walk(const Model &model, double seconds, double *mean, Columns upper, Workspace &memory) {
+    double *fresh = memory.numbers(model.walking.count);
+    for (Index i = 0; i < model.walking.count; i++) {
+        const double rate = model.fading[i];
+        fresh[i] = model.walk[i] * std::sqrt(rate > 0.0 ? -0.5 * std::expm1(-2.0 * rate * seconds) / rate : seconds);
+        if (rate == 0.0) continue;
+        const Index degree = model.walking[i];
+        const double kept = std::exp(-rate * seconds);
+        mean[stored_at(model.parts, degree)] *= kept;
+        for (Index j = 0; j <= degree; j++) upper(j, degree) *= kept;
+    }
+    inflate(upper, model.walking, fresh, memory);
+}
+
 /// Carry a belief over the updates from `begin` to `end`, in place.
 ///
 /// Returns the update it stopped before: less than `end` if too many measurements were rejected in a row, or the state is
@@ -102,14 +117,12 @@ inline Index run(
     Workspace lasting, memory;
     Columns upper = lasting.zeros(n, n), posterior = lasting.zeros(n, n);
     const Columns points = lasting.columns(size, order.points());
-    double *walked = lasting.numbers(model.walking.count);
     copy(belief.upper, upper, n, n);
     Index i = begin;
     for (bool going = true; going && i < end; i++) {
         memory.clear();
         const double duration = signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]];
-        for (Index j = 0; j < model.walking.count; j++) walked[j] = model.walk[j] * std::sqrt(duration);
-        inflate(upper, model.walking, walked, memory);
+        walk(model, duration, belief.mean.data, upper, memory);
         if (steps.new_standstill[i]) renew_standstill(model, belief.mean.data, upper, memory);
         draw(model.drawn, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
         const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);

@@ -23,6 +23,13 @@ inline Index degree_of(IndexTable parts, Index stored) {
     return parts(i, DEGREE) + stored - parts(i, STORED);
 }
 
+/// Where a degree of freedom that is not one of a rotation is stored.
+inline Index stored_at(IndexTable parts, Index degree) {
+    Index i = parts.rows - 1;
+    while (parts(i, DEGREE) > degree) i--;
+    return parts(i, STORED) + degree - parts(i, DEGREE);
+}
+
 /// Whether all columns of rows (3, m) are shorter than a bound.
 inline bool all_below(Columns rows, double bound) {
     Lanes beyond = 0.0;

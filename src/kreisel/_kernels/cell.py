@@ -93,8 +93,8 @@ class Model(NamedTuple):
         Deviations of the reference's error at a standstill, in position and orientation.
     coloured : (3,)
         Time constant of the reference's coloured noise, s, and its deviations in position and orientation.
-    walking, walk : (w,)
-        Degrees of freedom that walk, and their densities.
+    walking, walk, fading : (w,)
+        Degrees of freedom that walk, their densities, and the rates, 1/s, at which what they were fades.
     noise_step
         Seconds of readings whose noise is taken together.
     """
@@ -123,6 +123,7 @@ class Model(NamedTuple):
     coloured: Numbers
     walking: Indices
     walk: Numbers
+    fading: Numbers
     noise_step: float
 
 

@@ -76,7 +76,7 @@ def _check_model(model: Model, n: int, size: int) -> None:
         accel_effects=(model.accel_effects, (len(model.accel_effects), 3)),
         around=(model.around.source, (10,)), stored=(model.stored, (7,)),
         noise=(model.noise, (6,)), standstill=(model.standstill, (2,)), coloured=(model.coloured, (3,)),
-        walk=(model.walk, model.walking.shape),
+        walk=(model.walk, model.walking.shape), fading=(model.fading, model.walking.shape),
     )  # fmt: skip
     for name in ("gyro", "accel", "around", "robot"):
         rows = getattr(model, name)

@@ -15,6 +15,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.split_halves import split_halves, with_disagreement
 from kreisel.calibration.verdict import consistency, judge
+from kreisel.filtering.estimate import without_passing
 from kreisel.filtering.iteration import Given, estimate
 from kreisel.filtering.observability import observability
 from kreisel.model.settings import CalibrationSettings
@@ -73,7 +74,7 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    found = with_disagreement(found, halves)
+    found = without_passing(with_disagreement(found, halves))
     seen = observability(found.problem, found.run)
     found = with_walked_deviations(found)
     seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])

@@ -59,7 +59,9 @@ def split_halves(
     least = _LEAST_WITH_WALKS if found.walks else _LEAST
     variance = np.maximum(variance, least * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
-    return SplitHalves(problem.parameter_names, difference, np.sqrt(variance))
+    lasting = problem.lasting
+    names = tuple(problem.parameter_names[i] for i in lasting)
+    return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))
 
 
 def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from kreisel.estimation.belief import Belief, triangularise
 from kreisel.filtering.history import FilterRun
 from kreisel.model.considered import Considered
-from kreisel.model.problem import Problem
+from kreisel.model.layout import without
+from kreisel.model.parameters import PASSING_GROUPS
+from kreisel.model.problem import Problem, with_nominal
 from kreisel.recording.recording import DataWarning
 
 
@@ -34,3 +39,27 @@ class Estimate:
     walks: Mapping[str, float] = field(default_factory=dict)
     contradicted: Mapping[str, float] = field(default_factory=dict)
     stated: Problem | None = None
+
+
+def without_passing(found: Estimate) -> Estimate:
+    """Return the estimate of what lasts: the marginal distribution without groups that change within seconds."""
+    problem, run = found.problem, found.run
+    layout, lasting = problem.layout, problem.lasting
+    if lasting.size == len(problem.parameter_names):
+        return found
+    smaller = without(layout, PASSING_GROUPS)
+    kept = np.concatenate([np.r_[layout[part.name]] for part in smaller])
+    stored = np.concatenate([np.r_[layout.stored(part.name)] for part in smaller])
+    history = run.history
+    return replace(
+        found,
+        problem=replace(problem, layout=smaller),
+        run=replace(
+            run,
+            belief=Belief(run.belief.mean[stored], triangularise(run.belief.factor[kept])),
+            parameters=with_nominal(problem, run.parameters, PASSING_GROUPS),
+            history=replace(
+                history, parameters=history.parameters[:, lasting], deviations=history.deviations[:, lasting]
+            ),
+        ),
+    )

@@ -29,8 +29,7 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     w = weights(settings.weights, n)
     level, down = problem.site.earth_rate_units
     coloured = problem.noise.coloured
-    walks = {g: d for g, d in problem.noise.offset_walk.items() if d > 0.0 and g in layout}
-    walking = [i for group in walks for i in range(layout[group].start, layout[group].stop)]
+    walks = _walks(problem)
 
     def rows(groups: Sequence[str]) -> cell.ParameterRows:
         stored = {group: known.stored(group) for group in groups}
@@ -74,10 +73,27 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         ]),
         standstill=np.array(problem.noise.standstill_error, dtype=float),
         coloured=np.array([coloured.time, coloured.position, coloured.orientation]),
-        walking=np.array(walking, dtype=np.int64),
-        walk=np.concatenate([np.zeros(0), *(np.full(layout[g].stop - layout[g].start, d) for g, d in walks.items())]),
+        walking=walks[:, 0].astype(np.int64),
+        walk=walks[:, 1].copy(),
+        fading=walks[:, 2].copy(),
         noise_step=NOISE_STEP,
     )  # fmt: skip
+
+
+def _walks(problem: Problem) -> Array:
+    """Return a row for each degree of freedom that walks, (w, 3): which, density, and rate of fading, 1/s."""
+    noise = problem.noise
+    of_groups = [(group, density, 0.0) for group, density in noise.offset_walk.items() if density > 0.0]
+    of_groups += [
+        (group, drift.size * (2.0 / drift.time) ** 0.5, 1.0 / drift.time) for group, drift in noise.drifts.items()
+    ]
+    rows = [
+        (i, density, rate)
+        for group, density, rate in of_groups
+        if group in problem.layout
+        for i in range(problem.layout[group].start, problem.layout[group].stop)
+    ]
+    return np.array(rows).reshape(-1, 3)
 
 
 def reference_groups(problem: Problem, known: CellParameters) -> tuple[str, ...]:

@@ -18,27 +18,34 @@ from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.nonlinearity import linear_inflation
 from kreisel.geometry.rotation import Array
-from kreisel.model.parameters import GROUPS, CellParameters
-from kreisel.model.problem import Problem
+from kreisel.model.parameters import GROUPS, PASSING_GROUPS, CellParameters
+from kreisel.model.problem import Problem, with_nominal
 from kreisel.progress import StepProgress
 
 
 def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
     """Return the start belief of a further run: the last result with inflated deviations, within the prior."""
-    belief = first_belief(problem, run.parameters, problem.prior.covariance)
-    n = len(problem.parameter_names)
-    if n == 0:
+    belief = first_belief(problem, _at_start(problem, run), problem.prior.covariance)
+    lasting = problem.lasting
+    if lasting.size == 0:
         return belief
-    prior = belief.factor[:n, :n] @ belief.factor[:n, :n].T
-    covariance = run.belief.covariance[:n, :n]
-    found = linear_inflation(problem, covariance) ** 2 * covariance
+    i = np.ix_(lasting, lasting)
+    prior = (belief.factor @ belief.factor.T)[i]
+    covariance = run.belief.covariance[i]
+    n = len(problem.parameter_names)
+    found = linear_inflation(problem, run.belief.covariance[:n, :n]) ** 2 * covariance
     # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
     scale = np.sqrt(np.diag(prior))
     A, B = (M / np.outer(scale, scale) for M in (prior, found))
     P = A @ np.linalg.solve(A + B, B)
     factor = belief.factor.copy()
-    factor[:n, :n] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
+    factor[i] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
     return Belief(belief.mean, factor)
+
+
+def _at_start(problem: Problem, run: FilterRun) -> CellParameters:
+    """Return a run's result as the start of a further one: nothing is left of what passes."""
+    return with_nominal(problem, run.parameters, PASSING_GROUPS)
 
 
 def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> FilterRun:
@@ -50,7 +57,7 @@ def further_pass(
     problem: Problem, run: FilterRun, *, gate: float = 1.0, progress: StepProgress | None = None
 ) -> FilterRun:
     """Return a run that starts near the result of another one; its result contains the stated prior."""
-    return _pass(problem, run.parameters, narrowed_belief(problem, run), gate, progress)
+    return _pass(problem, _at_start(problem, run), narrowed_belief(problem, run), gate, progress)
 
 
 def _pass(
@@ -95,7 +102,7 @@ def with_stated_prior(problem: Problem, run: FilterRun, begun: Belief) -> Filter
     step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
     noise = _at_most(0.9, noise, information)
     P_new = np.linalg.inv(information - noise)
-    moved = _moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
+    moved = result_moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
     return replace(moved, fitted=fitted)
 
 
@@ -128,7 +135,7 @@ def _start(belief: Belief, n: int, walk: Array) -> Array:
     return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
 
 
-def _moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
+def result_moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
     """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
 
     The rest of the state follows by its regression on the parameters.

@@ -174,6 +174,18 @@ def equivalent_walk(bias_instability: float, random_walk: float) -> float:
     return float(np.hypot(bias_instability * np.sqrt(change / _CALIBRATION), random_walk))
 
 
+DRIFT_TIME = 7.7
+"""s: time constant of the Gauss-Markov process of `drift_size`."""
+
+
+def drift_size(bias_instability: float) -> float:
+    """Return the deviation of the Gauss-Markov process that represents flicker noise beside `equivalent_walk`.
+
+    Together their Allan deviation is within 20 % of the floor of the flicker noise, 0.664 B, from 3 to 300 s.
+    """
+    return 1.2 * bias_instability
+
+
 def noise(
     rng: np.random.Generator, n: int, rate: float, density: float, bias_instability: float, random_walk: float
 ) -> Array:

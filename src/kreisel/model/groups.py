@@ -51,6 +51,8 @@ class ParameterGroup:
         Whether it is held at its nominal value if it is not observable.
     by_choice
         Whether it is estimated only if asked for.
+    passing
+        Whether it changes within seconds: it is a part of the noise, and not of the result.
     rotation
         Whether it is a rotation, stored as a quaternion.
     shape
@@ -72,6 +74,7 @@ class ParameterGroup:
     known_before: bool = False
     held: bool = False
     by_choice: bool = False
+    passing: bool = False
     rotation: bool = False
     shape: Callable[[int], tuple[int, ...]] | None = None
     limits: tuple[float, float] = (-np.inf, np.inf)
@@ -150,6 +153,10 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         shape=lambda _: (3,),
     ),
     ParameterGroup(
+        "gyro_drift", "bias instability of the gyros: what passes within seconds", "d<sub>ω</sub>",
+        "gyroscope", "gyroscope.drift", _axes, "deg/h", DEG_PER_HOUR, known_before=True, passing=True,
+    ),
+    ParameterGroup(
         "accel_cross_coupling", "K_a: scale, misalignment and mounting of the accelerometers", "K<sub>a</sub>",
         "accelerometer", "accelerometer.cross_coupling", _matrix, "1", 1.0, 0.05, 5e-3, held=True,
         shape=lambda _: (3, 3),
@@ -177,6 +184,10 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "accel_smoothing", "smoothing of the accelerometers against the gyros, s^2: times -d^2a'/dt^2", "κ<sub>a</sub>",
         "accelerometer", "accelerometer.smoothing", _one, "ms²", MS**2, 3e-5, known_before=True, by_choice=True,
         shape=lambda _: (),
+    ),
+    ParameterGroup(
+        "accel_drift", "bias instability of the accelerometers: what passes within seconds", "d<sub>a</sub>",
+        "accelerometer", "accelerometer.drift", _axes, "mg", MG, known_before=True, passing=True,
     ),
     ParameterGroup(
         "lever_arms", "r_j: positions of the accelerometers in b, m", "r",

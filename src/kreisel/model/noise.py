@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 COLOURED_SHARE = 0.9
 """Share of the variance of the reference's noise on the path that is coloured, if that raises the likelihood."""
@@ -70,6 +71,14 @@ class ColouredNoise:
 
 
 @dataclass(frozen=True)
+class Drift:
+    """A passing change of offsets, a Gauss-Markov process: its deviation, SI, and its time constant, s."""
+
+    size: float
+    time: float
+
+
+@dataclass(frozen=True)
 class AssumedNoise:
     """Errors the filter assumes.
 
@@ -83,6 +92,8 @@ class AssumedNoise:
         Least and largest noise density of the gyros, and of the accelerometers, to which the data may change them.
     offset_walk
         Density of the random walk of each group of offsets.
+    drifts
+        Passing changes of the offsets beside it, by the groups that stand for them.
     rate_scatter
         Standard deviation of the noise in a single reading of a gyro, rad/s.
     correlation_time
@@ -99,6 +110,7 @@ class AssumedNoise:
     min_reference: tuple[float, float]
     imu_bounds: tuple[tuple[float, float], tuple[float, float]]
     offset_walk: dict[str, float]
+    drifts: Mapping[str, Drift] = field(default_factory=dict)
     rate_scatter: float = 0.0
     correlation_time: float = 0.0
     frame_sd: tuple[float, float] = (0.0, 0.0)

@@ -18,6 +18,9 @@ GROUPS = {group.name: group.meaning for group in REGISTRY}
 SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
 """Groups every sensor parameter belongs to. They come first in the state; see `filtering.kernel_inputs`."""
 
+PASSING_GROUPS = tuple(group.name for group in REGISTRY if group.passing)
+"""Groups that change within seconds: noise with a memory."""
+
 ROBOT_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "robot")
 """Groups of the robot's errors."""
 

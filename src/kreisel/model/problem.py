@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, group_part, with_coloured_noise, without
 from kreisel.model.noise import AssumedNoise
-from kreisel.model.parameters import GROUPS, CellParameters, parameter_names
+from kreisel.model.parameters import GROUPS, PASSING_GROUPS, CellParameters, parameter_names
 from kreisel.model.robot import RobotModel
 from kreisel.model.schedule import Schedule
 from kreisel.model.settings import CalibrationSettings
@@ -110,6 +110,12 @@ class Problem:
     def joints(self) -> int:
         """Joints of the robot whose errors are estimated; 0 without one."""
         return 0 if self.robot is None else self.robot.joints
+
+    @property
+    def lasting(self) -> Indices:
+        """Degrees of freedom of all parameters that last longer than seconds."""
+        passing = [np.r_[self.layout[group]] for group in PASSING_GROUPS if group in self.layout]
+        return np.setdiff1d(np.arange(len(self.parameter_names)), np.concatenate([np.zeros(0, dtype=int), *passing]))
 
     @property
     def walked_variance(self) -> Array:

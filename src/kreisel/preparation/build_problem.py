@@ -10,9 +10,10 @@ import numpy as np
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.noise import DRIFT_TIME
 from kreisel.model.groups import REGISTRY
-from kreisel.model.noise import AssumedNoise, PoseError
-from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.noise import AssumedNoise, Drift, PoseError
+from kreisel.model.parameters import GROUPS, PASSING_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Prior, Problem
 from kreisel.model.schedule import MIN_UPDATES, Schedule
 from kreisel.model.settings import CalibrationSettings
@@ -20,7 +21,13 @@ from kreisel.preparation.attitude import start_attitudes
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.robot import ANGLE_SD, LENGTH_SD
 from kreisel.preparation.scheduling import schedule_updates
-from kreisel.preparation.start_values import expected_effects, nominal_parameters, starting_point, stated_prior
+from kreisel.preparation.start_values import (
+    drift_sizes,
+    expected_effects,
+    nominal_parameters,
+    starting_point,
+    stated_prior,
+)
 from kreisel.preparation.state_layout import build_layout
 from kreisel.recording.recording import ReferencePoses, angles_over
 from kreisel.synchronization.clock import Clock
@@ -125,6 +132,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
             noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
         ),
         joints=preparation.joints,
+        drifts=tuple(noise.drifts),
     )
     return Problem(
         readings=preparation.readings,
@@ -163,6 +171,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         min_reference=(_MIN_NOISE * reference.position, _MIN_NOISE * reference.orientation),
         imu_bounds=(imu.gyro_bounds, imu.accel_bounds),
         offset_walk={"gyro_offset": imu.gyro_walk, "accel_offset": imu.accel_walk},
+        drifts={group: Drift(size, DRIFT_TIME) for group, size in drift_sizes(imu).items() if size > 0.0},
         rate_scatter=imu.gyro_scatter,
         frame_sd=frame_sd,
         pose_error=_pose_error(preparation.reference, frame_sd),
@@ -191,7 +200,7 @@ def _prior(
             **{g.name: np.array([g.usual_sd]) for g in REGISTRY if g.usual_sd is not None},
             **stated,
             "gravity": np.array([preparation.site.gravity_sd]),
-            **{g: np.sqrt(np.diag(covariance[g])) for g in ROBOT_GROUPS if g in covariance},
+            **{g: np.sqrt(np.diag(covariance[g])) for g in (*PASSING_GROUPS, *ROBOT_GROUPS) if g in covariance},
         },
         stated=tuple(stated),
         nominal=nominal_parameters(preparation, order),

@@ -9,13 +9,16 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.noise import GRADES, Grade, equivalent_walk, high_frequency_density
+from kreisel.inertial.noise import DRIFT_TIME, GRADES, Grade, drift_size, equivalent_walk, high_frequency_density
 from kreisel.inertial.readings import Readings
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import ImuSamples, Recording, excerpt
 from kreisel.recording.stamp_checks import LONG_GAP, gaps
 
 _MIN_NOISE_SHARE, _MOTION_NOISE = 0.7, 20.0
+
+_HIDDEN = 0.5
+"""Density of slow noise, as a share of that of the white noise, below which its effect on deviations is small."""
 
 
 def imu_noise_of(recording: Recording) -> ImuNoise:
@@ -43,6 +46,8 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
         accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
         gyro_scatter=min(gyro or np.inf, float(np.sqrt(np.mean(observed_gyro**2)))) * imu.interval**-0.5,
+        gyro_drift=0.0 if grade is None else _drift(grade.gyro_bias_instability, grade.gyro_noise_density),
+        accel_drift=0.0 if grade is None else _drift(grade.accel_bias_instability, grade.accel_noise_density),
     )
 
 
@@ -55,6 +60,12 @@ def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "ac
     if sensor == "gyro":
         return equivalent_walk(grade.gyro_bias_instability, grade.gyro_rate_random_walk)
     return equivalent_walk(grade.accel_bias_instability, grade.accel_random_walk)
+
+
+def _drift(bias_instability: float, density: float) -> float:
+    """Return the deviation of the flicker noise that passes within seconds; 0 where white noise hides it."""
+    size = drift_size(bias_instability)
+    return size if size * (2.0 * DRIFT_TIME) ** 0.5 > _HIDDEN * density else 0.0
 
 
 def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:

@@ -20,7 +20,7 @@ class ImuNoise:
 
     `gyro_bounds` and `accel_bounds` are the densities between which the data may change it: from the maker's figure
     to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
-    a single reading, rad/s.
+    a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what passes within seconds.
     """
 
     gyro: Array
@@ -33,6 +33,8 @@ class ImuNoise:
     gyro_offset_sd: float | None
     accel_offset_sd: float | None
     gyro_scatter: float
+    gyro_drift: float = 0.0
+    accel_drift: float = 0.0
 
 
 @dataclass(frozen=True)

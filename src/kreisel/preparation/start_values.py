@@ -17,7 +17,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.model.robot import RobotModel
 from kreisel.preparation.attitude import alignment_from_gravity
-from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.preparation import ImuNoise, Preparation
 from kreisel.synchronization.clock import MAX_SKEW
 from kreisel.units import DEG
 
@@ -173,7 +173,13 @@ def _deviations_without_fit(preparation: Preparation, order: int) -> dict[str, A
         "earth_down": np.array([EARTH_SD]),
         "gravity": np.array([max(site.gravity_sd, 1e-9)]),
         "gyro_g_sensitivity": np.full(9, _g_sensitivity(preparation)),
+        **{group: np.full(3, size) for group, size in drift_sizes(preparation.imu_noise).items() if size > 0.0},
     }
+
+
+def drift_sizes(noise: ImuNoise) -> dict[str, float]:
+    """Return the deviations of the offsets' passing changes, by their groups."""
+    return {"gyro_drift": noise.gyro_drift, "accel_drift": noise.accel_drift}
 
 
 def expected_effects(preparation: Preparation) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from kreisel.estimation.state import StateLayout
 from kreisel.model.groups import REGISTRY
 from kreisel.model.layout import STANDSTILL_ERROR, group_part, with_coloured_noise
+from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 
 
@@ -16,6 +17,7 @@ def build_layout(
     standstill_error: bool,
     path_error: tuple[bool, bool] = (False, False),
     joints: int = 0,
+    drifts: tuple[str, ...] = (),
 ) -> StateLayout:
     """Return the layout: sensor parameters, cell parameters, the robot's errors, errors of the reference, navigation.
 
@@ -31,8 +33,10 @@ def build_layout(
         Whether there is coloured noise in position and in orientation.
     joints
         Of the robot whose errors are estimated; 0 without one.
+    drifts
+        Groups of passing changes of offsets.
     """
-    absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated))
+    absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated)) | (set(PASSING_GROUPS) - set(drifts))
     if latitude or "north" in absent:
         absent.add("earth_down")
     if not skew:

@@ -10,12 +10,12 @@ from kreisel.filtering.initial_belief import stored_state
 from kreisel.filtering.kernel_inputs import filter_model, filter_record, filter_steps
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.effects import EFFECTS
-from kreisel.model.noise import PoseError
+from kreisel.model.noise import Drift, PoseError
 from kreisel.model.parameters import GROUPS, REFERENCE_GROUPS
 from kreisel.model.problem import hold, with_correlation_time
 from kreisel.model.settings import CalibrationSettings
 
-from ...small_problem import small_problem, with_noise
+from ...small_problem import small_problem, with_drifts, with_noise
 
 NOTHING = np.zeros((20, 6, 0))
 """No errors of the reported poses."""
@@ -100,6 +100,15 @@ def test_offsets_that_are_in_the_state_and_walk_are_named_by_degree_of_freedom()
     still = with_noise(problem, offset_walk={"gyro_offset": 0.0, "accel_offset": 3e-4})
     np.testing.assert_array_equal(filter_model(still, problem.prior.start).walk, 3e-4)
     assert filter_model(with_noise(problem, offset_walk={}), problem.prior.start).walking.size == 0
+
+
+def test_drifts_fade_and_keep_their_size():
+    """Density and rate of fading of a Gauss-Markov process: sqrt(2 / tau) sigma and 1 / tau."""
+    problem = with_drifts(small_problem(), Drift(3e-5, 8.0))
+    model = filter_model(problem, problem.prior.start)
+    assert list(model.walking) == list(range(*problem.layout["gyro_drift"].indices(10**6)))
+    np.testing.assert_allclose(model.walk, 1.5e-5, rtol=1e-12)
+    np.testing.assert_array_equal(model.fading, 0.125)
 
 
 @pytest.mark.parametrize(

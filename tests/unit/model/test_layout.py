@@ -28,6 +28,7 @@ def test_a_groups_part_has_one_degree_of_freedom_for_each_name(order, joints):
         "accel_offset": 3, "accel_polynomial": 3 * (order - 1), "lever_arms": 9, "alignment": 2, "north": 2,
         "earth_down": 1, "gravity": 1, "time_offset": 1, "time_skew": 1,
         "gyro_g_sensitivity": 9, "gyro_asymmetry": 3, "accel_asymmetry": 3, "accel_delay": 1, "accel_smoothing": 1,
+        "gyro_drift": 3, "accel_drift": 3,
         "position_scale": 1, "reference_smoothing": 1,
         "robot_placement": 6 * (joints + 1) if joints else 0, "robot_gears": 2 * joints, "robot_compliance": joints,
     }  # fmt: skip
