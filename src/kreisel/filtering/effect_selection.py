@@ -19,6 +19,7 @@ from kreisel.filtering.correlated_innovations import correlation_factor
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.initial_belief import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.inertial.effects import EFFECTS, RawReadings
 from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
@@ -34,6 +35,11 @@ USUAL_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 20.0
 
 _GATE = 100.0
 """Factor on the gate: noise may be larger than assumed."""
+
+_ENOUGH = 10_000
+"""Samples that show the mean of a reading."""
+
+_OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
@@ -250,9 +256,36 @@ def survey(problem: Problem, run: FilterRun, further_pass: Pass, progress: StepP
     names = [part.name for part in before if before[part.name].stop <= n]
     old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
     P[np.ix_(new, new)] = run.belief.covariance[np.ix_(old, old)]
+    T = _kept_mean(larger, groups)
+    P = T @ P @ T.T
     begun = replace(run, belief=Belief(stored_state(larger, parameters), _factor(P)), parameters=parameters)
     found = further_pass(larger, begun, gate=_GATE, progress=progress)
     return Survey(problem, larger, found, groups, 1.0 / (correlation_factor(found) ** 2 * max(1.0, _size(found))))
+
+
+def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
+    """Return the change of a state (degrees, degrees) in which offsets take back what effects add on average.
+
+    So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
+    distinguished from an offset starts as such.
+    """
+    layout, readings = problem.layout, problem.readings
+    T = np.eye(layout.degrees)
+    thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
+    raw = RawReadings(
+        readings.stamps[thinned], readings.rates[thinned], readings.accelerations[thinned], np.zeros_like
+    )  # derivatives are zero on average
+    for group in groups:
+        effect = EFFECTS.get(group)
+        if effect is None or _OFFSET_OF[effect.sensor] not in layout:
+            continue
+        offset, own = layout[_OFFSET_OF[effect.sensor]].start, layout[group]
+        size = own.stop - own.start
+        means = effect.features(raw, size).mean(axis=1)
+        for mean, places in zip(means, effect.places(size), strict=True):
+            for axis in np.flatnonzero(places >= 0):
+                T[offset + axis, own.start + places[axis]] -= mean
+    return T
 
 
 def _size(run: FilterRun) -> float:

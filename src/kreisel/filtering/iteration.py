@@ -10,10 +10,12 @@ import numpy as np
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.consistency import gate_bounds
+from kreisel.filtering.attenuation import false_information, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
+from kreisel.filtering.initial_belief import parameters_of
 from kreisel.filtering.noise_adaptation import (
     NoiseFactors,
     imu_density,
@@ -28,6 +30,7 @@ from kreisel.filtering.parameter_walk import found_walks
 from kreisel.filtering.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, hold, with_correlation_time
@@ -50,6 +53,9 @@ NEAR = 3.0
 
 SETTLED = 0.2
 """Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
+
+_LEAST_SHARE = 0.1
+"""Of the change by a pass, for the start of the next one."""
 
 MAX_CORRELATION_TIME = 40.0
 """Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
@@ -130,6 +136,7 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Esti
         factor = correlation_factor(passes.run)
         message = f"not observable: {', '.join(lost)}; held at nominal values (--fix does so from the first pass)"
         warnings.append(DataWarning("motion", message))
+    passes = _without_attenuation(passes, progress)
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
@@ -155,6 +162,14 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Esti
         contradicted,
         problem,
     )
+
+
+def _without_attenuation(passes: _Passes, progress: Progress | None) -> _Passes:
+    """Return the passes with a result in which noise of the readings does not count as information."""
+    if passes.problem.settings.passes is not None:
+        return passes
+    false = false_information(passes.problem, passes.run, further_pass, of_step(progress, "noise"))
+    return replace(passes, run=without_attenuation(passes.problem, passes.run, false))
 
 
 def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str, float]:
@@ -246,6 +261,7 @@ def _until_settled(
     else:
         run = further_pass(problem, begun, gate=WIDE_GATE, progress=step)
     count, adapted = 1, False
+    near, share, change = run, 1.0, np.zeros(0)
     while True:
         factors = noise_factors(run, coloured=problem.noise.correlation_time > 0.0)
         rejected = 1.0 - float(np.mean(run.history.used))
@@ -263,8 +279,11 @@ def _until_settled(
             problem, adapted = with_factors(problem, factors), True
         count += 1
         gate = WIDE_GATE if far else 1.0
-        last, run = run, further_pass(problem, run, gate=gate, progress=of_step(progress, f"pass {before + count}"))
-        moved = _distance(problem, last, run)
+        near = run if share == 1.0 else _between(problem, near, run, share)
+        run = further_pass(problem, near, gate=gate, progress=of_step(progress, f"pass {before + count}"))
+        change_before, change = change, _change(problem, near, run)
+        share = _relaxation(share, change_before, change)
+        moved = float(np.max(np.abs(change), initial=0.0))
         if far:
             far = moved > NEAR
             if _wide_gate_mattered(run):
@@ -286,13 +305,16 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
+        as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
         if not larger:
-            return replace(passes, count=count, survey=found, surveyed=problem)
+            return as_it_is
         tried = [_until_settled(_with_noise_of(first, one), count, given, progress, begun) for one, begun in larger]
         if problem.noise.correlation_time == 0.0:
             coloured = _with_coloured_noise(passes, progress)
             tried += [coloured] if coloured.problem is not problem else []
         best = max(tried, key=lambda one: bounded_likelihood(one.run))
+        if bounded_likelihood(best.run) < bounded_likelihood(passes.run):
+            return as_it_is
         gain = {**passes.walk_gain, **walk[1]} if walk is not None and best is tried[0] else passes.walk_gain
         passes = replace(best, survey=found, walk_gain=gain)
     return passes
@@ -304,11 +326,32 @@ def _with_noise_of(first: Problem, problem: Problem) -> Problem:
     return replace(problem, noise=noise, readings=replace(problem.readings, noise=first.readings.noise))
 
 
-def _distance(problem: Problem, before: FilterRun, after: FilterRun) -> float:
-    """Return the largest change of a parameter between two results, in standard deviations."""
-    n = len(problem.parameter_names)
-    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[:n, 0]
-    return float(np.max(np.abs(change) / after.belief.standard_deviation[:n], initial=0.0))
+def _relaxation(share: float, before: Array, after: Array) -> float:
+    """Return the share of the last change that the next pass starts with, from that of the one before and both changes.
+
+    In weak motion a pass may answer to its start with the opposite change, and passes would go to and fro for ever.
+
+    Notes
+    -----
+    Aitken's extrapolation for vectors (Irons and Tuck 1969), within bounds.
+    """
+    if before.size == 0:
+        return 1.0
+    turned = after - before
+    return float(np.clip(-share * (before @ turned) / max(float(turned @ turned), 1e-300), _LEAST_SHARE, 1.0))
+
+
+def _between(problem: Problem, a: FilterRun, b: FilterRun, share: float) -> FilterRun:
+    """Return the second of two runs with a result between them, by a share of the way."""
+    change = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)
+    mean = problem.layout.plus(a.belief.mean, share * change)[:, 0]
+    return replace(b, belief=replace(b.belief, mean=mean), parameters=parameters_of(problem, b.parameters, mean))
+
+
+def _change(problem: Problem, before: FilterRun, after: FilterRun) -> Array:
+    """Return the change of each lasting parameter between two results, in standard deviations."""
+    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[problem.lasting, 0]
+    return np.asarray(change / after.belief.standard_deviation[problem.lasting])
 
 
 def _with_coloured_noise(passes: _Passes, progress: Progress | None) -> _Passes:

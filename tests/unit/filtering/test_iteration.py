@@ -14,8 +14,9 @@ from kreisel.filtering.iteration import (
     SETTLED,
     Given,
     _another_pass,
+    _change,
     _contradiction,
-    _distance,
+    _relaxation,
     _wide_gate_mattered,
     correlation_factor,
     estimate,
@@ -132,7 +133,7 @@ def test_a_wide_gate_mattered_if_it_let_through_something_gross_or_much(degrees)
     assert not mattered(gross, used=False)  # that was rejected all the same
 
 
-def test_the_way_of_a_pass_is_its_largest_in_deviations():
+def test_the_change_by_a_pass_is_in_deviations():
     problem = camera_problem()
     n = len(problem.parameter_names)
     run = usual().run
@@ -141,7 +142,9 @@ def test_the_way_of_a_pass_is_its_largest_in_deviations():
         change = np.zeros(problem.layout.degrees)
         change[i], change[n:] = -1.7 * sd[i], 9.0  # navigation does not count
         before = Belief(problem.layout.plus(run.belief.mean, change[:, None])[:, 0], 5.0 * run.belief.factor)
-        assert _distance(problem, replace(run, belief=before), run) == pytest.approx(1.7, rel=1e-3)
+        change = _change(problem, replace(run, belief=before), run)
+        assert np.abs(change).max() == pytest.approx(1.7, rel=1e-3)
+        assert np.sum(np.abs(change) > 1e-6) == 1
 
 
 def test_a_right_start_and_right_noise_need_one_pass():
@@ -294,4 +297,15 @@ def test_a_pass_from_a_start_far_off_is_repeated_until_it_settles():
     found = estimate(moved, BOTH)
     assert found.passes > 1
     assert found.moved < SETTLED
-    assert _distance(problem, found.run, usual().run) < SETTLED
+    assert np.abs(_change(problem, found.run, usual().run)).max() < SETTLED
+
+
+@pytest.mark.parametrize("answer", [-0.9, -3.0, 0.5])
+def test_passes_that_answer_by_the_opposite_come_to_rest(answer):
+    """A pass leads from x to `answer` times x, about a point of rest."""
+    rest, x, share, before = np.array([2.0, -1.0]), np.array([5.0, 5.0]), 1.0, np.zeros(0)
+    for _ in range(12):
+        change = rest + answer * (x - rest) - x
+        share, before = _relaxation(share, before, change), change
+        x = x + share * change
+    assert np.abs(x - rest).max() < 1e-2
