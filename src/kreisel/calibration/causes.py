@@ -10,7 +10,9 @@ from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.filtering.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.noise import coarse_step
 from kreisel.model.considered import describe
+from kreisel.recording.recording import excerpt
 
 _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),
@@ -18,11 +20,23 @@ _WALKS = {
     "time_offset": ("clock walk", "the clocks' offset changes during the recording"),
 }
 
-_REPEATED, _GROSS, _SHAKEN = 0.01, 50.0, 3.0
+_REPEATED, _GROSS, _SHAKEN = 0.01, 20.0, 3.0
 """Share of repeated or gross values that counts; size of a gross one, in medians; vibration, in noise at rest."""
 
+_NEAR = 5
+"""Poses before and after one between which the motion is seen."""
+
 _EXCERPT = 20_000
-"""Samples that are enough to see how readings are rounded."""
+"""Samples that are enough to see whether readings are repeated."""
+
+_COARSE = 1e-3
+"""Step, as a share of the motion's size, below which rounding has no effect."""
+
+_CERTAIN = 1000.0
+"""Weight of what is seen in the readings themselves, and of a turn that no arm's own errors make."""
+
+_LARGE_TURN = 0.1
+"""deg."""
 
 
 def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: LatitudeCheck | None) -> tuple[Cause, ...]:
@@ -34,6 +48,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *_site(estimate, latitude),
         *_offsets(estimate),
         *_robot(estimate),
+        *_rounding(estimate),
         *_noise(estimate),
     ]
     return tuple(sorted(found, key=lambda cause: -cause.weight))
@@ -54,7 +69,8 @@ def _slip(halves: SplitHalves | None) -> list[Cause]:
         return []
     angle = np.degrees(float(np.linalg.norm(0.5 * (a + b))))
     text = f"the IMU turned in its mount by about {angle:.2g} deg"
-    return [Cause("slipping mount", text, 0.5 * float(score[worst]) ** 2)]
+    certain = _CERTAIN if angle > _LARGE_TURN else 0.0
+    return [Cause("slipping mount", text, certain + 0.5 * float(score[worst]) ** 2)]
 
 
 def _turn(halves: SplitHalves, sensor: str) -> tuple[Array, Array] | None:
@@ -102,6 +118,16 @@ def _robot(estimate: Estimate) -> list[Cause]:
     return [Cause("robot_placement", f"the robot's errors, up to {score:.1f} times what is stated", 0.5 * score**2)]
 
 
+def _rounding(estimate: Estimate) -> list[Cause]:
+    """Return readings that are rounded so coarsely that their errors do not average out at rest."""
+    readings, out = estimate.problem.readings, []
+    for name, values, unit in (("gyro", readings.rates, "rad/s"), ("accelerometer", readings.accelerations, "m/s^2")):
+        step = max(coarse_step(part) for part in excerpt(values))
+        if step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
+            out.append(Cause("rounding", f"{name} readings are rounded to steps of {step:.2g} {unit}", _CERTAIN))
+    return out
+
+
 def _noise(estimate: Estimate) -> list[Cause]:
     """Return stated noise figures that the data contradict, or what makes the noise as large."""
     out, first, last = [], estimate.stated, estimate.problem
@@ -132,11 +158,14 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
     if positions is not None:
         step = np.linalg.norm(np.diff(positions, axis=0), axis=1)
         usual = 0.3 * float(np.percentile(step, 75))
-        held = float(np.mean((step[1:-1] == 0.0) & ((step[:-2] > usual) | (step[2:] > usual))))
+        moved = np.linalg.norm(positions[2 * _NEAR :] - positions[: -2 * _NEAR], axis=1) > 2 * _NEAR * usual
+        held = float(np.mean((step[_NEAR : step.size + 1 - _NEAR] == 0.0) & moved))
         if held > _REPEATED:
             return "held poses", f"{100.0 * held:.0f} % of the poses repeat the one before"
     size = history.nis / history.degrees
-    if float(np.mean(size > _GROSS * np.median(size))) > _REPEATED:
+    gross = size > _GROSS * np.median(size)
+    alone = gross[1:-1] & ~(gross[:-2] & gross[2:])  # what lasts is no outlier
+    if float(np.mean(alone)) > _REPEATED:
         return "pose outliers", "some poses are grossly wrong"
     return "stated reference", "the poses are less accurate than stated"
 
@@ -144,15 +173,9 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 def _of_readings(estimate: Estimate) -> tuple[str, str]:
     """Return what makes the readings noisy."""
     readings = estimate.problem.readings
-    for name, values in (("gyro", readings.rates), ("accelerometer", readings.accelerations)):
+    for values in (readings.rates, readings.accelerations):
         part = values[: min(len(values), _EXCERPT)]
         repeated = float(np.mean(np.all(np.diff(part, axis=0) == 0.0, axis=1)))
-        levels = np.unique(part[:, 0])
-        steps = np.diff(levels)
-        coarse = float(np.min(steps)) if steps.size else 0.0
-        change = float(np.median(np.abs(np.diff(part[:, 0])[np.diff(part[:, 0]) != 0.0]))) if steps.size else 1.0
-        if coarse > 0.5 * change:
-            return "rounding", f"{name} readings are rounded to steps of {coarse:.2g}"
         if repeated > _REPEATED:
             return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
     quiet, busy = _high_frequency(estimate)

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.filtering.history import FilterRun, Pass
+from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.prior_exchange import result_moved
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -27,8 +28,8 @@ _STEP = 0.05
 _MOST = 0.5
 """Largest share of the information about a parameter that is taken for false."""
 
-_MATRICES = {"gyro_cross_coupling": (1.0, 0.0), "accel_cross_coupling": (0.0, 1.0)}
-"""The matrices, and whether the noise of gyros and of accelerometers is what they multiply."""
+_MATRICES = {"gyro_cross_coupling": 0, "accel_cross_coupling": 1}
+"""The matrices, and whether they multiply the noise of gyros or of accelerometers."""
 
 
 def false_information(
@@ -41,7 +42,8 @@ def false_information(
     With innovations nu of covariance S and their derivative N by an element, the part of N that is noise gives
     E[N^T S^-1 N] information and E[N^T S^-1 nu] pull. Both equal the innovations' share of that noise, and this is half
     the derivative of ln det S by the logarithm of its standard deviation: gains are optimal, so their change has no
-    effect. A unit of noise moves every axis alike, so each of the three columns has a third.
+    effect. A unit of noise moves every axis alike, so each of the three columns has a third. Noise that is assumed, but
+    that the readings do not have, does not pull.
     """
     history, deviation = run.history, run.belief.standard_deviation
     # no noise of the IMU has a larger share than all but the reference's noise
@@ -53,10 +55,11 @@ def false_information(
     base = _log_determinants(further_pass(problem, run, progress=progress))
     out = {}
     for group in wanted:
-        gyro, accel = _MATRICES[group]
-        noisier = problem.readings.with_noise(1.0 + _STEP * gyro, 1.0 + _STEP * accel)
+        sensor = _MATRICES[group]
+        noisier = problem.readings.with_noise(*(1.0 + _STEP * (i == sensor) for i in range(2)))
         changed = _log_determinants(further_pass(replace(problem, readings=noisier), run, progress=progress))
-        out[group] = max(0.0, changed - base) / (2.0 * np.log1p(_STEP)) / 3.0
+        there = min(1.0, problem.noise.observed[sensor] / imu_density(problem)[sensor]) ** 2
+        out[group] = there * max(0.0, changed - base) / (2.0 * np.log1p(_STEP)) / 3.0
     return out
 
 

@@ -54,6 +54,9 @@ NEAR = 3.0
 SETTLED = 0.2
 """Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
 
+_LASTING = 3.0
+"""Factor for correlated innovations above which noise that was found may stand for parameters that walk."""
+
 _LEAST_SHARE = 0.1
 """Of the change by a pass, for the start of the next one."""
 
@@ -300,9 +303,12 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
         correlation, step = correlation_factor(run), of_step(progress, f"pass {count}")
-        found = survey(_with_noise_of(first, problem), run, further_pass, step)
+        quiet = _with_noise_of(first, problem)  # noise that was found explains what effects would
+        found = survey(quiet, run, further_pass, step)
         chosen = () if found is None else selected(found)
         walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
+        if walk is None and correlation > _LASTING:
+            walk = found_walks(quiet, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)

@@ -48,14 +48,17 @@ def found_walks(
     best = base
     for group in groups:
         density = max(least_densities[group], problem.noise.offset_walk.get(group, 0.0))
+        top, chosen = best, 0.0
         for _ in range(_MAX_STEPS):
             now = likelihood(walks | {group: density})
-            if now < best + (least if group not in walks else 0.0):
+            if now <= top:
                 break
-            gains[group] = gains.get(group, 0.0) + now - best
-            walks[group], best = density, now
+            top, chosen = now, density
             density *= _STEP
-    if best < base + least or not walks:
+        if top >= best + least:
+            gains[group] = top - best
+            walks[group], best = chosen, top
+    if not walks:
         return None
     return with_walks(problem, problem.noise.offset_walk | walks), gains
 

@@ -229,3 +229,22 @@ def high_frequency_density(values: Array, interval: float) -> Array:
     # the median of a chi-square variable with one degree of freedom
     variance = np.median(third**2, axis=0) / (20.0 * 0.454936)
     return np.asarray(np.sqrt(variance * interval))
+
+
+_WINDOW, _QUIETEST, _EQUAL = 100, 90.0, 0.65
+"""Samples of a window; percentile over windows; share of samples equal to the one before that shows coarse rounding."""
+
+
+def coarse_step(values: Array) -> float:
+    """Return the step to which samples (n, 3) are rounded, if it is so coarse that noise at rest does not average it.
+
+    The error is then constant while the sensor rests, up to half a step. 0 for finer steps; the largest of the axes.
+    """
+    found = 0.0
+    for axis in values.T:
+        n = axis.size // _WINDOW * _WINDOW
+        equal = (np.diff(axis[: n + 1], append=axis[n - 1])[:n] == 0.0).reshape(-1, _WINDOW).mean(axis=1)
+        if equal.size and np.percentile(equal, _QUIETEST) > _EQUAL:
+            steps = np.diff(np.unique(axis))
+            found = max(found, float(steps.min()) if steps.size else 0.0)
+    return found

@@ -96,6 +96,8 @@ class AssumedNoise:
         Passing changes of the offsets beside it, by the groups that stand for them.
     rate_scatter
         Standard deviation of the noise in a single reading of a gyro, rad/s.
+    observed
+        Noise densities of gyros and accelerometers that the readings themselves show.
     correlation_time
         Time constant of the reference's coloured noise, s; 0 where the noise is white.
     frame_sd
@@ -112,6 +114,7 @@ class AssumedNoise:
     offset_walk: dict[str, float]
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     rate_scatter: float = 0.0
+    observed: tuple[float, float] = (math.inf, math.inf)
     correlation_time: float = 0.0
     frame_sd: tuple[float, float] = (0.0, 0.0)
     pose_error: PoseError = PoseError()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Literal
 
@@ -9,7 +10,15 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.noise import DRIFT_TIME, GRADES, Grade, drift_size, equivalent_walk, high_frequency_density
+from kreisel.inertial.noise import (
+    DRIFT_TIME,
+    GRADES,
+    Grade,
+    coarse_step,
+    drift_size,
+    equivalent_walk,
+    high_frequency_density,
+)
 from kreisel.inertial.readings import Readings
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import ImuSamples, Recording, excerpt
@@ -33,6 +42,12 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         np.maximum(np.median([high_frequency_density(p, imu.interval) for p in excerpt(values)], axis=0), least)
         for values, least in ((imu.rates, 1e-7), (imu.accelerations, 1e-6))
     )
+    flickers = ((0.0, 0.0), (0.0, 0.0))
+    if grade is not None:
+        flickers = (
+            (grade.gyro_bias_instability, grade.gyro_noise_density),
+            (grade.accel_bias_instability, grade.accel_noise_density),
+        )
     given = table.gyro_noise_density is not None or grade is not None
     accel_given = table.accel_noise_density is not None or grade is not None
     return ImuNoise(
@@ -45,9 +60,10 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         given=given,
         gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
         accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
-        gyro_scatter=min(gyro or np.inf, float(np.sqrt(np.mean(observed_gyro**2)))) * imu.interval**-0.5,
-        gyro_drift=0.0 if grade is None else _drift(grade.gyro_bias_instability, grade.gyro_noise_density),
-        accel_drift=0.0 if grade is None else _drift(grade.accel_bias_instability, grade.accel_noise_density),
+        gyro_scatter=min(gyro or np.inf, _size(observed_gyro)) * imu.interval**-0.5,
+        gyro_drift=_drift(imu.rates, *flickers[0]),
+        accel_drift=_drift(imu.accelerations, *flickers[1]),
+        observed=(_size(observed_gyro), _size(observed_accel)),
     )
 
 
@@ -62,14 +78,25 @@ def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "ac
     return equivalent_walk(grade.accel_bias_instability, grade.accel_random_walk)
 
 
-def _drift(bias_instability: float, density: float) -> float:
-    """Return the deviation of the flicker noise that passes within seconds; 0 where white noise hides it."""
-    size = drift_size(bias_instability)
-    return size if size * (2.0 * DRIFT_TIME) ** 0.5 > _HIDDEN * density else 0.0
+def _drift(values: Array, bias_instability: float, density: float) -> float:
+    """Return the deviation of what passes within seconds: flicker noise, and the error of coarse rounding.
+
+    density: of the white noise, which may hide the flicker noise.
+    """
+    flicker = drift_size(bias_instability)
+    if flicker * (2.0 * DRIFT_TIME) ** 0.5 < _HIDDEN * density:
+        flicker = 0.0
+    rounding = max(coarse_step(part) for part in excerpt(values)) / 12.0**0.5
+    return math.hypot(flicker, rounding)
+
+
+def _size(density: Array) -> float:
+    """Return the rms over the axes."""
+    return float(np.sqrt(np.mean(density**2)))
 
 
 def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:
-    size = float(np.sqrt(np.mean(observed**2)))
+    size = _size(observed)
     low = stated or _MIN_NOISE_SHARE * size
     return low, max(low, _MOTION_NOISE * size)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from kreisel.geometry.rotation import Array
@@ -20,7 +21,8 @@ class ImuNoise:
 
     `gyro_bounds` and `accel_bounds` are the densities between which the data may change it: from the maker's figure
     to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
-    a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what passes within seconds.
+    a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what
+    passes within seconds, `observed` the densities of gyros and accelerometers that the readings themselves show.
     """
 
     gyro: Array
@@ -35,6 +37,7 @@ class ImuNoise:
     gyro_scatter: float
     gyro_drift: float = 0.0
     accel_drift: float = 0.0
+    observed: tuple[float, float] = (math.inf, math.inf)
 
 
 @dataclass(frozen=True)
