@@ -9,7 +9,7 @@ from functools import partial
 from kreisel.calibration.assembly import Judged, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
-from kreisel.calibration.inflation import with_unestimated_errors, with_walked_deviations
+from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -76,7 +76,7 @@ def run_calibration(
     )
     found = without_passing(with_disagreement(found, halves))
     seen = observability(found.problem, found.run)
-    found = with_walked_deviations(found)
+    found = with_doubtful_latitude(with_walked_deviations(found), latitude)
     seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))

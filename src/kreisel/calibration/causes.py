@@ -12,6 +12,7 @@ from kreisel.filtering.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise import coarse_step
 from kreisel.model.considered import describe
+from kreisel.model.problem import Problem
 from kreisel.recording.recording import excerpt
 
 _WALKS = {
@@ -32,11 +33,14 @@ _EXCERPT = 20_000
 _COARSE = 1e-3
 """Step, as a share of the motion's size, below which rounding has no effect."""
 
-_CERTAIN = 1000.0
+_CERTAIN = 1e5
 """Weight of what is seen in the readings themselves, and of a turn that no arm's own errors make."""
 
 _LARGE_TURN = 0.1
 """deg."""
+
+_NOISIER, _MEDIAN = 5.0, 2.366
+"""Factor on stated noise that only other sensors have; median of a chi-square variable of three degrees."""
 
 
 def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: LatitudeCheck | None) -> tuple[Cause, ...]:
@@ -49,6 +53,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *_offsets(estimate),
         *_robot(estimate),
         *_rounding(estimate),
+        *_noise_at_rest(estimate),
         *_noise(estimate),
     ]
     return tuple(sorted(found, key=lambda cause: -cause.weight))
@@ -89,7 +94,7 @@ def _turn(halves: SplitHalves, sensor: str) -> tuple[Array, Array] | None:
 
 def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
     out = []
-    if latitude is not None and latitude.score > MAX_SCORE:
+    if latitude is not None and latitude.doubtful:
         text = f"the stated latitude of {latitude.stated_deg:.4g} deg; the gyros show {latitude.found_deg:.1f} deg"
         out.append(Cause("stated latitude", text, 0.5 * latitude.score**2))
     if "gravity" in estimate.problem.layout:
@@ -178,20 +183,36 @@ def _of_readings(estimate: Estimate) -> tuple[str, str]:
         repeated = float(np.mean(np.all(np.diff(part, axis=0) == 0.0, axis=1)))
         if repeated > _REPEATED:
             return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
-    quiet, busy = _high_frequency(estimate)
+    quiet, busy = _third_differences(estimate.problem, estimate.problem.readings.accelerations)
     if busy > _SHAKEN * quiet:
         return "vibration", f"the IMU vibrates while it moves: its noise is {busy / quiet:.0f} times that at rest"
     return "stated noise", "the IMU is noisier than stated"
 
 
-def _high_frequency(estimate: Estimate) -> tuple[float, float]:
-    """Return the size of third differences of the accelerometers' readings at standstill and on the path."""
-    readings, still = estimate.problem.readings, estimate.problem.schedule.standstills
-    at = np.zeros(readings.stamps.size - 3, dtype=bool)
-    for interval in still:
-        a, b = np.searchsorted(readings.stamps, (interval.start, interval.stop))
+def _noise_at_rest(estimate: Estimate) -> list[Cause]:
+    """Return the noise that was first assumed, where the readings at rest are far noisier."""
+    first, readings = estimate.stated, estimate.problem.readings
+    if first is None:
+        return []
+    interval, out = float(np.median(np.diff(readings.stamps))), []
+    for name, values, density in zip(
+        ("gyros", "accelerometers"), (readings.rates, readings.accelerations), imu_density(first), strict=True
+    ):
+        ratio = _third_differences(estimate.problem, values)[0] * (interval / 20.0 / _MEDIAN) ** 0.5 / density
+        if ratio > _NOISIER and not coarse_step(values[:_EXCERPT]):
+            text = f"at rest the {name} are {ratio:.0f} times as noisy as stated (imu.grade)"
+            out.append(Cause("stated noise", text, _CERTAIN))
+    return out
+
+
+def _third_differences(problem: Problem, values: Array) -> tuple[float, float]:
+    """Return the usual size of third differences of readings (n, 3) at standstill and on the path; 0 without either."""
+    stamps = problem.readings.stamps
+    at = np.zeros(stamps.size - 3, dtype=bool)
+    for interval in problem.schedule.standstills:
+        a, b = np.searchsorted(stamps, (interval.start, interval.stop))
         at[a : max(b - 3, a)] = True
-    third = np.sum(np.diff(readings.accelerations, n=3, axis=0) ** 2, axis=1)
     if not at.any() or at.all():
-        return 1.0, 1.0
+        return 0.0, 0.0
+    third = np.sum(np.diff(values, n=3, axis=0) ** 2, axis=1)
     return float(np.sqrt(np.median(third[at]))), float(np.sqrt(np.median(third[~at])))

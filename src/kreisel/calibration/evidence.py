@@ -45,6 +45,11 @@ class LatitudeCheck:
     deviation_deg: float
     score: float
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the stated latitude is so far off that it may be wrong: 4 % of right ones are."""
+        return self.score > 2.5
+
 
 @dataclass(frozen=True)
 class Evidence:

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.estimation.belief import inflate_variance, triangularise
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.earth import normal_gravity
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.recording.recording import DataWarning
@@ -21,6 +23,9 @@ _TERMS = {"accel_delay": 0.01, "accel_smoothing": 1.5e-4, "reference_smoothing":
 
 _SMALL = 0.3
 _SERIES = "delay or smoothing are large for a model that is the first terms of a series;"
+
+_CAREFUL = 300.0
+"""How many stated latitudes are right for a wrong one."""
 
 _GRAVITY_SHARE = 0.25
 """Share of a variance that would remain with gravity known; below it, gravity limits the result."""
@@ -54,6 +59,31 @@ def with_walked_deviations(found: Estimate) -> Estimate:
     for group in found.walks:
         belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
     return replace(found, run=replace(found.run, belief=belief))
+
+
+def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Estimate:
+    """Return the estimate with deviations for a stated latitude that the Earth's rotation makes doubtful.
+
+    Gravity would then be that of the latitude found. This counts with the probability that the stated one is wrong.
+    """
+    layout = found.problem.layout
+    if check is None or not check.doubtful or "gravity" not in layout:
+        return found
+    odds = float(np.exp(min(0.5 * check.score**2, 100.0))) / _CAREFUL
+    share = (odds / (1.0 + odds)) ** 0.5
+    there, here = (normal_gravity(np.radians(deg)) for deg in (check.found_deg, check.stated_deg))
+    belief = found.run.belief
+    i = layout["gravity"].start
+    P = belief.covariance
+    column = share * (there - here) * P[:, [i]] / P[i, i]
+    belief = replace(belief, factor=triangularise(np.hstack([belief.factor, column])))
+    message = (
+        f"the stated latitude of {check.stated_deg:.4g} deg is doubtful: the Earth's rotation in the gyros' readings "
+        f"gives {check.found_deg:.1f} +- {check.deviation_deg:.1g} deg. Standard deviations of the accelerometers' "
+        "scale factors contain the difference in gravity"
+    )
+    warnings = (*found.warnings, DataWarning("site", message))
+    return replace(found, run=replace(found.run, belief=belief), warnings=warnings)
 
 
 def series_factor(found: Estimate) -> float:

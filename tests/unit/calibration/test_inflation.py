@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.data_sheet import sensitivity
+from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
-from kreisel.calibration.inflation import position_scale_column, with_unestimated_errors
+from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
 from kreisel.filtering.prior_exchange import first_pass
 
 from ...oracle import quaternions as quat
@@ -157,3 +158,18 @@ def column_of_gravity(problem, K):
 def test_gravity_that_costs_little_or_is_no_parameter_is_not_mentioned():
     assert with_unestimated_errors(limited_by_gravity(0.26)).warnings == ()
     assert len(with_unestimated_errors(limited_by_gravity(0.24)).warnings) == 1
+
+
+@pytest.mark.parametrize(("score", "share"), [(2.4, 0.0), (3.5, 0.604), (6.0, 1.0)])
+def test_a_doubtful_latitude_counts_by_its_probability(score, share):
+    """Gravity of 50 deg instead of 40 deg: 9.8107 and 9.8017 m/s^2 by the tables of WGS 84. exp(3.5^2 / 2) = 457."""
+    found = limited_by_gravity(0.3)
+    checked = with_doubtful_latitude(found, LatitudeCheck(40.0, 50.0, 3.0, score))
+    problem = found.problem
+    i = problem.layout["gravity"].start
+    before, after = (one.run.belief.covariance for one in (found, checked))
+    assert after[i, i] - before[i, i] == pytest.approx(share * 0.0090**2, rel=0.02, abs=1e-12)
+    slope = before[:, i] / before[i, i]
+    np.testing.assert_allclose(after - before, (after - before)[i, i] * np.outer(slope, slope), atol=1e-9)
+    assert len(checked.warnings) == len(found.warnings) + (score > 2.5)
+    assert with_doubtful_latitude(found, None) is found
