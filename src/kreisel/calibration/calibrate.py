@@ -64,7 +64,8 @@ def run_calibration(
     began = time.perf_counter()
     table = recording.settings.reference
     stated = table.position_sd is not None or table.orientation_sd is not None
-    found = with_unestimated_errors(estimate(problem, Given(stated, preparation.imu_noise.given), progress))
+    given = Given(stated, preparation.imu_noise.given)
+    found = with_unestimated_errors(estimate(problem, given, progress, together))
     seconds = time.perf_counter() - began
     halves = split_halves(found, progress, together)
     shares = of_parts(progress, "checks", 2 if validate else 1)

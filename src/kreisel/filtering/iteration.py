@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, hold, with_correlation_time
-from kreisel.progress import Progress, of_step
+from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
 from kreisel.recording.recording import DataWarning
 
 WIDE_GATE = 100.0
@@ -105,8 +106,17 @@ class _Passes:
     walk_gain: Mapping[str, float] = field(default_factory=dict)
 
 
-def estimate(problem: Problem, given: Given, progress: Progress | None = None) -> Estimate:
-    """Return the estimate after all passes; `given` states whose noise figures the user gave.
+def estimate(
+    problem: Problem, given: Given, progress: Progress | None = None, together: Together = one_by_one
+) -> Estimate:
+    """Return the estimate after all passes.
+
+    Parameters
+    ----------
+    given
+        Whose noise figures the user gave.
+    together
+        Does passes that do not depend on each other.
 
     Raises
     ------
@@ -114,7 +124,7 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
         If the estimate does not stay finite.
     """
     try:
-        return _estimate(problem, given, progress)
+        return _estimate(problem, given, progress, together)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             f"the estimate's covariance does not stay positive ({error}): the noise figures, or the grade, in "
@@ -122,10 +132,10 @@ def estimate(problem: Problem, given: Given, progress: Progress | None = None) -
         ) from error
 
 
-def _estimate(problem: Problem, given: Given, progress: Progress | None) -> Estimate:
+def _estimate(problem: Problem, given: Given, progress: Progress | None, together: Together) -> Estimate:
     passes = _until_settled(problem, 0, given, progress)
     passes = _without_contradiction(problem, passes, given, progress)
-    passes = _with_effects(problem, passes, given, progress)
+    passes = _with_effects(problem, passes, given, progress, together)
     passes = _without_contradiction(problem, passes, given, progress)
     contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
@@ -293,7 +303,9 @@ def _until_settled(
                 moved = np.inf  # the usual gate has not been used yet
 
 
-def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progress | None) -> _Passes:
+def _with_effects(
+    first: Problem, passes: _Passes, given: Given, progress: Progress | None, together: Together
+) -> _Passes:
     """Return the passes with the effects that the recording shows, settled again.
 
     With further effects in the state the noise is found again from that of `first`, the problem at the beginning.
@@ -302,13 +314,17 @@ def _with_effects(first: Problem, passes: _Passes, given: Given, progress: Progr
         return passes
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
-        correlation, step = correlation_factor(run), of_step(progress, f"pass {count}")
+        correlation, name = correlation_factor(run), f"pass {count}"
+        steps = [of_step(part, name) for part in of_parts(progress, name, 2)]
         quiet = _with_noise_of(first, problem)  # noise that was found explains what effects would
-        found = survey(quiet, run, further_pass, step)
+        least = MIN_LIKELIHOOD_GAIN * correlation**2
+        found, walk = together([
+            partial(survey, quiet, run, further_pass, steps[0]),
+            partial(found_walks, problem, run, least, further_pass, steps[1]),
+        ])  # fmt: skip
         chosen = () if found is None else selected(found)
-        walk = found_walks(problem, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
         if walk is None and correlation > _LASTING:
-            walk = found_walks(quiet, run, MIN_LIKELIHOOD_GAIN * correlation**2, further_pass, step)
+            walk = found_walks(quiet, run, least, further_pass, steps[1])
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
