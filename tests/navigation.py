@@ -77,8 +77,11 @@ def _of_features(values: Sensors, sensor: str) -> Array:
 def corrected(
     t: Array, w: Array, a: Array, p: SensorParameters, alpha: Array, form: SizeEffect = SizeEffect.COMPLETED
 ) -> tuple[Array, Array]:
-    """Return rate and specific force (n, 3) from raw readings, with all effects, for a known angular acceleration."""
-    rates, accelerations = without_effects(raw_readings(t, w, a), p)
+    """Return rate and specific force (n, 3) from raw readings, with all effects, for a known angular acceleration.
+
+    The temperature is a second's number of K above that of the parameters.
+    """
+    rates, accelerations = without_effects(raw_readings(t, w, a, warmth=t), p)
     omega = correct_angular_rate(rates, p)
     return omega, correct_specific_force(accelerations, omega, alpha, p, form)
 

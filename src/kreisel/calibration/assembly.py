@@ -94,6 +94,7 @@ def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[Dat
         reference_poses=int(reference.stamps_ns.size),
         duration_s=float(imu.seconds[-1]),
         warnings=tuple(str(warning) for warning in warnings),
+        temperature_c=imu.usual_temperature,
     )
 
 

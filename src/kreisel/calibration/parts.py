@@ -46,7 +46,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RecordingFacts:
-    """The recording that was used."""
+    """The recording that was used; its mean temperature, degrees Celsius, where it was recorded."""
 
     name: str
     reference: str
@@ -55,6 +55,7 @@ class RecordingFacts:
     reference_poses: int
     duration_s: float
     warnings: tuple[str, ...] = ()
+    temperature_c: float | None = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.errors import RecordingError
 from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.inertial.strapdown import prepare, rate_coefficients
 
@@ -61,7 +62,13 @@ class Calibration(CalibrationParts):
         """The content of `calibration.yaml`: mappings, lists, texts and numbers."""
         return to_document(self)
 
-    def correct(self, rates: ArrayLike, accelerations: ArrayLike, timestamps: ArrayLike) -> tuple[Array, Array]:
+    def correct(
+        self,
+        rates: ArrayLike,
+        accelerations: ArrayLike,
+        timestamps: ArrayLike,
+        temperatures: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
         """Return angular rate and specific force of b, (n, 3) each, from raw readings.
 
         Parameters
@@ -71,6 +78,8 @@ class Calibration(CalibrationParts):
         timestamps : (n,)
             Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, used exactly; floats are
             seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
+        temperatures : (n,)
+            Of the sensor, degrees Celsius; needed where the calibration has temperature coefficients.
 
         Raises
         ------
@@ -82,10 +91,22 @@ class Calibration(CalibrationParts):
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
-        signal = prepare(seconds, raw, a, applied=self.sensors.effects)
+        warmth = self._warmth(temperatures, len(raw))
+        signal = prepare(seconds, raw, a, applied=self.sensors.effects, warmth=warmth)
         rate = rate_coefficients(self.sensors)
         omega, alpha = (part.T @ rate for part in (signal.samples.rates, signal.samples.slopes))
         return omega, correct_specific_force(signal.accelerations, omega, alpha, self.sensors, self.size_effect)
+
+    def _warmth(self, temperatures: ArrayLike | None, count: int) -> Array | None:
+        """Return the temperatures (n,) above that of the parameters; None where they have no effect."""
+        if not any(np.any(self.sensors.effects.get(group, 0.0)) for group in OF_TEMPERATURE):
+            return None
+        if temperatures is None or self.recording is None or self.recording.temperature_c is None:
+            raise RecordingError("temperatures: this calibration has temperature coefficients; give the sensor's, degC")
+        found = np.asarray(temperatures, dtype=float)
+        if found.shape != (count,) or not np.isfinite(found).all():
+            raise RecordingError(f"temperatures: got the shape {found.shape}, expected ({count},) of finite numbers")
+        return found - self.recording.temperature_c
 
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.

@@ -191,6 +191,7 @@ def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Mea
 
 
 def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
+    temperature = {} if facts.temperature_c is None else {"temperature_c": _rounded(facts.temperature_c)}
     return {
         "name": facts.name,
         "reference": facts.reference,
@@ -198,6 +199,7 @@ def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
         "imu_rate_hz": _rounded(facts.imu_rate_hz),
         "reference_poses": facts.reference_poses,
         "duration_s": _rounded(facts.duration_s),
+        **temperature,
         "findings": list(facts.warnings),
     }
 
@@ -211,6 +213,7 @@ def _recording(table: Mapping[str, Any]) -> RecordingFacts:
         int(table["reference_poses"]),
         _number(table["duration_s"]),
         tuple(str(warning) for warning in table.get("findings", ())),
+        None if table.get("temperature_c") is None else _number(table["temperature_c"]),
     )
 
 

@@ -19,7 +19,7 @@ from kreisel.filtering.correlated_innovations import correlation_factor
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.initial_belief import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.effects import EFFECTS, RawReadings
+from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
 from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
@@ -39,6 +39,9 @@ _GATE = 100.0
 _ENOUGH = 10_000
 """Samples that show the mean of a reading."""
 
+_LEAST_WARMTH = 0.5
+"""K."""
+
 _OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
@@ -52,10 +55,18 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible = reference.positions is not None or not needs_positions
         possible &= reference.quaternions is not None or group not in POSE_GROUPS
         possible &= problem.robot is not None or group not in ROBOT_GROUPS
+        possible &= not group_named(group).rare or group in problem.prior.expected
+        possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
         if possible and group not in problem.layout and group not in (*problem.settings.fixed, *problem.held):
             out.append(group)
     return tuple(group for group in GROUPS if group in out)
+
+
+def _temperature_changes(problem: Problem) -> bool:
+    """Return whether a temperature was recorded, and changes by more than thermometers err."""
+    warmth = problem.readings.warmth
+    return warmth is not None and float(np.ptp(warmth)) > _LEAST_WARMTH
 
 
 @dataclass(frozen=True)
@@ -273,8 +284,12 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
     T = np.eye(layout.degrees)
     thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
     raw = RawReadings(
-        readings.stamps[thinned], readings.rates[thinned], readings.accelerations[thinned], np.zeros_like
-    )  # derivatives are zero on average
+        readings.stamps[thinned],
+        readings.rates[thinned],
+        readings.accelerations[thinned],
+        np.zeros_like,  # derivatives are zero on average
+        np.zeros(readings.stamps[thinned].size) if readings.warmth is None else readings.warmth[thinned],
+    )
     for group in groups:
         effect = EFFECTS.get(group)
         if effect is None or _OFFSET_OF[effect.sensor] not in layout:

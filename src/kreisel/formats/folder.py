@@ -14,6 +14,7 @@ from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_bytes
 from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.table import Column, Table, read_table
+from kreisel.geometry.rotation import Array
 from kreisel.progress import Together, one_by_one
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
@@ -22,6 +23,10 @@ from kreisel.recording.settings import RecordingSettings, read_settings
 _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 _POSE_HEADER = "#timestamp [ns],p_x [m],p_y,p_z,q_w [],q_x,q_y,q_z"
+
+
+_KELVIN = 273.15
+"""K at 0 degrees Celsius."""
 
 
 def is_folder(path: Path) -> bool:
@@ -87,7 +92,21 @@ def _read_imu(folder: Path, warnings: list[DataWarning]) -> ImuSamples:
     accelerations = table.take(accel, "acceleration")
     units = _header_units(table, rate=gyro, acceleration=accel)
     _note_conversion(table, {"rate": gyro, "acceleration": accel}, warnings)
-    return ImuSamples(table.stamps_ns, rates, accelerations, table.source, units)
+    return ImuSamples(
+        table.stamps_ns, rates, accelerations, table.source, units, temperature=_temperature(table, warnings)
+    )
+
+
+def _temperature(table: Table, warnings: list[DataWarning]) -> Array | None:
+    """Return the sensor's temperature in degrees Celsius, (n,), from a column named after it; None without one."""
+    found = [c for c in table.columns[7:] if re.match(r"(imu_?|sensor_?|gyro_?)?temp", c.name.lower())]
+    if not found:
+        return None
+    values = table.take(found[:1], "temperature")[:, 0]
+    if found[0].unit == "K":
+        values = values - _KELVIN
+    warnings.append(DataWarning(_short_name(table), f"column '{found[0].name}' is read as the sensor's temperature"))
+    return values
 
 
 def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:

@@ -121,8 +121,10 @@ def add_reference(path: Path, reference: ReferencePoses | None, joints: JointAng
 
 def _write_streams(recording: Recording, path: Path) -> None:
     imu = recording.imu
-    readings = np.hstack([imu.rates, imu.accelerations])
-    _write_table(path / "imu0", _IMU_HEADER, imu.stamps_ns, readings)
+    header, readings = _IMU_HEADER, np.hstack([imu.rates, imu.accelerations])
+    if imu.temperature is not None:
+        header, readings = f"{header},temperature [degC]", np.column_stack([readings, imu.temperature])
+    _write_table(path / "imu0", header, imu.stamps_ns, readings)
     _write_reference(path, recording.reference, recording.joints)
 
 

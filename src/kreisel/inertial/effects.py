@@ -32,12 +32,15 @@ class RawReadings:
         rad/s and m/s^2.
     derivative
         Returns the time derivative of values (n, 3).
+    warmth : (n,)
+        Temperature above that of the parameters, K; zero where it was not recorded.
     """
 
     stamps: Array
     rates: Array
     accelerations: Array
     derivative: Callable[[Array], Array]
+    warmth: Array
 
     @cached_property
     def accel_slopes(self) -> Array:
@@ -105,10 +108,17 @@ def _one(raw: RawReadings, _count: int) -> Array:
     return np.ones((1, raw.stamps.size))
 
 
+def _warmth(raw: RawReadings, _count: int) -> Array:
+    return raw.warmth[None]
+
+
 EFFECTS: dict[str, SensorEffect] = {
     "gyro_polynomial": SensorEffect("gyroscope", lambda raw, count: _powers(raw.rates, count), _of_each_axis),
     "gyro_g_sensitivity": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T, _matrix),
+    "gyro_g_squared": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T**2, _matrix),
     "gyro_asymmetry": SensorEffect("gyroscope", lambda raw, _: np.abs(raw.rates.T), _of_each_axis),
+    "gyro_temperature": SensorEffect("gyroscope", _warmth, _offset),
+    "gyro_scale_temperature": SensorEffect("gyroscope", lambda raw, _: raw.rates.T * raw.warmth, _of_each_axis),
     "gyro_drift": SensorEffect("gyroscope", _one, _offset),
     "accel_polynomial": SensorEffect(
         "accelerometer", lambda raw, count: _powers(raw.accelerations, count), _of_each_axis
@@ -116,9 +126,17 @@ EFFECTS: dict[str, SensorEffect] = {
     "accel_asymmetry": SensorEffect("accelerometer", lambda raw, _: np.abs(raw.accelerations.T), _of_each_axis),
     "accel_delay": SensorEffect("accelerometer", lambda raw, _: raw.accel_slopes.T, _common),
     "accel_smoothing": SensorEffect("accelerometer", lambda raw, _: -raw.accel_curvatures.T, _common),
+    "accel_temperature": SensorEffect("accelerometer", _warmth, _offset),
+    "accel_scale_temperature": SensorEffect(
+        "accelerometer", lambda raw, _: raw.accelerations.T * raw.warmth, _of_each_axis
+    ),
     "accel_drift": SensorEffect("accelerometer", _one, _offset),
 }
 """All effects, by the names of their groups of parameters."""
+
+
+OF_TEMPERATURE = ("gyro_temperature", "gyro_scale_temperature", "accel_temperature", "accel_scale_temperature")
+"""Effects of a recorded temperature."""
 
 
 def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:

@@ -33,8 +33,8 @@ class Grade:
         Largest reading, and the step readings are rounded to (0: none).
     bandwidth
         Of the readings, Hz (0: not limited).
-    g_sensitivity
-        Of the gyros, rad/s per m/s^2.
+    g_sensitivity, g_squared
+        Of the gyros, rad/s per m/s^2, and per square of that.
     rate
         Samples a second.
     sources
@@ -58,6 +58,7 @@ class Grade:
     accel_step: float = 0.0
     bandwidth: float = 0.0
     g_sensitivity: float = 0.0
+    g_squared: float = 0.0
     rate: float = 400.0
     sources: dict[str, str] = field(default_factory=dict)
 

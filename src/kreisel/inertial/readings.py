@@ -38,6 +38,8 @@ class Readings:
         First and last sample (inclusive) of every segment.
     noise : (4, 3)
         See `strapdown.Samples`.
+    warmth : (n,) or None
+        Temperature above its mean, K, where it was recorded.
     estimated, applied
         Effects whose features are prepared too, and values of effects by which the readings are corrected; see
         `strapdown.prepare`.
@@ -48,6 +50,7 @@ class Readings:
     accelerations: Array
     segments: tuple[tuple[int, int], ...]
     noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    warmth: Array | None = None
     estimated: Mapping[str, int] = field(default_factory=dict)
     applied: Mapping[str, Array] = field(default_factory=dict)
     _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
@@ -136,9 +139,10 @@ class Readings:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
         inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
         part = slice(low, high + 1)
+        warmth = None if self.warmth is None else self.warmth[part]
         signal = prepare(
             self.stamps[part], self.rates[part], self.accelerations[part], noise=self.noise, estimated=self.estimated,
-            applied=self.applied, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+            applied=self.applied, warmth=warmth, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
         )  # fmt: skip
         return replace(signal, begin=low)
 

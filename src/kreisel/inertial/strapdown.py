@@ -74,6 +74,7 @@ def prepare(
     noise: Array | None = None,
     estimated: Mapping[str, int] = _NONE,
     applied: Mapping[str, Array] = _NONE,
+    warmth: Array | None = None,
 ) -> InertialSignal:
     """Return the prepared signal: stencils, features, derivatives and integrals.
 
@@ -91,6 +92,8 @@ def prepare(
         Numbers of parameters of the effects that are estimated, by group: their features are added.
     applied
         Values of effects, by group: the readings are corrected by them.
+    warmth : (n,)
+        Temperature above that of the parameters, K, where it was recorded.
     """
     stamps, rates, accelerations = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
     n = stamps.size
@@ -112,7 +115,7 @@ def prepare(
     single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
     _straighten(between, stamps, base, single, double)
-    raw = raw_readings(stamps, rates, accelerations, first)
+    raw = raw_readings(stamps, rates, accelerations, first, warmth)
     change = added(raw, applied)
     rates, accelerations = rates + change[0], accelerations + change[1]
     slope = raw.derivative(rates)
@@ -134,7 +137,9 @@ def prepare(
     return InertialSignal(samples, segments)
 
 
-def raw_readings(stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None) -> RawReadings:
+def raw_readings(
+    stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None, warmth: Array | None = None
+) -> RawReadings:
     """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps."""
     if first is None:
         first = np.clip(np.arange(stamps.size) - 2, 0, stamps.size - 5).astype(np.int64)
@@ -145,7 +150,9 @@ def raw_readings(stamps: Array, rates: Array, accelerations: Array, first: Indic
         quadrature.differentiate(np.ascontiguousarray(stamps, dtype=float), first, values, out)
         return out
 
-    return RawReadings(stamps, rates, accelerations, derivative)
+    return RawReadings(
+        stamps, rates, accelerations, derivative, np.zeros(stamps.size) if warmth is None else np.asarray(warmth)
+    )
 
 
 def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:

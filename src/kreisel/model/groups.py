@@ -51,6 +51,8 @@ class ParameterGroup:
         Whether it is held at its nominal value if it is not observable.
     by_choice
         Whether it is estimated only if asked for.
+    rare
+        Whether it is looked for only in devices whose grade has it.
     passing
         Whether it changes within seconds: it is a part of the noise, and not of the result.
     rotation
@@ -74,6 +76,7 @@ class ParameterGroup:
     known_before: bool = False
     held: bool = False
     by_choice: bool = False
+    rare: bool = False
     passing: bool = False
     rotation: bool = False
     shape: Callable[[int], tuple[int, ...]] | None = None
@@ -148,9 +151,24 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         known_before=True, by_choice=True, shape=lambda _: (3, 3),
     ),
     ParameterGroup(
+        "gyro_g_squared", "G_2: gyro readings per squared specific force, rad/s per (m/s^2)^2", "G<sub>2</sub>",
+        "gyroscope", "gyroscope.g_squared", _matrix, "deg/h/g²", DEG_PER_HOUR / STANDARD_GRAVITY**2, 2e-6,
+        known_before=True, by_choice=True, rare=True, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
         "gyro_asymmetry", "scale of the gyros by the sign of the rate: times |w'|", "b<sub>ω</sub>",
         "gyroscope", "gyroscope.asymmetry", _axes, "ppm", PPM, 3e-4, known_before=True, by_choice=True,
         shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "gyro_temperature", "temperature coefficient of the gyro offsets: times T - T_0", "c<sub>ω</sub>",
+        "gyroscope", "gyroscope.temperature", _axes, "deg/h/K", DEG_PER_HOUR, 1e-4, known_before=True,
+        by_choice=True, shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "gyro_scale_temperature", "temperature coefficient of the gyro scale factors: times T - T_0",
+        "s<sub>ω</sub>", "gyroscope", "gyroscope.scale_temperature", _axes, "ppm/K", PPM, 3e-4,
+        known_before=True, by_choice=True, shape=lambda _: (3,),
     ),
     ParameterGroup(
         "gyro_drift", "bias instability of the gyros: what passes within seconds", "d<sub>ω</sub>",
@@ -184,6 +202,16 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "accel_smoothing", "smoothing of the accelerometers against the gyros, s^2: times -d^2a'/dt^2", "κ<sub>a</sub>",
         "accelerometer", "accelerometer.smoothing", _one, "ms²", MS**2, 3e-5, known_before=True, by_choice=True,
         shape=lambda _: (),
+    ),
+    ParameterGroup(
+        "accel_temperature", "temperature coefficient of the accelerometer offsets: times T - T_0", "c<sub>a</sub>",
+        "accelerometer", "accelerometer.temperature", _axes, "mg/K", MG, 1e-2, known_before=True,
+        by_choice=True, shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "accel_scale_temperature", "temperature coefficient of the accelerometer scale factors: times T - T_0",
+        "s<sub>a</sub>", "accelerometer", "accelerometer.scale_temperature", _axes, "ppm/K", PPM, 3e-4,
+        known_before=True, by_choice=True, shape=lambda _: (3,),
     ),
     ParameterGroup(
         "accel_drift", "bias instability of the accelerometers: what passes within seconds", "d<sub>a</sub>",

@@ -116,6 +116,7 @@ def readings_of(recording: Recording, noise: ImuNoise) -> Readings:
         imu.accelerations,
         segments,
         noise=np.array([noise.gyro**2, noise.accel**2, *curvatures]),
+        warmth=imu.warmth,
     )
 
 

@@ -185,7 +185,10 @@ def drift_sizes(noise: ImuNoise) -> dict[str, float]:
 def expected_effects(preparation: Preparation) -> tuple[str, ...]:
     """Return the effects that a device of the stated grade has."""
     grade = GRADES.get(preparation.recording.settings.imu.grade or "")
-    return ("gyro_g_sensitivity",) if grade is not None and grade.g_sensitivity > 0.0 else ()
+    if grade is None:
+        return ()
+    sizes = {"gyro_g_sensitivity": grade.g_sensitivity, "gyro_g_squared": grade.g_squared}
+    return tuple(group for group, size in sizes.items() if size > 0.0)
 
 
 def _g_sensitivity(preparation: Preparation) -> float:

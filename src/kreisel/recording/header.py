@@ -18,6 +18,7 @@ UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "quaternion": {"": 1.0, "-": 1.0, "1": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
+    "temperature": {"degC": 1.0, "deg C": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0},
 }  # fmt: skip
 """Size of each unit in SI, by quantity; time in nanoseconds. The first unit is used where none is stated."""
 

@@ -34,6 +34,10 @@ _SPIKE = 30.0
 _OVERLAP = 512
 
 
+_COLDEST, _HOTTEST = -80.0, 200.0
+"""Degrees Celsius, of a sensor that works."""
+
+
 def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples without repeated ones, and the warnings about them.
 
@@ -50,6 +54,15 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     """
     for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
         check_finite(columns, names, imu.source)
+    if imu.temperature is not None:
+        check_finite(imu.temperature[:, None], ("temperature",), imu.source)
+        low, high = float(imu.temperature.min()), float(imu.temperature.max())
+        if not (low > _COLDEST and high < _HOTTEST):
+            raise RecordingError(
+                f"temperature from {low:.4g} to {high:.4g} degrees Celsius; name its unit in the header, "
+                "[degC] or [K], or leave the column out",
+                file=imu.source,
+            )
     _check_filled(imu)
     _check_gravity(imu)
     warnings: list[DataWarning] = []
@@ -366,7 +379,14 @@ def _without_repeats(imu: ImuSamples, keep: Mask, warnings: list[DataWarning]) -
         f"{imu.source.parent.name}: {dropped} of {keep.size} samples only repeat the one before and were left out"
         f"{'; log the sensor at its own rate' if dropped > 0.1 * keep.size else ''}",
     )
-    fresh = replace(imu, stamps_ns=imu.stamps_ns[keep], rates=imu.rates[keep], accelerations=imu.accelerations[keep])
+    temperature = None if imu.temperature is None else imu.temperature[keep]
+    fresh = replace(
+        imu,
+        stamps_ns=imu.stamps_ns[keep],
+        rates=imu.rates[keep],
+        accelerations=imu.accelerations[keep],
+        temperature=temperature,
+    )
     return fresh, [*warnings, warning]
 
 

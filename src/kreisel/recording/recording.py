@@ -67,6 +67,8 @@ class ImuSamples:
         Units that its header states.
     lateness
         By how much corrected stamps may all be late, s; 0 where they are as recorded.
+    temperature : (n,) or None
+        Of the sensor, degrees Celsius, where it was recorded.
     """
 
     stamps_ns: Stamps
@@ -75,6 +77,17 @@ class ImuSamples:
     source: Path
     units: HeaderUnits = NO_UNITS
     lateness: float = 0.0
+    temperature: Array | None = None
+
+    @cached_property
+    def usual_temperature(self) -> float | None:
+        """The mean temperature, to which the parameters belong; degrees Celsius."""
+        return None if self.temperature is None else float(np.mean(self.temperature))
+
+    @cached_property
+    def warmth(self) -> Array | None:
+        """Temperature above the mean, K, (n,)."""
+        return None if self.temperature is None else self.temperature - float(np.mean(self.temperature))
 
     @cached_property
     def seconds(self) -> Array:

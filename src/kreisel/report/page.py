@@ -13,7 +13,7 @@ from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.filtering.effect_selection import MIN_GAIN
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import EFFECTS
+from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
@@ -50,7 +50,11 @@ def render(data: ReportData) -> str:
         not_estimated=tables.not_estimated(data.outcome),
         figures=drawn,
         min_gain=MIN_GAIN,
-        snippet=snippet(data.outcome.calibration.sensors, data.outcome.calibration.size_effect),
+        snippet=snippet(
+            data.outcome.calibration.sensors,
+            data.outcome.calibration.size_effect,
+            data.outcome.recording.imu.usual_temperature,
+        ),
         **_tables(data),
     )
 
@@ -90,10 +94,15 @@ def _tables(data: ReportData) -> dict[str, Any]:
     }
 
 
-def snippet(sensors: SensorParameters, form: SizeEffect) -> str:
-    """Return lines of NumPy that apply the calibration: rates, accelerations (n, 3), t (n,) to omega, f."""
+def snippet(sensors: SensorParameters, form: SizeEffect, temperature: float | None = None) -> str:
+    """Return lines of NumPy that apply the calibration: rates, accelerations (n, 3), t (n,) to omega, f.
+
+    temperature: that of the parameters, degrees Celsius; T (n,) is then needed, too, if there are coefficients for it.
+    """
+    warm = any(np.any(sensors.others.get(group, 0.0)) for group in OF_TEMPERATURE)
     lines = [
         "import numpy as np",
+        *([f"warmth = (T - {temperature or 0.0:.2f})[:, None]  # T (n,): the sensor's temperature, degC"] * warm),
         f"K_w, k_w = {_values(sensors.K_omega)}, {_values(sensors.k_w[0])}",
         f"K_a, k_a = {_values(sensors.K_a)}, {_values(sensors.k_a[0])}",
         f"r = {_values(sensors.lever_arms)}  # row j: position of accelerometer j in b, m",
@@ -115,10 +124,15 @@ def snippet(sensors: SensorParameters, form: SizeEffect) -> str:
 
 _EFFECT_FORMULAS = {
     "gyro_g_sensitivity": "accelerations @ {matrix}.T",
+    "gyro_g_squared": "accelerations**2 @ {matrix}.T",
     "gyro_asymmetry": "{value} * np.abs(rates)",
+    "gyro_temperature": "{value} * warmth",
+    "gyro_scale_temperature": "{value} * rates * warmth",
     "accel_asymmetry": "{value} * np.abs(accelerations)",
     "accel_delay": "{value} * np.gradient(accelerations, t, axis=0)",
     "accel_smoothing": "-{value} * np.gradient(np.gradient(accelerations, t, axis=0), t, axis=0)",
+    "accel_temperature": "{value} * warmth",
+    "accel_scale_temperature": "{value} * accelerations * warmth",
 }
 """What each effect adds to the readings, as NumPy; see `inertial.effects`."""
 

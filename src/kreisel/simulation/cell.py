@@ -30,6 +30,7 @@ from kreisel.simulation.effects import (
     draw_slip,
     offset_change,
     offset_drift,
+    temperature_of,
     vibration,
     with_faults,
 )
@@ -214,9 +215,11 @@ def _imu(
     n = round(min(cell.seconds, planned.seconds) * rate) + 1
     t = np.arange(n) / rate
     shake = vibration(streams.vibration, cell.imu, planned, t)
-    rates, accelerations = _ideal(motion(t), shake, device, t)
+    temperature = temperature_of(cell.imu, t)
+    warmth = None if temperature is None else temperature - temperature.mean()
+    rates, accelerations = _ideal(motion(t), shake, device, t, warmth)
     if device.effects.accel_delay:
-        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t)
+        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t, warmth)
     drift = offset_drift(streams.drift, cell.imu, t)
     noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
     readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
@@ -224,7 +227,10 @@ def _imu(
     stamps = START_NS + np.round(t * 1e9).astype(np.int64)
     keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
     keep[[0, -1]] = True
-    samples = ImuSamples(stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv")
+    samples = ImuSamples(
+        stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
+        temperature=None if temperature is None else temperature[keep],
+    )  # fmt: skip
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))
 
 
@@ -245,14 +251,16 @@ def _inertial_motion(
     return omega, alpha, force
 
 
-def _ideal(motion: _Inertial, shake: tuple[Array, Array], device: _Device, t: Array) -> tuple[Array, Array]:
+def _ideal(
+    motion: _Inertial, shake: tuple[Array, Array], device: _Device, t: Array, warmth: Array | None
+) -> tuple[Array, Array]:
     """Return the readings without noise (n, 3), before and after the device slips."""
     omega, alpha, force = motion
     moved = (omega + shake[0], alpha, force + shake[1])
-    rates, accelerations = ideal_readings(*moved, device.sensors, device.effects)
+    rates, accelerations = ideal_readings(*moved, device.sensors, device.effects, warmth)
     if device.slip is not None:
         late = (t >= device.slip.time)[:, None]
-        later = ideal_readings(*moved, device.slip.after(device.sensors), device.effects)
+        later = ideal_readings(*moved, device.slip.after(device.sensors), device.effects, warmth)
         rates, accelerations = np.where(late, later[0], rates), np.where(late, later[1], accelerations)
     return rates, accelerations
 
@@ -264,7 +272,10 @@ def write_truth(truth: Truth, file: Path) -> None:
         "cross_coupling": s.K_omega.tolist(),
         "offset": s.k_w[0].tolist(),
         "g_sensitivity": effects.g_sensitivity.tolist(),
+        "g_squared": effects.g_squared.tolist(),
         "asymmetry": effects.gyro_asymmetry.tolist(),
+        "temperature": effects.temperature[0].tolist(),
+        "scale_temperature": effects.temperature[1].tolist(),
     }
     accelerometer: dict[str, Any] = {
         "cross_coupling": s.K_a.tolist(),
@@ -272,6 +283,8 @@ def write_truth(truth: Truth, file: Path) -> None:
         "lever_arms": s.lever_arms.tolist(),
         "asymmetry": effects.accel_asymmetry.tolist(),
         "delay": effects.accel_delay,
+        "temperature": effects.temperature[2].tolist(),
+        "scale_temperature": effects.temperature[3].tolist(),
     }
     if change is not None:
         gyroscope["offset_change"] = {"mean": change.gyro_mean.tolist(), "end": change.gyro_end.tolist()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,12 +38,19 @@ class DeviceEffects:
         Coefficients of |w'| and |a'|.
     accel_delay
         By how much accelerometers are later than gyros, s.
+    g_squared : (3, 3)
+        The same for squares of the accelerations, rad/s per (m/s^2)^2.
+    temperature : (4, 3)
+        What is added for each K above the mean: to the rates, and for each rad/s of them, to the accelerations, and for
+        each m/s^2 of them.
     """
 
     g_sensitivity: Array
     gyro_asymmetry: Array
     accel_asymmetry: Array
     accel_delay: float = 0.0
+    g_squared: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    temperature: Array = field(default_factory=lambda: np.zeros((4, 3)))
 
     @classmethod
     def none(cls) -> DeviceEffects:
@@ -82,15 +89,30 @@ class Slip:
 
 def draw_effects(rng: np.random.Generator, imu: Imu, grade: Grade) -> DeviceEffects:
     """Return the terms of one device."""
-    sd = imu.gyro_g_sensitivity_sd
-    if sd is None:
-        sd = grade.g_sensitivity if imu.noise else 0.0
+    linear, squared = (
+        (own if imu.noise else 0.0) if said is None else said
+        for said, own in (
+            (imu.gyro_g_sensitivity_sd, grade.g_sensitivity), (imu.gyro_g_squared_sd, grade.g_squared)
+        )
+    )  # fmt: skip
+    of_temperature = (
+        imu.gyro_temperature_sd, imu.gyro_scale_temperature_sd, imu.accel_temperature_sd, imu.accel_scale_temperature_sd
+    )  # fmt: skip
     return DeviceEffects(
-        sd * rng.normal(size=(3, 3)),
+        linear * rng.normal(size=(3, 3)),
         imu.gyro_asymmetry_sd * rng.normal(size=3),
         imu.accel_asymmetry_sd * rng.normal(size=3),
         imu.accel_delay,
+        squared * rng.spawn(1)[0].normal(size=(3, 3)),
+        np.array(of_temperature)[:, None] * rng.normal(size=(4, 3)),
     )
+
+
+def temperature_of(imu: Imu, t: Array) -> Array | None:
+    """Return the sensor's temperature (n,), degrees Celsius, or None where it is not recorded."""
+    if imu.temperature_rise == 0.0:
+        return None
+    return np.asarray(25.0 + imu.temperature_rise * (1.0 - np.exp(-t / imu.warm_up_time)))
 
 
 def draw_slip(rng: np.random.Generator, imu: Imu, seconds: float) -> Slip | None:

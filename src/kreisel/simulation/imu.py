@@ -44,8 +44,9 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
 
 
 def ideal_readings(
-    omega: Array, alpha: Array, force: Array, sensors: SensorParameters, effects: DeviceEffects | None = None
-) -> tuple[Array, Array]:
+    omega: Array, alpha: Array, force: Array, sensors: SensorParameters, effects: DeviceEffects | None = None,
+    warmth: Array | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
     """Return the raw rates and accelerations (n, 3) of a device without noise.
 
     Parameters
@@ -54,23 +55,30 @@ def ideal_readings(
         Rate and angular acceleration against inertial space and specific force, all in b, of its origin.
     effects
         Further terms; the delay of the accelerometers is not among them.
+    warmth : (n,)
+        Temperature above its mean, K.
     """
     effects = effects or DeviceEffects.none()
     w = omega @ np.linalg.inv(sensors.K_omega).T
     a = force @ np.linalg.inv(sensors.K_a).T + size_effect(omega, alpha, sensors)
-    accelerations = _solve(a, sensors.k_a, effects.accel_asymmetry)
+    gyro_offset, gyro_scale, accel_offset, accel_scale = (
+        part * (0.0 if warmth is None else warmth[:, None]) for part in effects.temperature
+    )
+    accelerations = _solve(a - accel_offset, sensors.k_a, effects.accel_asymmetry, accel_scale)
     if np.any(effects.g_sensitivity):
         w = w - accelerations @ effects.g_sensitivity.T
-    return _solve(w, sensors.k_w, effects.gyro_asymmetry), accelerations
+    if np.any(effects.g_squared):
+        w = w - accelerations**2 @ effects.g_squared.T
+    return _solve(w - gyro_offset, sensors.k_w, effects.gyro_asymmetry, gyro_scale), accelerations
 
 
-def _solve(y: Array, k: Array, c: Array) -> Array:
-    """Return x with x + k_0 + k_2 x^2 + ... + c |x| = y, by Newton's method."""
+def _solve(y: Array, k: Array, c: Array, s: Array) -> Array:
+    """Return x with (1 + s) x + k_0 + k_2 x^2 + ... + c |x| = y, by Newton's method."""
     x = y - k[0]
-    if k.shape[0] == 1 and not np.any(c):
+    if k.shape[0] == 1 and not np.any(c) and not np.any(s):
         return x
     for _ in range(100):
-        value = x + k[0] + c * np.abs(x) + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
+        value = (1.0 + s) * x + k[0] + c * np.abs(x) + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
         step = value / _slope(x, k, c)
         x = x - step
         if not np.max(np.abs(step)) > 1e-14 * max(1.0, float(np.max(np.abs(y)))):

@@ -126,6 +126,9 @@ class Imu(_Table):
         None, "response of the gyros to raw accelerations, rad/s per m/s^2; with noise, the grade's if not set",
         ge=0.0, le=0.01,
     )  # fmt: skip
+    gyro_g_squared_sd: float | None = _key(
+        None, "response to their squares, rad/s per (m/s^2)^2; with noise, the grade's if not set", ge=0.0, le=1e-3
+    )
     gyro_asymmetry_sd: float = _key(0.0, "coefficient of |w'|: scale factors differ with the sign", ge=0.0, le=0.05)
     accel_asymmetry_sd: float = _key(0.0, "coefficient of |a'|", ge=0.0, le=0.05)
     accel_delay: float = _key(0.0, "s: accelerometers show what was so long before", ge=-0.1, le=0.1)
@@ -139,6 +142,14 @@ class Imu(_Table):
     gyro_warm_up: float = _key(0.0, "excess of every offset at the beginning, up or down, rad/s", ge=0.0, le=1.0)
     accel_warm_up: float = _key(0.0, "the same for accelerometers, m/s^2", ge=0.0, le=10.0)
     warm_up_time: float = _key(60.0, "s in which that excess falls to 37 %", gt=0.0, le=1e5)
+    temperature_rise: float = _key(
+        0.0, "K by which the sensor warms up from 25 degC, as warm_up_time says; with it a temperature is recorded",
+        ge=-100.0, le=100.0,
+    )  # fmt: skip
+    gyro_temperature_sd: float = _key(0.0, "temperature coefficients of the offsets, rad/s/K", ge=0.0, le=0.01)
+    accel_temperature_sd: float = _key(0.0, "the same for accelerometers, m/s^2/K", ge=0.0, le=1.0)
+    gyro_scale_temperature_sd: float = _key(0.0, "temperature coefficients of the scale factors, 1/K", ge=0.0, le=0.01)
+    accel_scale_temperature_sd: float = _key(0.0, "the same for accelerometers, 1/K", ge=0.0, le=0.01)
     vibration: float = _key(0.0, "m/s^2 rms, of a sine along one direction while moving", ge=0.0, le=100.0)
     vibration_frequency: float = _key(83.0, "Hz; above half the sample rate it aliases", gt=0.0, le=5000.0)
     gyro_quantum: float | None = _key(None, "step that rates are rounded to, rad/s; the grade's if not set", ge=0.0)

@@ -152,8 +152,25 @@ def _sensors() -> tuple[_Effect, ...]:
             "accel_smoothing", "a low-pass of the accelerometers alone",
             _sizes("imu", "accel_bandwidth", "Hz", 1.0, 80, 30, 8), ("accel_smoothing", "accel_delay"),
         ),
+        *_temperatures(),
         _Effect("bandwidth", "a low-pass of both sensors", _sizes("imu", "bandwidth", "Hz", 1.0, 60, 15)),
     )  # fmt: skip
+
+
+def _temperatures() -> tuple[_Effect, ...]:
+    """Return coefficients of a recorded temperature, which rises by nearly 10 K."""
+    out = []
+    for name, words, unit, size, values in (
+        ("gyro_temperature", "gyro offsets", "deg/h/K", DEG_PER_HOUR, (2.0, 20.0, 200.0)),
+        ("gyro_scale_temperature", "gyro scale factors", "ppm/K", PPM, (20.0, 200.0)),
+        ("accel_temperature", "accelerometer offsets", "mg/K", MG, (0.02, 0.2, 2.0)),
+        ("accel_scale_temperature", "accelerometer scale factors", "ppm/K", PPM, (20.0, 200.0)),
+    ):
+        sizes = tuple(
+            (f"{value:g} {unit}", {"imu": {f"{name}_sd": value * size, "temperature_rise": 10.0}}) for value in values
+        )
+        out.append(_Effect(name, f"{words} follow a recorded temperature", sizes, (name,)))
+    return tuple(out)
 
 
 def _samples() -> tuple[_Effect, ...]:

@@ -10,6 +10,7 @@ from kreisel.filtering.effect_selection import _kept_mean, candidates, selected,
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.problem import hold, with_groups
 
 from ...small_problem import camera_problem, small_problem
@@ -99,3 +100,14 @@ def test_a_new_effect_leaves_the_mean_of_the_readings_as_it_was():
     G, c = x[layout["gyro_g_sensitivity"]].reshape(3, 3), x[layout["accel_asymmetry"]]
     np.testing.assert_allclose(changed[layout["gyro_offset"]], -G @ readings.accelerations.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(changed[layout["accel_offset"]], -c * np.abs(readings.accelerations).mean(axis=0))
+
+
+def test_what_is_rare_or_needs_a_thermometer_is_looked_for_only_then():
+    problem = camera_problem()
+    assert not {"gyro_g_squared", *OF_TEMPERATURE} & {*candidates(problem)}
+    expecting = replace(problem, prior=replace(problem.prior, expected=("gyro_g_squared",)))
+    assert "gyro_g_squared" in candidates(expecting)
+    for rise, there in ((0.4, False), (2.0, True)):
+        warmth = np.linspace(0.0, rise, problem.readings.stamps.size)
+        measured = replace(problem, readings=replace(problem.readings, warmth=warmth))
+        assert ({*OF_TEMPERATURE} <= {*candidates(measured)}) == there

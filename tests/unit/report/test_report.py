@@ -17,6 +17,7 @@ from kreisel.calibration.evidence import CrossValidation, Injection
 from kreisel.calibration.injection import inject
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.parts import Verdict
+from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
@@ -267,15 +268,26 @@ def test_the_snippet_does_what_the_calibration_does(outcome: Outcome, order: int
 
 def test_the_snippet_corrects_every_effect(outcome: Outcome) -> None:
     """With lever arms of zero, and derivatives by central differences: (4 rad/s * 5 ms)^2 / 6 of them is missed."""
-    size = {"gyro_g_sensitivity": (9, 1e-4), "accel_smoothing": (1, 1e-5), "accel_delay": (1, 1e-3)}
+    size = {
+        "gyro_g_sensitivity": (9, 1e-4),
+        "gyro_g_squared": (9, 1e-5),
+        "accel_smoothing": (1, 1e-5),
+        "accel_delay": (1, 1e-3),
+    }
     others = {g: np.full(*size.get(g, (3, 1e-3))) for g in EFFECTS if not g.endswith(("polynomial", "drift"))}
     sensors = replace(outcome.calibration.sensors, lever_arms=np.zeros((3, 3)), others=others)
     t = np.arange(0.0, 10.0, 0.005)
     phase = 4.0 * t[:, None] + [0.0, 1.0, 2.0]
     rates, accelerations = np.sin(phase), 5.0 * np.cos(phase) + [0.0, 0.0, 9.8]
     names: dict[str, Any] = {"rates": rates, "accelerations": accelerations, "t": t}
-    exec(snippet(sensors, SizeEffect.COMPLETED), names)
-    omega, f = replace(outcome.calibration, sensors=sensors).correct(rates, accelerations, t)
+    names["T"] = 30.0 + np.sin(t)
+    exec(snippet(sensors, SizeEffect.COMPLETED, 29.0), names)
+    recording = outcome.calibration.recording
+    assert recording is not None
+    warm = replace(outcome.calibration, sensors=sensors, recording=replace(recording, temperature_c=29.0))
+    omega, f = warm.correct(rates, accelerations, t, names["T"])
+    with pytest.raises(RecordingError, match="temperature coefficients"):
+        warm.correct(rates, accelerations, t)
     np.testing.assert_allclose(names["omega"], omega, atol=2e-8)
     missed = (4.0 * 0.005) ** 2 / 6.0 * (1e-3 * 20.0 + 2.0 * 1e-5 * 80.0)
     np.testing.assert_allclose(names["f"][6:-6], f[6:-6], atol=1.5 * missed)

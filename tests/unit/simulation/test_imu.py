@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.effects import draw_effects, offset_drift
+from kreisel.simulation.effects import draw_effects, offset_drift, temperature_of
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, filtered, ideal_readings
 from kreisel.simulation.settings import Cell, Imu
 
@@ -235,6 +235,34 @@ def test_gyros_feel_acceleration(own):
         found.append(G)
     assert inside_chi_square(found, sensitivity)
     assert not np.any(draw_effects(np.random.default_rng(0), Imu(noise=False), grade).g_sensitivity)
+
+
+def test_gyros_feel_the_square_of_acceleration():
+    force, sensors = np.random.default_rng(2).normal(0.0, 9.81, (50, 3)), SensorParameters.ideal()
+    effects = draw_effects(np.random.default_rng(3), Imu(gyro_g_squared_sd=1e-5), QUIET)
+    w, _ = ideal_readings(np.zeros((50, 3)), np.zeros((50, 3)), force, sensors, effects)
+    assert np.all(effects.g_squared != 0.0)
+    np.testing.assert_allclose(w, -(force**2) @ effects.g_squared.T, rtol=0, atol=1e-14)
+
+
+def test_readings_follow_the_temperature():
+    """(1 + s dT) x + c dT = y, with the mean temperature as the reference."""
+    imu = Imu(
+        temperature_rise=10.0, warm_up_time=20.0, gyro_temperature_sd=1e-3, gyro_scale_temperature_sd=1e-3,
+        accel_temperature_sd=0.1, accel_scale_temperature_sd=1e-4,
+    )  # fmt: skip
+    effects = draw_effects(np.random.default_rng(1), imu, QUIET)
+    t = np.linspace(0.0, 60.0, 50)
+    temperature = temperature_of(imu, t)
+    np.testing.assert_allclose(temperature[[0, -1]], [25.0, 35.0 - 10.0 * np.exp(-3.0)], rtol=1e-12)
+    warmth = temperature - temperature.mean()
+    omega, force = np.random.default_rng(2).normal(size=(2, 50, 3))
+    w, a = ideal_readings(omega, np.zeros((50, 3)), force, SensorParameters.ideal(), effects, warmth)
+    c_w, s_w, c_a, s_a = effects.temperature
+    assert np.all(effects.temperature != 0.0)
+    np.testing.assert_allclose(w + (c_w + s_w * w) * warmth[:, None], omega, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(a + (c_a + s_a * a) * warmth[:, None], force, rtol=0, atol=1e-12)
+    assert temperature_of(Imu(), t) is None
 
 
 def test_offsets_drift_with_temperature():
