@@ -13,8 +13,8 @@ from kreisel.geometry.rotation import Array, skew
 FORMULA = {
     "readings": (
         "first w' <- w' + g_sensitivity a' + g_squared a'^2 + asymmetry_w |w'| and a' <- a' + asymmetry_a |a'| "
-        "+ delay da'/dt - smoothing d^2a'/dt^2, and to either its temperature (T - T_0) + scale_temperature x' (T - T_0) "
-        "with T_0 = recording.temperature_c, element by element, each where the file has it"
+        "+ delay da'/dt - smoothing d^2a'/dt^2, and to either its temperature (T - T_0) + scale_temperature x' "
+        "(T - T_0) with T_0 = recording.temperature_c, element by element, each where the file has it"
     ),
     "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
     "specific_force": (
