@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
@@ -41,6 +43,15 @@ _LARGE_TURN = 0.1
 
 _NOISIER, _MEDIAN = 5.0, 2.366
 """Factor on stated noise that only other sensors have; median of a chi-square variable of three degrees."""
+
+
+SEEN_IN_THE_DATA = frozenset({"vibration", "held poses", "pose outliers", "rounding", "stuck samples"})
+"""Causes of larger noise that readings and poses show by themselves."""
+
+
+def wrongly_stated(causes: Sequence[Cause]) -> bool:
+    """Return whether the readings themselves show that the stated noise is that of another device."""
+    return any(cause.name == "stated noise" and cause.weight >= _CERTAIN for cause in causes)
 
 
 def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: LatitudeCheck | None) -> tuple[Cause, ...]:
@@ -194,14 +205,15 @@ def _noise_at_rest(estimate: Estimate) -> list[Cause]:
     first, readings = estimate.stated, estimate.problem.readings
     if first is None:
         return []
-    interval, out = float(np.median(np.diff(readings.stamps))), []
+    interval, worst, out = float(np.median(np.diff(readings.stamps))), _NOISIER, []
     for name, values, density in zip(
         ("gyros", "accelerometers"), (readings.rates, readings.accelerations), imu_density(first), strict=True
     ):
         ratio = _third_differences(estimate.problem, values)[0] * (interval / 20.0 / _MEDIAN) ** 0.5 / density
-        if ratio > _NOISIER and not coarse_step(values[:_EXCERPT]):
+        if ratio > worst and not coarse_step(values[:_EXCERPT]):
+            worst = ratio
             text = f"at rest the {name} are {ratio:.0f} times as noisy as stated (imu.grade)"
-            out.append(Cause("stated noise", text, _CERTAIN))
+            out = [Cause("stated noise", text, _CERTAIN)]
     return out
 
 

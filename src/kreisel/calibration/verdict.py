@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.causes import find_causes
+from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, wrongly_stated
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
@@ -16,8 +16,12 @@ from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05
-MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 15.0
-"""Factors on given noise figures: the larger one where the innovations are white, and all else fits."""
+MAX_OUTLIERS = 0.3
+"""Share of rejected updates, if they are single ones among poses that fit."""
+
+MAX_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 20.0
+"""Factors on given noise figures: the larger one where the innovations are white, or the data show why, and all else
+fits."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -56,32 +60,34 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
 
 def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     """Return the verdict."""
+    causes = find_causes(estimate, evidence.halves, evidence.latitude)
+    named: frozenset[str] = frozenset() if wrongly_stated(causes) else frozenset(cause.name for cause in causes)
     reasons = [
-        *_innovations(evidence.consistency),
+        *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
         *_expansions(estimate),
         *_passes(estimate),
-        *_noise(estimate),
+        *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA)),
         *_motion(evidence.observability),
         *_scale(estimate),
     ]
-    causes = find_causes(estimate, evidence.halves, evidence.latitude)
     if reasons and causes:
         reasons = [f"{reasons[0]}. Likeliest cause: {causes[0].text}", *reasons[1:]]
     return Verdict(not reasons, tuple(reasons), evidence.observability.unobservable, causes)
 
 
-def _innovations(facts: Consistency) -> list[str]:
+def _innovations(facts: Consistency, *, outliers: bool) -> list[str]:
     reasons = []
+    allowed = MAX_OUTLIERS if outliers else MAX_REJECTED
     for name, nis in (("on the path", facts.nis_path), ("at standstill", facts.nis_standstill)):
         if nis > MAX_NIS:
             reasons.append(
                 f"innovations {name} are {np.sqrt(nis):.1f} times larger than expected: "
                 "model or noise figures do not fit"
             )
-    if facts.rejected > MAX_REJECTED * facts.updates:
+    if facts.rejected > allowed * facts.updates:
         reasons.append(
             f"{facts.rejected} of {facts.updates} updates were rejected: reference and IMU disagree; "
             "look for wrong units, lost samples, a slipping mount, or another run's poses"
@@ -170,10 +176,10 @@ def _passes(estimate: Estimate) -> list[str]:
     ]
 
 
-def _noise(estimate: Estimate) -> list[str]:
+def _noise(estimate: Estimate, *, explained: bool) -> list[str]:
     reasons = []
     white = estimate.correlation_factor == 1.0 and estimate.problem.noise.correlation_time == 0.0
-    if estimate.contradiction > (MAX_WHITE_CONTRADICTION if white else MAX_CONTRADICTION):
+    if estimate.contradiction > (MAX_WHITE_CONTRADICTION if white or explained else MAX_CONTRADICTION):
         reasons.append(
             "the data contradict the given noise figures: the noise found is up to "
             f"{estimate.contradiction:.1f} times as large. The model does not fit (record "
