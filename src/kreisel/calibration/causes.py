@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
@@ -41,17 +39,9 @@ _CERTAIN = 1e5
 _LARGE_TURN = 0.1
 """deg."""
 
-_NOISIER, _MEDIAN = 5.0, 2.366
-"""Factor on stated noise that only other sensors have; median of a chi-square variable of three degrees."""
-
 
 SEEN_IN_THE_DATA = frozenset({"vibration", "held poses", "pose outliers", "rounding", "stuck samples"})
 """Causes of larger noise that readings and poses show by themselves."""
-
-
-def wrongly_stated(causes: Sequence[Cause]) -> bool:
-    """Return whether the readings themselves show that the stated noise is that of another device."""
-    return any(cause.name == "stated noise" and cause.weight >= _CERTAIN for cause in causes)
 
 
 def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: LatitudeCheck | None) -> tuple[Cause, ...]:
@@ -64,7 +54,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *_offsets(estimate),
         *_robot(estimate),
         *_rounding(estimate),
-        *_noise_at_rest(estimate),
+        *_misstated(estimate),
         *_noise(estimate),
     ]
     return tuple(sorted(found, key=lambda cause: -cause.weight))
@@ -200,21 +190,14 @@ def _of_readings(estimate: Estimate) -> tuple[str, str]:
     return "stated noise", "the IMU is noisier than stated"
 
 
-def _noise_at_rest(estimate: Estimate) -> list[Cause]:
-    """Return the noise that was first assumed, where the readings at rest are far noisier."""
-    first, readings = estimate.stated, estimate.problem.readings
-    if first is None:
+def _misstated(estimate: Estimate) -> list[Cause]:
+    """Return statements about the sensors that are of another device."""
+    found = estimate.problem.noise.misstated
+    if not found:
         return []
-    interval, worst, out = float(np.median(np.diff(readings.stamps))), _NOISIER, []
-    for name, values, density in zip(
-        ("gyros", "accelerometers"), (readings.rates, readings.accelerations), imu_density(first), strict=True
-    ):
-        ratio = _third_differences(estimate.problem, values)[0] * (interval / 20.0 / _MEDIAN) ** 0.5 / density
-        if ratio > worst and not coarse_step(values[:_EXCERPT]):
-            worst = ratio
-            text = f"at rest the {name} are {ratio:.0f} times as noisy as stated (imu.grade)"
-            out = [Cause("stated noise", text, _CERTAIN)]
-    return out
+    sensors = max(found, key=lambda name: found[name])
+    text = f"what is stated of the IMU: at rest the {sensors} are {found[sensors]:.0f} times as noisy"
+    return [Cause("stated noise", text, _CERTAIN)]
 
 
 def _third_differences(problem: Problem, values: Array) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, wrongly_stated
+from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
@@ -61,7 +61,7 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
 def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     """Return the verdict."""
     causes = find_causes(estimate, evidence.halves, evidence.latitude)
-    named: frozenset[str] = frozenset() if wrongly_stated(causes) else frozenset(cause.name for cause in causes)
+    named = frozenset(cause.name for cause in causes)
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),

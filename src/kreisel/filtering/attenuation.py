@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.noise_adaptation import imu_density
-from kreisel.filtering.prior_exchange import result_moved
+from kreisel.filtering.result_change import result_moved
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 

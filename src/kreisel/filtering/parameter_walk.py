@@ -48,17 +48,14 @@ def found_walks(
     best = base
     for group in groups:
         density = max(least_densities[group], problem.noise.offset_walk.get(group, 0.0))
-        top, chosen = best, 0.0
         for _ in range(_MAX_STEPS):
             now = likelihood(walks | {group: density})
-            if now <= top:
+            if now < best + (least if group not in walks else 0.0):
                 break
-            top, chosen = now, density
+            gains[group] = gains.get(group, 0.0) + now - best
+            walks[group], best = density, now
             density *= _STEP
-        if top >= best + least:
-            gains[group] = top - best
-            walks[group], best = chosen, top
-    if not walks:
+    if best < base + least or not walks:
         return None
     return with_walks(problem, problem.noise.offset_walk | walks), gains
 

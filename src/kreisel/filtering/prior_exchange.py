@@ -17,8 +17,9 @@ from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.nonlinearity import linear_inflation
+from kreisel.filtering.result_change import result_moved
 from kreisel.geometry.rotation import Array
-from kreisel.model.parameters import GROUPS, PASSING_GROUPS, CellParameters
+from kreisel.model.parameters import PASSING_GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_nominal
 from kreisel.progress import StepProgress
 
@@ -133,21 +134,3 @@ def _at_most(share: float, part: Array, information: Array) -> Array:
 def _start(belief: Belief, n: int, walk: Array) -> Array:
     """Return a belief's covariance of the parameters (n, n), with the variance of the offsets' walk added."""
     return np.asarray(belief.factor[:n, :n] @ belief.factor[:n, :n].T + walk)
-
-
-def result_moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
-    """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
-
-    The rest of the state follows by its regression on the parameters.
-    """
-    layout, n = problem.layout, step.size
-    old = run.belief.covariance
-    gain = np.vstack([np.eye(n), np.linalg.solve(old[:n, :n], old[:n, n:]).T])
-    new = old + gain @ (covariance - old[:n, :n]) @ gain.T
-    mean = layout.plus(run.belief.mean, (gain @ step)[:, None])[:, 0].copy()
-    scale = np.sqrt(np.diag(new))
-    correlation = new / np.outer(scale, scale)
-    factor = scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-13 * np.eye(scale.size))
-    values = {g: run.parameters.stored(g) for g in GROUPS}
-    values.update({g: mean[layout.stored(g)] for g in problem.groups})
-    return replace(run, belief=Belief(mean, factor), parameters=CellParameters.from_stored(values))

@@ -98,6 +98,8 @@ class AssumedNoise:
         Standard deviation of the noise in a single reading of a gyro, rad/s.
     observed
         Noise densities of gyros and accelerometers that the readings themselves show.
+    misstated
+        Sensors of which nothing that is stated is used, and how many times as noisy they are at rest.
     correlation_time
         Time constant of the reference's coloured noise, s; 0 where the noise is white.
     frame_sd
@@ -115,6 +117,7 @@ class AssumedNoise:
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     rate_scatter: float = 0.0
     observed: tuple[float, float] = (math.inf, math.inf)
+    misstated: Mapping[str, float] = field(default_factory=dict)
     correlation_time: float = 0.0
     frame_sd: tuple[float, float] = (0.0, 0.0)
     pose_error: PoseError = PoseError()

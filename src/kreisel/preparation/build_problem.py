@@ -174,6 +174,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         drifts={group: Drift(size, DRIFT_TIME) for group, size in drift_sizes(imu).items() if size > 0.0},
         rate_scatter=imu.gyro_scatter,
         observed=imu.observed,
+        misstated=imu.misstated,
         frame_sd=frame_sd,
         pose_error=_pose_error(preparation.reference, frame_sd),
         lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),

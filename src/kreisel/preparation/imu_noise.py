@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
@@ -13,7 +14,6 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise import (
     DRIFT_TIME,
     GRADES,
-    Grade,
     coarse_step,
     drift_size,
     equivalent_walk,
@@ -26,65 +26,111 @@ from kreisel.recording.stamp_checks import LONG_GAP, gaps
 
 _MIN_NOISE_SHARE, _MOTION_NOISE = 0.7, 20.0
 
+_SENSORS: dict[Literal["gyro", "accel"], str] = {"gyro": "gyros", "accel": "accelerometers"}
+
+MISSTATED = 4.0
+"""Factor by which readings at rest are noisier than stated only if what is stated is of another device."""
+
+_QUIET, _PARTS = 200, 100
+"""Samples of a part in which noise is looked for, and number of parts."""
+
 _HIDDEN = 0.5
 """Density of slow noise, as a share of that of the white noise, below which its effect on deviations is small."""
 
 
-def imu_noise_of(recording: Recording) -> ImuNoise:
-    """Return the IMU's noise: as given, by grade, or estimated from the readings."""
-    table, imu, sheet = recording.settings.imu, recording.imu, recording.datasheet
-    grade = GRADES.get(table.grade or "")
-    gyro = table.gyro_noise_density or (grade.gyro_noise_density if grade else None)
-    accel = table.accel_noise_density or (grade.accel_noise_density if grade else None)
-    if sheet is not None and gyro is None and accel is None:
-        gyro, accel = sheet.gyro_noise_density, sheet.accel_noise_density
-    observed_gyro, observed_accel = (
-        np.maximum(np.median([high_frequency_density(p, imu.interval) for p in excerpt(values)], axis=0), least)
-        for values, least in ((imu.rates, 1e-7), (imu.accelerations, 1e-6))
-    )
-    flickers = ((0.0, 0.0), (0.0, 0.0))
-    if grade is not None:
-        flickers = (
-            (grade.gyro_bias_instability, grade.gyro_noise_density),
-            (grade.accel_bias_instability, grade.accel_noise_density),
-        )
-    given = table.gyro_noise_density is not None or grade is not None
-    accel_given = table.accel_noise_density is not None or grade is not None
-    return ImuNoise(
-        gyro=np.full(3, gyro) if gyro and given else np.maximum(observed_gyro, gyro or 0.0),
-        accel=np.full(3, accel) if accel and accel_given else np.maximum(observed_accel, accel or 0.0),
-        gyro_bounds=_bounds(gyro, observed_gyro),
-        accel_bounds=_bounds(accel, observed_accel),
-        gyro_walk=_walk(None if sheet is None else sheet.gyro_random_walk, grade, "gyro"),
-        accel_walk=_walk(None if sheet is None else sheet.accel_random_walk, grade, "accel"),
-        given=given,
-        gyro_offset_sd=table.gyro_offset_sd or (grade.gyro_offset_sd if grade else None),
-        accel_offset_sd=table.accel_offset_sd or (grade.accel_offset_sd if grade else None),
-        gyro_scatter=min(gyro or np.inf, _size(observed_gyro)) * imu.interval**-0.5,
-        gyro_drift=_drift(imu.rates, *flickers[0]),
-        accel_drift=_drift(imu.accelerations, *flickers[1]),
-        observed=(_size(observed_gyro), _size(observed_accel)),
-    )
+@dataclass(frozen=True)
+class _Stated:
+    """What is stated of one kind of sensors, SI; None or 0 where nothing is.
 
-
-def _walk(stated: float | None, grade: Grade | None, sensor: Literal["gyro", "accel"]) -> float:
-    """Return the density of the offset's random walk: as stated, by grade, or none."""
-    if stated is not None:
-        return stated
-    if grade is None:
-        return 0.0
-    if sensor == "gyro":
-        return equivalent_walk(grade.gyro_bias_instability, grade.gyro_rate_random_walk)
-    return equivalent_walk(grade.accel_bias_instability, grade.accel_random_walk)
-
-
-def _drift(values: Array, bias_instability: float, density: float) -> float:
-    """Return the deviation of what passes within seconds: flicker noise, and the error of coarse rounding.
-
-    density: of the white noise, which may hide the flicker noise.
+    density, walk, offset_sd
+        See `ImuNoise`; `given` where the density is binding, and not a data sheet's.
+    bias_instability
+        Of the grade.
     """
-    flicker = drift_size(bias_instability)
-    if flicker * (2.0 * DRIFT_TIME) ** 0.5 < _HIDDEN * density:
+
+    density: float | None
+    given: bool
+    walk: float
+    offset_sd: float | None
+    bias_instability: float
+
+
+def imu_noise_of(recording: Recording) -> ImuNoise:
+    """Return the IMU's noise: as given, by grade, or estimated from the readings.
+
+    What is stated of sensors that are far noisier is not used: it is of another device.
+    """
+    imu = recording.imu
+    stated = {name: _stated(recording, name) for name in _SENSORS}
+    values = {"gyro": imu.rates, "accel": imu.accelerations}
+    ratios = {name: _quiet(values[name], imu.interval) / (own.density or np.inf) for name, own in stated.items()}
+    misstated = [name for name, ratio in ratios.items() if stated[name].given and ratio > MISSTATED]
+    if misstated and recording.settings.imu.grade is not None:
+        misstated = list(_SENSORS)  # a grade is of both
+    stated |= {name: _Stated(None, False, 0.0, None, 0.0) for name in misstated}
+    observed = {
+        name: np.maximum(
+            np.median([high_frequency_density(p, imu.interval) for p in excerpt(values[name])], axis=0), least
+        )
+        for name, least in (("gyro", 1e-7), ("accel", 1e-6))
+    }
+    gyro, accel = (stated[name] for name in _SENSORS)
+    return ImuNoise(
+        gyro=_density(gyro, observed["gyro"]),
+        accel=_density(accel, observed["accel"]),
+        gyro_bounds=_bounds(gyro.density, observed["gyro"]),
+        accel_bounds=_bounds(accel.density, observed["accel"]),
+        gyro_walk=gyro.walk,
+        accel_walk=accel.walk,
+        given=gyro.given and accel.given,
+        gyro_offset_sd=gyro.offset_sd,
+        accel_offset_sd=accel.offset_sd,
+        gyro_scatter=min(gyro.density or np.inf, _size(observed["gyro"])) * imu.interval**-0.5,
+        gyro_drift=_drift(imu.rates, gyro),
+        accel_drift=_drift(imu.accelerations, accel),
+        observed=(_size(observed["gyro"]), _size(observed["accel"])),
+        misstated={_SENSORS[name]: ratios[name] for name in misstated},
+    )
+
+
+def _stated(recording: Recording, name: Literal["gyro", "accel"]) -> _Stated:
+    """Return what settings, grade and data sheet state of one kind of sensors."""
+    table, sheet, known = recording.settings.imu, recording.datasheet, GRADES.get(recording.settings.imu.grade or "")
+    density = getattr(table, f"{name}_noise_density") or (getattr(known, f"{name}_noise_density") if known else None)
+    offset_sd = getattr(table, f"{name}_offset_sd") or (getattr(known, f"{name}_offset_sd") if known else None)
+    given = density is not None
+    if sheet is not None and table.gyro_noise_density is None and table.accel_noise_density is None and known is None:
+        density = getattr(sheet, f"{name}_noise_density")
+    walk = None if sheet is None else getattr(sheet, f"{name}_random_walk")
+    if known is None:
+        return _Stated(density, given, walk or 0.0, offset_sd, 0.0)
+    instability = getattr(known, f"{name}_bias_instability")
+    random_walk = known.gyro_rate_random_walk if name == "gyro" else known.accel_random_walk
+    return _Stated(density, given, equivalent_walk(instability, random_walk) if walk is None else walk, offset_sd,
+                   instability)  # fmt: skip
+
+
+def _density(stated: _Stated, observed: Array) -> Array:
+    """Return the density assumed for each axis."""
+    if stated.given and stated.density:
+        return np.full(3, stated.density)
+    return np.maximum(observed, stated.density or 0.0)
+
+
+def _quiet(values: Array, interval: float) -> float:
+    """Return the noise density in the quietest parts of readings (n, 3), rms over the axes; 0 if these are rounded."""
+    starts = np.arange(0, max(len(values) - _QUIET, 1), _QUIET)
+    chosen = starts[np.linspace(0, starts.size - 1, min(starts.size, _PARTS)).astype(int)]
+    parts = [values[start : start + _QUIET] for start in chosen]
+    if len(values) < _QUIET or coarse_step(np.concatenate(parts)):
+        return 0.0
+    return float(np.percentile([_size(high_frequency_density(part, interval)) for part in parts], 10.0))
+
+
+def _drift(values: Array, stated: _Stated) -> float:
+    """Return the deviation of what passes within seconds: flicker noise, and the error of coarse rounding."""
+    flicker = drift_size(stated.bias_instability)
+    if flicker * (2.0 * DRIFT_TIME) ** 0.5 < _HIDDEN * (stated.density or 0.0):
         flicker = 0.0
     rounding = max(coarse_step(part) for part in excerpt(values)) / 12.0**0.5
     return math.hypot(flicker, rounding)

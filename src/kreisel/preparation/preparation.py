@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.readings import Readings
@@ -22,7 +23,8 @@ class ImuNoise:
     `gyro_bounds` and `accel_bounds` are the densities between which the data may change it: from the maker's figure
     to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
     a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what
-    passes within seconds, `observed` the densities of gyros and accelerometers that the readings themselves show.
+    passes within seconds, `observed` the densities of gyros and accelerometers that the readings themselves show. Of
+    the sensors in `misstated` nothing that is stated is used: at rest they are so many times as noisy.
     """
 
     gyro: Array
@@ -38,6 +40,7 @@ class ImuNoise:
     gyro_drift: float = 0.0
     accel_drift: float = 0.0
     observed: tuple[float, float] = (math.inf, math.inf)
+    misstated: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_acce
 from kreisel.preparation.attitude import with_attitude
 from kreisel.preparation.gravity import site_of
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
-from kreisel.preparation.preparation import AccelerometerFit, Preparation
+from kreisel.preparation.preparation import AccelerometerFit, ImuNoise, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
 from kreisel.preparation.robot import robot_model
 from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
@@ -69,6 +69,7 @@ def prepare_recording(
         *of_site,
         *_standstill_warning(outside),
         *_stamp_warning(noise),
+        *_misstated_warnings(imu_noise),
         *of_robot,
     )
     return Preparation(
@@ -105,6 +106,18 @@ def _standstill_warning(outside: OutsideStandstill | None) -> list[DataWarning]:
         return []
     message = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's start value"
     return [DataWarning("standstill", message)]
+
+
+def _misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
+    return [
+        DataWarning(
+            "noise",
+            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated: this is not the device that "
+            "recording.toml describes, and nothing it states of them is used (imu.grade, imu.…_noise_density, "
+            "imu.…_offset_sd)",
+        )
+        for sensors, ratio in noise.misstated.items()
+    ]
 
 
 def _stamp_warning(noise: ReferenceNoise) -> list[DataWarning]:

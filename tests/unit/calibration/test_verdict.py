@@ -115,8 +115,8 @@ def test_noise_figures_that_the_data_contradict_are_a_reason():
     assert reasons(found(contradiction=3.2)) == ()  # innovations are white, and all else fits
     (reason,) = reasons(replace(found(contradiction=3.2), correlation_factor=1.5))
     assert "the noise found is up to 3.2 times as large" in reason
-    (reason,) = reasons(found(contradiction=15.5))
-    assert "the noise found is up to 15.5 times as large" in reason
+    (reason,) = reasons(found(contradiction=20.5))
+    assert "the noise found is up to 20.5 times as large" in reason
 
 
 def test_what_a_calibration_needs_must_be_shown():

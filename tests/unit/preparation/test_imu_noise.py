@@ -65,13 +65,13 @@ def test_readings_without_noise_are_given_some():
 
 def test_what_is_stated_holds_whatever_the_readings_show(imu):
     noise = imu_noise_of(
-        recording_of(imu, gyro_noise_density=5e-6, accel_noise_density=3e-4, gyro_offset_sd=1e-3, accel_offset_sd=2e-2)
+        recording_of(imu, gyro_noise_density=9e-6, accel_noise_density=3e-4, gyro_offset_sd=1e-3, accel_offset_sd=2e-2)
     )
-    np.testing.assert_array_equal(noise.gyro, 5e-6)
+    np.testing.assert_array_equal(noise.gyro, 9e-6)
     np.testing.assert_array_equal(noise.accel, 3e-4)
     assert noise.given
     assert (noise.gyro_offset_sd, noise.accel_offset_sd) == (1e-3, 2e-2)
-    assert noise.gyro_scatter == pytest.approx(5e-6 / np.sqrt(STEP), rel=1e-12)  # less than the readings show
+    assert noise.gyro_scatter == pytest.approx(9e-6 / np.sqrt(STEP), rel=1e-12)  # less than the readings show
 
 
 def test_each_sensor_is_stated_by_itself(imu):
@@ -82,8 +82,8 @@ def test_each_sensor_is_stated_by_itself(imu):
 
 def test_a_grade_states_what_the_user_does_not(imu):
     grade = GRADES["industrial-mems"]
-    noise = imu_noise_of(recording_of(imu, grade="industrial-mems", gyro_noise_density=5e-6, accel_offset_sd=2e-2))
-    np.testing.assert_array_equal(noise.gyro, 5e-6)
+    noise = imu_noise_of(recording_of(imu, grade="industrial-mems", gyro_noise_density=9e-6, accel_offset_sd=2e-2))
+    np.testing.assert_array_equal(noise.gyro, 9e-6)
     np.testing.assert_array_equal(noise.accel, grade.accel_noise_density)
     assert (noise.gyro_offset_sd, noise.accel_offset_sd) == (grade.gyro_offset_sd, 2e-2)
     assert noise.given
@@ -118,14 +118,14 @@ def test_a_data_sheet_is_a_lower_bound_and_states_the_walks(imu):
 
 
 def test_the_users_word_goes_before_a_data_sheet(imu):
-    noise = imu_noise_of(recording_of(imu, SHEET, grade="fog"))
-    np.testing.assert_array_equal(noise.gyro, GRADES["fog"].gyro_noise_density)
+    noise = imu_noise_of(recording_of(imu, SHEET, grade="fog-mems"))
+    np.testing.assert_array_equal(noise.gyro, GRADES["fog-mems"].gyro_noise_density)
     assert (noise.gyro_walk, noise.accel_walk) == (7e-6, 8e-5)  # the walks are stated
 
 
 def test_the_data_may_move_the_noise_from_what_is_stated_to_well_above_what_shows(imu):
-    noise = imu_noise_of(recording_of(imu, gyro_noise_density=5e-6, accel_noise_density=0.1))
-    assert noise.gyro_bounds == pytest.approx((5e-6, 20.0 * rms(GYRO)), rel=LIKELY)
+    noise = imu_noise_of(recording_of(imu, gyro_noise_density=9e-6, accel_noise_density=0.1))
+    assert noise.gyro_bounds == pytest.approx((9e-6, 20.0 * rms(GYRO)), rel=LIKELY)
     assert noise.accel_bounds == (0.1, 0.1)  # stated above all that shows
     shown = imu_noise_of(recording_of(imu))
     assert shown.gyro_bounds == pytest.approx((0.7 * rms(GYRO), 20.0 * rms(GYRO)), rel=LIKELY)

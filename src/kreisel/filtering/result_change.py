@@ -1,0 +1,31 @@
+"""A run with another result for its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import GROUPS, CellParameters
+from kreisel.model.problem import Problem
+
+
+def result_moved(problem: Problem, run: FilterRun, step: Array, covariance: Array) -> FilterRun:
+    """Return a run with another result for the parameters, (n,) away and of covariance (n, n).
+
+    The rest of the state follows by its regression on the parameters.
+    """
+    layout, n = problem.layout, step.size
+    old = run.belief.covariance
+    gain = np.vstack([np.eye(n), np.linalg.solve(old[:n, :n], old[:n, n:]).T])
+    new = old + gain @ (covariance - old[:n, :n]) @ gain.T
+    mean = layout.plus(run.belief.mean, (gain @ step)[:, None])[:, 0].copy()
+    scale = np.sqrt(np.diag(new))
+    correlation = new / np.outer(scale, scale)
+    factor = scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-13 * np.eye(scale.size))
+    values = {g: run.parameters.stored(g) for g in GROUPS}
+    values.update({g: mean[layout.stored(g)] for g in problem.groups})
+    return replace(run, belief=Belief(mean, factor), parameters=CellParameters.from_stored(values))
