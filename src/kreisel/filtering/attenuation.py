@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.result_change import result_moved
+from kreisel.geometry.rotation import Indices
 from kreisel.model.problem import Problem
-from kreisel.progress import StepProgress
+from kreisel.progress import StepProgress, Together, one_by_one
 
-_NEGLIGIBLE = 0.1
+_NEGLIGIBLE = 0.15
 """Standard deviations; smaller shifts are not worth the passes by which they are computed."""
 
 _STEP = 0.05
@@ -28,12 +30,19 @@ _STEP = 0.05
 _MOST = 0.5
 """Largest share of the information about a parameter that is taken for false."""
 
+_SHOWN_BY = (np.arange(9), np.array([0, 1, 2, 6, 7, 8]))
+"""Rows of the innovations that noise of gyros, and of accelerometers, enters: position, orientation, velocity."""
+
 _MATRICES = {"gyro_cross_coupling": 0, "accel_cross_coupling": 1}
 """The matrices, and whether they multiply the noise of gyros or of accelerometers."""
 
 
 def false_information(
-    problem: Problem, run: FilterRun, further_pass: Pass, progress: StepProgress | None = None
+    problem: Problem,
+    run: FilterRun,
+    further_pass: Pass,
+    progress: StepProgress | None = None,
+    together: Together = one_by_one,
 ) -> dict[str, float]:
     """Return the false information that noise adds about every element of each matrix; empty where it does not matter.
 
@@ -45,22 +54,44 @@ def false_information(
     effect. A unit of noise moves every axis alike, so each of the three columns has a third. Noise that is assumed, but
     that the readings do not have, does not pull.
     """
-    history, deviation = run.history, run.belief.standard_deviation
-    # no noise of the IMU has a larger share than all but the reference's noise
-    most = _log_determinants(run) - float(np.nansum(np.log(history.noise_variance))) if len(history.nis) else 0.0
-    wanted = [g for g in _MATRICES if g in problem.layout]
-    wanted = [g for g in wanted if most / 3.0 * float(deviation[problem.layout[g]].max()) > _NEGLIGIBLE]
+    wanted = [
+        g for g, sensor in _MATRICES.items()
+        if g in problem.layout and _pull(problem, run, g, _most(run, _SHOWN_BY[sensor])) > _NEGLIGIBLE
+    ]  # fmt: skip
     if not wanted:
         return {}
-    base = _log_determinants(further_pass(problem, run, progress=progress))
+    noisier = [
+        replace(problem, readings=problem.readings.with_noise(*(1.0 + _STEP * (i == _MATRICES[g]) for i in range(2))))
+        for g in wanted
+    ]
+    works = [partial(further_pass, one, run, progress=progress) for one in (problem, *noisier)]
+    base, *others = (_log_determinants(one) for one in together(works))
     out = {}
-    for group in wanted:
+    for group, changed in zip(wanted, others, strict=True):
         sensor = _MATRICES[group]
-        noisier = problem.readings.with_noise(*(1.0 + _STEP * (i == sensor) for i in range(2)))
-        changed = _log_determinants(further_pass(replace(problem, readings=noisier), run, progress=progress))
         there = min(1.0, problem.noise.observed[sensor] / imu_density(problem)[sensor]) ** 2
         out[group] = there * max(0.0, changed - base) / (2.0 * np.log1p(_STEP)) / 3.0
     return out
+
+
+def _most(run: FilterRun, rows: Indices) -> float:
+    """Return an upper bound of the false information that some rows of the innovations contain.
+
+    The share of their variance that is not the reference's noise: residuals after an update are the innovations times
+    the other share.
+    """
+    innovation, residual = (part[:, rows] for part in (run.history.innovation, run.history.residual))
+    seen = ~np.isnan(innovation)
+    squares = float(np.sum(innovation[seen] ** 2))
+    share = 1.0 - float(np.sum(innovation[seen] * residual[seen])) / squares if squares > 0.0 else 0.0
+    return max(share, 0.0) * float(np.sum(seen)) / 3.0
+
+
+def _pull(problem: Problem, run: FilterRun, group: str, size: float) -> float:
+    """Return how far so much false information about each element of a matrix moves any parameter, in deviations."""
+    lasting = problem.lasting
+    pull = run.belief.covariance[np.ix_(lasting, np.r_[problem.layout[group]])] @ run.parameters.stored(group)
+    return size * float(np.max(np.abs(pull) / run.belief.standard_deviation[lasting]))
 
 
 def without_attenuation(problem: Problem, run: FilterRun, false: Mapping[str, float]) -> FilterRun:

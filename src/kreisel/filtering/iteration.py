@@ -149,7 +149,7 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
         factor = correlation_factor(passes.run)
         message = f"not observable: {', '.join(lost)}; held at nominal values (--fix does so from the first pass)"
         warnings.append(DataWarning("motion", message))
-    passes = _without_attenuation(passes, progress)
+    passes = _without_attenuation(passes, progress, together)
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
@@ -177,11 +177,11 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
     )
 
 
-def _without_attenuation(passes: _Passes, progress: Progress | None) -> _Passes:
+def _without_attenuation(passes: _Passes, progress: Progress | None, together: Together) -> _Passes:
     """Return the passes with a result in which noise of the readings does not count as information."""
     if passes.problem.settings.passes is not None:
         return passes
-    false = false_information(passes.problem, passes.run, further_pass, of_step(progress, "noise"))
+    false = false_information(passes.problem, passes.run, further_pass, of_step(progress, "noise"), together)
     return replace(passes, run=without_attenuation(passes.problem, passes.run, false))
 
 
