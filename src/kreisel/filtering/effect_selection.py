@@ -33,6 +33,9 @@ MIN_GAIN = 6.0
 USUAL_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 20.0
 """Odds, before any look at the data, that a device has an effect, and one that its grade states."""
 
+_CAREFUL = 0.25
+"""Power of the tempering by which more evidence is needed."""
+
 _GATE = 100.0
 """Factor on the gate: noise may be larger than assumed."""
 
@@ -313,8 +316,9 @@ def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
 
     From all of them, the one without which least evidence is lost is left out, again and again, as long as that is
     little. So an effect is not taken for another one that is similar, as it would be if they were added one by one.
+    Where the evidence is tempered, more of it is needed: by how much it must be tempered is not known exactly.
     """
-    chosen = found.groups
+    chosen, threshold = found.groups, threshold * found.temper**-_CAREFUL
     while chosen:
         whole = found.gain(chosen)
         rest = {g: tuple(other for other in chosen if other != g) for g in chosen}

@@ -55,8 +55,9 @@ NEAR = 3.0
 SETTLED = 0.2
 """Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
 
-_LASTING = 3.0
-"""Factor for correlated innovations above which noise that was found may stand for parameters that walk."""
+_LASTING, _HARDLY_NOISE = 3.0, 3.0
+"""Factors for correlated innovations, and between noise found and given, above which the noise found may stand for
+parameters that walk."""
 
 _LEAST_SHARE = 0.1
 """Of the change by a pass, for the start of the next one."""
@@ -323,7 +324,7 @@ def _with_effects(
             partial(found_walks, problem, run, least, further_pass, steps[1]),
         ])  # fmt: skip
         chosen = () if found is None else selected(found)
-        if walk is None and correlation > _LASTING:
+        if walk is None and correlation > _LASTING and _contradiction(first, problem, given) > _HARDLY_NOISE:
             walk = found_walks(quiet, run, least, further_pass, steps[1])
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
