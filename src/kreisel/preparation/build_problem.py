@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.errors import SynchronizationError
+from kreisel.errors import SettingsError, SynchronizationError
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.inertial.noise import DRIFT_TIME
 from kreisel.model.groups import REGISTRY
 from kreisel.model.noise import AssumedNoise, Drift, PoseError
@@ -113,7 +114,14 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     ------
     SynchronizationError
         If too little of the reference lies within the IMU's recording.
+    SettingsError
+        If temperature coefficients are asked for, but no temperature was recorded.
     """
+    if preparation.readings.warmth is None and (wanted := [g for g in settings.estimated if g in OF_TEMPERATURE]):
+        raise SettingsError(
+            f"{', '.join(wanted)} cannot be estimated: the recording has no temperature (a column of imu0/data.csv whose "
+            "name begins with temp)"
+        )
     fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
     skewed = fit.skewed if settings.skew is None else settings.skew
     start, start_covariance = starting_point(preparation, settings.polynomial_order)

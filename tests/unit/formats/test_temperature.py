@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.errors import RecordingError
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write
+from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import recorded
 
@@ -48,3 +50,8 @@ def test_one_that_makes_no_sense_is_refused(tmp_path, header, value):
 def test_other_columns_are_not_temperatures(tmp_path):
     n = recorded()[1].imu.stamps_ns.size
     assert load(written(tmp_path, "pressure", np.full(n, 1e5))).imu.temperature is None
+
+
+def test_coefficients_of_a_temperature_that_was_not_recorded_are_refused():
+    with pytest.raises(SettingsError, match="gyro_temperature cannot be estimated: the recording has no temperature"):
+        run_calibration(recorded()[1], CalibrationSettings(estimated=("gyro_temperature",)))
