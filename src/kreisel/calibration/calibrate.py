@@ -10,6 +10,7 @@ from kreisel.calibration.assembly import Judged, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
+from kreisel.calibration.interval_check import with_interval_disagreement
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -68,6 +69,7 @@ def run_calibration(
     found = with_unestimated_errors(estimate(problem, given, progress, together))
     seconds = time.perf_counter() - began
     halves = split_halves(found, progress, together)
+    found = with_interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = together(
         [

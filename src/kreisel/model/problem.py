@@ -228,3 +228,28 @@ def part_of(problem: Problem, part: slice) -> Problem:
     updates[0] = replace(first, first=first.last, new_segment=True, new_standstill=first.standstill is not None)
     schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
     return replace(problem, schedule=schedule)
+
+
+def with_rarer_updates(problem: Problem) -> Problem:
+    """Return the problem with about half the updates: every second one on the path is left out.
+
+    Standstills and beginnings of navigation keep theirs.
+    """
+    updates, kept, begun = problem.schedule.updates, [], None
+    places = []
+    for i, update in enumerate(updates):
+        one = update if begun is None else replace(update, first=begun)
+        following = updates[i + 1] if i + 1 < len(updates) else None
+        plain = update.standstill is None and not update.new_segment
+        joined = following is not None and following.standstill is None and not following.new_segment
+        if plain and joined and begun is None:
+            begun = one.first
+            continue
+        kept.append(one)
+        places.append(i)
+        begun = None
+    schedule = problem.schedule
+    thinned = replace(
+        schedule, updates=tuple(kept), attitude=schedule.attitude[places], interval=2.0 * schedule.interval
+    )
+    return replace(problem, schedule=thinned)

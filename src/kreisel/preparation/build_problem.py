@@ -119,8 +119,8 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     """
     if preparation.readings.warmth is None and (wanted := [g for g in settings.estimated if g in OF_TEMPERATURE]):
         raise SettingsError(
-            f"{', '.join(wanted)} cannot be estimated: the recording has no temperature (a column of imu0/data.csv whose "
-            "name begins with temp)"
+            f"{', '.join(wanted)} cannot be estimated: the recording has no temperature (a column of imu0/data.csv "
+            "whose name begins with temp)"
         )
     fit, site, reference = preparation.rate_fit, preparation.site, preparation.reference
     skewed = fit.skewed if settings.skew is None else settings.skew
