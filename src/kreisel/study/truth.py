@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, apply, conjugate, from_two_vectors, multiply, nearest_rotation
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.parameters import CellParameters, RobotParameters
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import Truth
+from kreisel.simulation.effects import DeviceEffects
 from kreisel.synchronization.clock import Clock
 
 JUDGED = ("gyroscope", "accelerometer", "timing", "alignment.tilt")
@@ -45,10 +47,22 @@ def true_parameters(truth: Truth, recording: Recording, problem: Problem, found:
     down = truth.gravity_r / np.linalg.norm(truth.gravity_r)
     earth_down = float(truth.earth_rate_r @ down) / problem.site.earth_rate_units[1]
     return CellParameters(
-        type(sensors)(sensors.K_omega, k_w, sensors.K_a, k_a, sensors.lever_arms),
+        type(sensors)(sensors.K_omega, k_w, sensors.K_a, k_a, sensors.lever_arms, _effects(truth.effects)),
         q_rn, north, float(np.linalg.norm(truth.gravity_r)), start, truth.time_skew, robot,
         earth_down,
     )  # fmt: skip
+
+
+def _effects(effects: DeviceEffects) -> dict[str, Array]:
+    """Return the device's terms beyond offset and matrix, by their groups."""
+    return {
+        "gyro_g_sensitivity": effects.g_sensitivity.ravel(),
+        "gyro_g_squared": effects.g_squared.ravel(),
+        "gyro_asymmetry": effects.gyro_asymmetry,
+        "accel_asymmetry": effects.accel_asymmetry,
+        "accel_delay": np.array([effects.accel_delay]),
+        **dict(zip(OF_TEMPERATURE, effects.temperature, strict=True)),
+    }
 
 
 def _alignment(truth: Truth, found: CellParameters) -> tuple[Array, Array]:

@@ -5,12 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import correct_angular_rate, correct_specific_force
 from kreisel.model.problem import hold
 from kreisel.model.settings import CalibrationSettings
 from kreisel.simulation.cell import Truth
+from kreisel.simulation.effects import draw_effects
+from kreisel.simulation.imu import ideal_readings
+from kreisel.simulation.settings import Imu
 from kreisel.study.truth import judged, true_parameters
 
+from ...navigation import corrected
 from ...oracle import quaternions as quat
 from ...small_problem import moved_by, recorded, small_problem, small_run
 
@@ -43,6 +48,20 @@ def test_polynomials_are_as_long_as_the_problems_and_correct_alike(truth, order)
     np.testing.assert_allclose(
         correct_angular_rate(raw, p.sensors), correct_angular_rate(raw, truth.sensors), rtol=1e-14
     )
+
+
+def test_effects_of_the_device_are_part_of_its_truth(truth):
+    """The solver of the virtual cell and the corrections of the model are inverse to each other with them."""
+    imu = Imu(gyro_g_sensitivity_sd=1e-4, gyro_asymmetry_sd=1e-3, accel_asymmetry_sd=1e-3, gyro_temperature_sd=1e-3,
+              accel_scale_temperature_sd=1e-3, gyro_g_squared_sd=1e-6)  # fmt: skip
+    effects = draw_effects(np.random.default_rng(1), imu, GRADES["fog"])
+    t = np.arange(20.0)
+    omega, force = np.random.default_rng(2).normal(size=(2, 20, 3))
+    p = of(replace(truth, effects=effects)).sensors
+    w, a = ideal_readings(omega, np.zeros((20, 3)), force, replace(p, lever_arms=np.zeros((3, 3))), effects, t)
+    found, _ = corrected(t, w, a, p, np.zeros((20, 3)))
+    np.testing.assert_allclose(found, omega, rtol=0, atol=1e-10)
+    assert set(p.others) >= {"gyro_g_sensitivity", "accel_delay", "accel_scale_temperature"}
 
 
 def test_polynomials_longer_than_the_problems_are_cut(truth):
