@@ -32,7 +32,8 @@ class AccelerationFit:
         Cross-coupling of the accelerometers, whatever their order, signs and handedness.
     scale
         Bounds of the factor by which the positions are too large: noise in the positions makes the second too
-        large, noise in all else the first too small. Zero and infinity where it is not observable.
+        large, noise in all else the first too small; the second has three deviations added. Zero and infinity where it
+        is not observable.
     explained
         Share of gravity's change in the readings that is explained.
     agreement
@@ -83,7 +84,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         x, inverse = -x, -inverse
     moved = regressor @ x[:15]
     agreement, amplitude = _agreement(moved, reference)
-    high = 1.0 / inverse if inverse > 5.0 * inverse_sd else np.inf
+    high = 1.0 / (inverse - 3.0 * inverse_sd) if inverse > 5.0 * inverse_sd else np.inf
     return AccelerationFit(
         K_a=x[:9].reshape(3, 3),
         K_a_sd=sd[:9].reshape(3, 3),
