@@ -124,7 +124,7 @@ def wrapped_gyro(r):
     return imu(r, rates=(r.imu.rates + 0.6) % 1.2 - 0.6)
 
 
-@rejected("not observable with this motion: gyroscope", "gyroscope scale factors")
+@rejected("not observable with this motion: gyroscope", "the data contradict the given noise figures")
 def saturated_before_noise(r):
     noise = np.random.default_rng(5).normal(0.0, 1e-4, r.imu.rates.shape)
     return imu(r, rates=np.clip(r.imu.rates, -0.6, 0.6) + noise)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.calibration.split_halves import MAX_RMS
+from kreisel.calibration.evidence import MAX_RMS
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.prior_exchange import further_pass

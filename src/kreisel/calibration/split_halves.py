@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.calibration.evidence import SplitHalves
+from kreisel.calibration.evidence import MAX_RMS, SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.estimate import Estimate
@@ -18,9 +18,6 @@ from kreisel.model.problem import part_of
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
 from kreisel.recording.recording import DataWarning
-
-MAX_RMS = 2.0
-"""Root mean square of a group's scores above which the halves count as different; by chance, in one case of 200."""
 
 _LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
 """Least variance of a difference, in the sum of both variances."""

@@ -99,7 +99,7 @@ def without_attenuation(problem: Problem, run: FilterRun, false: Mapping[str, fl
 
     Notes
     -----
-    Equation (26). The pull is random too: its variance is that of as much information.
+    The shift of equation (26). The pull is random too: its variance is that of as much information.
     """
     false = {group: size for group, size in false.items() if group in problem.layout and size > 0.0}
     if not false:
