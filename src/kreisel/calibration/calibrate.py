@@ -77,7 +77,7 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    found = without_passing(with_disagreement(found, halves))
+    found = with_disagreement(without_passing(found), halves)
     seen = observability(found.problem, found.run)
     found = with_doubtful_latitude(with_walked_deviations(found), latitude)
     seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])

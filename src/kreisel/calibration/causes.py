@@ -129,7 +129,7 @@ def _rounding(estimate: Estimate) -> list[Cause]:
     readings, out = estimate.problem.readings, []
     for name, values, unit in (("gyro", readings.rates, "rad/s"), ("accelerometer", readings.accelerations, "m/s^2")):
         step = max(coarse_step(part) for part in excerpt(values))
-        if step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
+        if step > 0.0 and step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
             out.append(Cause("rounding", f"{name} readings are rounded to steps of {step:.2g} {unit}", _CERTAIN))
     return out
 

@@ -10,9 +10,6 @@ from kreisel.calibration.parts import Consistency
 from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array
 
-MAX_RMS = 2.0
-"""Root mean square of a group's scores above which two estimates count as different; by chance, in one case of 200."""
-
 
 @dataclass(frozen=True)
 class SplitHalves:

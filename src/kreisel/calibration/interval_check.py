@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from kreisel.calibration.evidence import MAX_RMS
-from kreisel.estimation.belief import Belief
+from kreisel.calibration.disagreement import with_larger_deviations
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.prior_exchange import further_pass
-from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import with_rarer_updates
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_step
-from kreisel.recording.recording import DataWarning
 
 _LEAST = 0.05
 """Least variance of a difference, as a share of the estimate's own variance."""
@@ -30,30 +25,23 @@ def with_interval_disagreement(found: Estimate, progress: Progress | None = None
     With fewer updates the estimate is less good; the difference then has the difference of the variances as its own
     (Hausman 1978).
     """
+    if found.correlation_factor == 1.0:
+        return found
     problem, run = found.problem, found.run
     rarer = with_rarer_updates(problem)
-    if found.correlation_factor == 1.0 or len(rarer.schedule.updates) < MIN_UPDATES:
+    if len(rarer.schedule.updates) < MIN_UPDATES:
         return found
     other = further_pass(rarer, run, progress=of_step(progress, "interval"))
-    layout, scale, told = problem.layout, np.ones(problem.layout.degrees), []
-    change = layout.minus(other.belief.mean[:, None], run.belief.mean)[:, 0]
+    change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:, 0]
     own = np.diag(run.belief.covariance)
     variance = found.correlation_factor**2 * np.diag(other.belief.covariance) - own
     score = change / np.sqrt(np.maximum(variance, _LEAST * own))
-    for group in SENSOR_GROUPS:
-        if group not in layout:
-            continue
-        part = layout[group]
-        size = float(np.sqrt(np.mean(score[part] ** 2)))
-        if size > MAX_RMS:
-            scale[part] = np.sqrt(1.0 + np.mean(change[part] ** 2 / own[part]))
-            told.append(f"{group} {scale[part][0]:.1f}")
-    if not told:
-        return found
-    warning = DataWarning(
-        "interval",
+    words = (
         "an interval between updates that is twice as long gives other values than expected by chance, which shows "
-        f"errors of the reference that are not modelled; standard deviations were multiplied: {', '.join(told)}",
+        "errors of the reference that are not modelled; standard deviations were multiplied"
     )
-    belief = Belief(run.belief.mean, scale[:, None] * run.belief.factor)
-    return replace(found, run=replace(run, belief=belief), warnings=(*found.warnings, warning))
+
+    def factor(part: slice, _size: float) -> float:
+        return float(np.sqrt(1.0 + np.mean(change[part] ** 2 / own[part])))
+
+    return with_larger_deviations(found, score, factor, "interval", words)

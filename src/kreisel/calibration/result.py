@@ -18,7 +18,7 @@ from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.errors import RecordingError
 from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import OF_TEMPERATURE
+from kreisel.inertial.effects import follows_temperature
 from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.inertial.strapdown import prepare, rate_coefficients
 
@@ -99,7 +99,7 @@ class Calibration(CalibrationParts):
 
     def _warmth(self, temperatures: ArrayLike | None, count: int) -> Array | None:
         """Return the temperatures (n,) above that of the parameters; None where they have no effect."""
-        if not any(np.any(self.sensors.effects.get(group, 0.0)) for group in OF_TEMPERATURE):
+        if not follows_temperature(self.sensors.effects):
             return None
         if temperatures is None or self.recording is None or self.recording.temperature_c is None:
             raise RecordingError("temperatures: this calibration has temperature coefficients; give the sensor's, degC")

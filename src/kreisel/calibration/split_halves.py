@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from kreisel.calibration.evidence import MAX_RMS, SplitHalves
+from kreisel.calibration.disagreement import with_larger_deviations
+from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
-from kreisel.estimation.belief import Belief
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import further_pass
-from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import part_of
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
-from kreisel.recording.recording import DataWarning
 
 _LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
 """Least variance of a difference, in the sum of both variances."""
@@ -65,25 +62,9 @@ def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
     """Return the estimate with inflated deviations of those groups in which the halves disagree.
 
     Scores of a group that are larger than by chance are the effect of a change or an error that is not modelled. The
-    result is then as uncertain as the difference of its halves.
+    result is then as uncertain as the difference of its halves. The estimate is that of what lasts, as the halves are.
     """
     if halves is None:
         return found
-    layout, belief = found.problem.layout, found.run.belief
-    scale, inflated = np.ones(layout.degrees), []
-    for group in SENSOR_GROUPS:
-        if group not in layout:
-            continue
-        size = float(np.sqrt(np.mean(halves.score[layout[group]] ** 2)))
-        if size > MAX_RMS:
-            scale[layout[group]] = size
-            inflated.append(f"{group} {size:.1f}")
-    if not inflated:
-        return found
-    warning = DataWarning(
-        "halves",
-        "the two halves of the recording differ by more than their standard deviations; these were multiplied: "
-        f"{', '.join(inflated)}",
-    )
-    belief = Belief(belief.mean, scale[:, None] * belief.factor)
-    return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))
+    words = "the two halves of the recording differ by more than their standard deviations; these were multiplied"
+    return with_larger_deviations(found, halves.score, lambda _, size: size, "halves", words)

@@ -24,7 +24,6 @@ _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 _POSE_HEADER = "#timestamp [ns],p_x [m],p_y,p_z,q_w [],q_x,q_y,q_z"
 
-
 _KELVIN = 273.15
 """K at 0 degrees Celsius."""
 

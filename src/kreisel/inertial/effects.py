@@ -139,6 +139,11 @@ OF_TEMPERATURE = ("gyro_temperature", "gyro_scale_temperature", "accel_temperatu
 """Effects of a recorded temperature."""
 
 
+def follows_temperature(values: Mapping[str, Array]) -> bool:
+    """Return whether any of the values of effects, by group, is a temperature coefficient other than zero."""
+    return any(np.any(values.get(group, 0.0)) for group in OF_TEMPERATURE)
+
+
 def groups_of(sizes: Mapping[str, int], sensor: str) -> Sequence[str]:
     """Return those of some groups that are effects of a sensor, in the order of `EFFECTS`."""
     return [g for g, effect in EFFECTS.items() if g in sizes and effect.sensor == sensor]

@@ -87,7 +87,8 @@ class ImuSamples:
     @cached_property
     def warmth(self) -> Array | None:
         """Temperature above the mean, K, (n,)."""
-        return None if self.temperature is None else self.temperature - float(np.mean(self.temperature))
+        usual = self.usual_temperature
+        return None if self.temperature is None or usual is None else self.temperature - usual
 
     @cached_property
     def seconds(self) -> Array:

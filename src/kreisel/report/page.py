@@ -13,7 +13,7 @@ from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.filtering.effect_selection import MIN_GAIN
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE
+from kreisel.inertial.effects import EFFECTS, follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.report import figures, tables
 from kreisel.report.data import ReportData, extract
@@ -99,7 +99,7 @@ def snippet(sensors: SensorParameters, form: SizeEffect, temperature: float | No
 
     temperature: that of the parameters, degrees Celsius; T (n,) is then needed, too, if there are coefficients for it.
     """
-    warm = any(np.any(sensors.others.get(group, 0.0)) for group in OF_TEMPERATURE)
+    warm = follows_temperature(sensors.others)
     lines = [
         "import numpy as np",
         *([f"warmth = (T - {temperature or 0.0:.2f})[:, None]  # T (n,): the sensor's temperature, degC"] * warm),

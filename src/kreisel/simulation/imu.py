@@ -79,20 +79,20 @@ def _solve(y: Array, k: Array, c: Array, s: Array) -> Array:
         return x
     for _ in range(100):
         value = (1.0 + s) * x + k[0] + c * np.abs(x) + sum(k[i] * x ** (i + 1) for i in range(1, k.shape[0])) - y
-        step = value / _slope(x, k, c)
+        step = value / _slope(x, k, c, s)
         x = x - step
         if not np.max(np.abs(step)) > 1e-14 * max(1.0, float(np.max(np.abs(y)))):
             break
     else:
         step = np.full(1, np.nan)
-    if not np.isfinite(step).all() or not (_slope(x, k, c) > 0.1).all():
+    if not np.isfinite(step).all() or not (_slope(x, k, c, s) > 0.1).all():
         raise SettingsError("imu.quadratic_…: no reading corresponds to some of the motion; take smaller coefficients")
     return np.asarray(x)
 
 
-def _slope(x: Array, k: Array, c: Array) -> Array:
+def _slope(x: Array, k: Array, c: Array, s: Array) -> Array:
     """Return the derivative of what `_solve` solves."""
-    return np.asarray(1.0 + c * np.sign(x) + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0])))
+    return np.asarray(1.0 + s + c * np.sign(x) + sum((i + 1) * k[i] * x**i for i in range(1, k.shape[0])))
 
 
 def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) -> Array:

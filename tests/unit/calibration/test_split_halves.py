@@ -10,12 +10,14 @@ from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.split_halves import split_halves, with_disagreement
 from kreisel.estimation.belief import Belief
+from kreisel.filtering.estimate import without_passing
 from kreisel.filtering.initial_belief import first_belief, stored_state
 from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.model.noise import Drift
 from kreisel.model.problem import hold, part_of
 from kreisel.model.schedule import MIN_UPDATES
 
-from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
+from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
 
 OFFSETS = ("gyro_offset", "accel_offset")
 
@@ -185,3 +187,17 @@ def test_halves_that_agree_or_were_not_compared_change_nothing():
     found = estimate_of(problem, small_run())
     assert with_disagreement(found, None) is found
     assert with_disagreement(found, SplitHalves(problem.parameter_names, np.full(n, 1.9), np.ones(n))) is found
+
+
+def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
+    """Halves have no drifts: scores belong to the groups of the estimate of what lasts."""
+    problem = with_drifts(camera_problem(), Drift(1e-4, 8.0))
+    found = without_passing(estimate_of(problem, first_pass(problem)))
+    score = np.zeros(len(found.problem.parameter_names))
+    score[found.problem.layout["accel_offset"]] = 5.0
+    halves = SplitHalves(found.problem.parameter_names, score, np.ones(score.size))
+    widened = with_disagreement(found, halves).run.belief.standard_deviation
+    scale = widened / found.run.belief.standard_deviation
+    np.testing.assert_allclose(scale[found.problem.layout["accel_offset"]], 5.0, rtol=1e-9)
+    np.testing.assert_allclose(np.delete(scale, np.r_[found.problem.layout["accel_offset"]]), 1.0, rtol=1e-9)
+    assert halves.names == split_halves(estimate_of(problem, first_pass(problem))).names

@@ -172,3 +172,35 @@ def test_readings_carry_spectral_densities_and_how_much_they_bend():
     # nine tenths of a sine's sizes lie below sin(0.9 pi / 2); differences over a step flatten it by (w STEP)^2 / 12
     usual = size * w**2 * np.sin(0.45 * np.pi)
     np.testing.assert_allclose(found[2:], [usual, 3.0 * usual], rtol=0.003)
+
+
+@pytest.mark.parametrize(("factor", "used"), [(3.0, True), (6.0, False)])
+def test_what_is_stated_of_sensors_that_are_far_noisier_is_not_used(imu, factor, used):
+    """The spread of the offsets belongs to the same statement."""
+    noise = imu_noise_of(recording_of(imu, gyro_noise_density=rms(GYRO) / factor, gyro_offset_sd=1e-3))
+    if used:
+        assert noise.misstated == {}
+        np.testing.assert_allclose(noise.gyro, rms(GYRO) / factor)
+        assert noise.gyro_offset_sd == 1e-3
+        return
+    assert noise.misstated["gyros"] == pytest.approx(factor, rel=0.15)
+    np.testing.assert_allclose(noise.gyro, GYRO, rtol=LIKELY)
+    assert noise.gyro_offset_sd is None
+    assert not noise.given
+
+
+def test_a_grade_is_of_both_sensors(imu):
+    """These accelerometers are a little noisier than the grade's, these gyros twenty times."""
+    noise = imu_noise_of(recording_of(imu, grade="ring-laser"))
+    assert set(noise.misstated) == {"gyros", "accelerometers"}
+    assert (noise.gyro_offset_sd, noise.accel_offset_sd, noise.gyro_walk, noise.gyro_drift) == (None, None, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("step", "coarse"), [(1e-2, True), (1e-4, False)])
+def test_coarse_rounding_is_an_error_that_passes(imu, step, coarse):
+    """At rest noise of 1e-3 rad/s does not reach the next step of ten times that; its error is uniform."""
+    rates = np.random.default_rng(3).normal(0.0, 1e-3, (COUNT, 3))
+    t = np.arange(COUNT)[:, None] * STEP
+    rates += np.where(t % 4.0 < 2.0, np.sin(np.pi * t), 0.0)  # two seconds of motion, two of rest
+    noise = imu_noise_of(recording_of(replace(imu, rates=np.round(rates / step) * step)))
+    assert noise.gyro_drift == pytest.approx(step / 12.0**0.5 if coarse else 0.0, rel=1e-9)
