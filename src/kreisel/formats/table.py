@@ -173,7 +173,7 @@ class _Rows:
             rows = otherwise()
             found = len(rows)
             part = slice(self.count, self.count + found)
-            self.values[part] = rows.view(np.float64).reshape(found, -1)
+            self.values[part] = rows.view(np.float64).reshape(found, self.values.shape[1])
             if self.whole:
                 self.stamps[part] = rows["stamp"]
         self.count += found

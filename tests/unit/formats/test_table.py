@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kreisel.errors import RecordingError
@@ -181,6 +181,7 @@ def test_what_is_no_table_is_refused_with_its_line(tmp_path: Path, text: str | b
 @given(
     st.binary(max_size=300) | st.text(st.sampled_from("0123456789.,-+e#[]() tx\n\rnaif"), max_size=120).map(str.encode)
 )
+@example(b"\x01\r#\r")  # no row but a comment
 def test_any_bytes_are_a_table_or_an_error_of_ours(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
     file = tmp_path_factory.getbasetemp() / "any.csv"
     file.write_bytes(data)
