@@ -56,7 +56,7 @@ def run_filter(
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
     readings = problem.readings.with_effects(effect_sizes(problem), start.sensors.effects)
-    belief = first_belief(problem, start) if belief is None else belief
+    begun = belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
     limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
     histories, jumps = [], 0
@@ -87,7 +87,13 @@ def run_filter(
                 progress(done / len(updates))
         histories.append(history_of(problem, updates[chunk], record))
     history = joined(problem, histories, belief.mean)
-    return FilterRun(start, belief, parameters_of(problem, start, belief.mean), history, jumps=jumps)
+    parameters = parameters_of(problem, start, belief.mean)
+    return FilterRun(start, belief, parameters, history, jumps=jumps, begun=begun, gate=gate)
+
+
+def repeated(problem: Problem, run: FilterRun, progress: StepProgress | None = None) -> FilterRun:
+    """Return a run as another one, from the same start, with a problem of the same state: their likelihoods compare."""
+    return run_filter(problem, run.start, gate=run.gate, progress=progress, belief=run.begun)
 
 
 def _after_a_jump(problem: Problem, belief: Belief) -> Belief:

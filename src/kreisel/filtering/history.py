@@ -63,7 +63,8 @@ class FilterRun:
     """Result of one run: start values, final belief, parameters in it, history.
 
     `fitted` is the number of parameters that were fitted to the same data before the run began: the innovations are
-    smaller by so many degrees of freedom. `jumps` is how often parameters with a random walk may have jumped.
+    smaller by so many degrees of freedom. `jumps` is how often parameters with a random walk may have jumped. `begun`
+    and `gate` are the belief and the gate it began with.
     """
 
     start: CellParameters
@@ -72,6 +73,8 @@ class FilterRun:
     history: History
     fitted: float = 0.0
     jumps: int = 0
+    begun: Belief | None = None
+    gate: float = 1.0
 
     @property
     def excess(self) -> float:

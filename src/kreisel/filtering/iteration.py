@@ -15,6 +15,7 @@ from kreisel.filtering.attenuation import false_information, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
 from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.filter_pass import repeated
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.initial_belief import parameters_of
 from kreisel.filtering.noise_adaptation import (
@@ -321,11 +322,11 @@ def _with_effects(
         least = MIN_LIKELIHOOD_GAIN * correlation**2
         found, walk = together([
             partial(survey, quiet, run, further_pass, steps[0]),
-            partial(found_walks, problem, run, least, further_pass, steps[1]),
+            partial(found_walks, problem, run, least, steps[1]),
         ])  # fmt: skip
         chosen = () if found is None else selected(found)
         if walk is None and correlation > _LASTING and _contradiction(first, problem, given) > _HARDLY_NOISE:
-            walk = found_walks(quiet, run, least, further_pass, steps[1])
+            walk = found_walks(quiet, repeated(quiet, run, steps[1]), least, steps[1])
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.filtering.correlated_innovations import bounded_likelihood
-from kreisel.filtering.history import FilterRun, Pass
+from kreisel.filtering.filter_pass import repeated
+from kreisel.filtering.history import FilterRun
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
@@ -22,9 +23,11 @@ _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 
 
 def found_walks(
-    problem: Problem, run: FilterRun, least: float, further_pass: Pass, progress: StepProgress | None = None
+    problem: Problem, run: FilterRun, least: float, progress: StepProgress | None = None
 ) -> tuple[Problem, dict[str, float]] | None:
-    """Return the problem with the walks that raise the likelihood most, and what each gains; None below `least`.
+    """Return the problem with the walks that raise the likelihood of its run most, and what each gains.
+
+    None if that is below `least`.
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
     """
@@ -37,10 +40,9 @@ def found_walks(
 
     def likelihood(walks: dict[str, float]) -> float:
         own = {g: max(walks.get(g, 0.0), density) for g, density in (problem.noise.offset_walk | walks).items()}
-        trial = further_pass(with_walks(problem, own), run, progress=progress)
-        return bounded_likelihood(trial)
+        return bounded_likelihood(repeated(with_walks(problem, own), run, progress))
 
-    base = likelihood({})
+    base = bounded_likelihood(run)
     if likelihood(least_densities) < base + least:
         return None
     walks: dict[str, float] = {}

@@ -47,9 +47,8 @@ def prepare_recording(
             "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0",
             file=recording.path,
         )
-    imu_noise = imu_noise_of(recording)
+    imu_noise, correlation = together([partial(imu_noise_of, recording), partial(correlate, imu, reference)])
     readings = readings_of(recording, imu_noise)
-    correlation = correlate(imu, reference)
     _, fit = together(
         [
             partial(check_conventions, readings, reference, correlation.clock),
