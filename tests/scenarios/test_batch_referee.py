@@ -1,0 +1,85 @@
+"""The filter's passes, and what they take back of noise, against least squares of all poses at once.
+
+Bounds are about twice what was measured.
+"""
+
+import numpy as np
+import pytest
+
+from kreisel.estimation.belief import Belief
+from kreisel.filtering.attenuation import false_information, without_attenuation
+from kreisel.filtering.filter_pass import run_filter
+from kreisel.filtering.prior_exchange import with_stated_prior
+
+from ..oracle import batch
+from ..oracle.plain_filter import Imu, World
+from ..oracle_case import DEVIATION, EARTH_N, GRAVITY, GROUPS, Case, Setup, book_covariance, compare, problem_and_belief
+
+PARAMETERS = tuple(name for name in GROUPS if name not in ("attitude", "velocity", "position"))
+WIDE = {**DEVIATION, "accel_cross_coupling": np.full(9, 2e-2), "gyro_cross_coupling": np.full(9, 2e-2)}
+STRONG = Setup()
+WEAK = Setup(
+    rate=100.0, seconds=40.0, every=40, gyro=2e-4, accel=4e-3, peak_rate=0.3, peak_acceleration=0.3, deviation=WIDE
+)
+WEAKEST = Setup(
+    rate=100.0, seconds=40.0, every=40, gyro=2e-3, accel=2e-2, peak_rate=0.1, peak_acceleration=0.1, deviation=WIDE
+)
+
+
+class Passes:
+    """Passes over a case with its own start of navigation, each with the prior exchanged."""
+
+    def __init__(self, case):
+        self.problem, self.begun = problem_and_belief(case, "central-difference")
+        run = run_filter(self.problem, self.problem.prior.start, gate=np.inf, belief=self.begun)
+        self.run = with_stated_prior(self.problem, run, self.begun)
+        for _ in range(6):
+            self.run = self.further(self.problem, self.run)
+
+    def further(self, problem, run, progress=None):
+        n, layout = len(problem.parameter_names), problem.layout
+        mean = self.begun.mean.copy()
+        for group in problem.groups:
+            mean[layout.stored(group)] = run.parameters.stored(group)
+        P = self.begun.factor @ self.begun.factor.T
+        prior, found = P[:n, :n].copy(), 9.0 * run.belief.covariance[:n, :n]
+        P[:n, :n] = prior @ np.linalg.solve(prior + found, found)
+        sd = np.sqrt(np.diag(P))
+        begun = Belief(mean, sd[:, None] * np.linalg.cholesky(0.5 * (P + P.T) / np.outer(sd, sd)))
+        again = run_filter(problem, run.parameters, gate=np.inf, belief=begun)
+        return with_stated_prior(problem, again, begun)
+
+
+def referee(case, *, total):
+    s, first = case.setup, case.setup.every
+    imu = Imu(case.t[first:], case.rates[first:], case.forces[first:])
+    poses = batch.Poses(case.tau, case.positions, case.quaternions, case.samples - first, s.position, s.orientation)
+    density, world = batch.Density(s.gyro, s.accel), World(GRAVITY, EARTH_N)
+    found = batch.estimate(imu, poses, case.start, book_covariance(case), density, world, total=total)
+    assert found.moved < 1e-3
+    return {"mean": found.mean, "P": found.covariance}
+
+
+@pytest.mark.parametrize(("setup", "bound"), [(STRONG, 0.03), (WEAK, 0.05), (WEAKEST, 0.1)])
+def test_passes_end_at_the_least_squares_of_all_poses(setup, bound):
+    case = Case(1, setup)
+    passes = Passes(case)
+    mean, spread = compare(passes.problem.layout, passes.run, referee(case, total=False), PARAMETERS)
+    print(f"means differ by {mean:.2g} sd, deviations by {spread:.2g}")
+    assert mean < bound
+    assert spread < 0.01
+
+
+@pytest.mark.parametrize(("setup", "share"), [(WEAK, 0.25), (WEAKEST, 0.4)])
+def test_what_is_taken_back_of_noise_leads_to_total_least_squares(setup, share):
+    """Noise of the readings pulls the matrices to zero, and equation (26) puts them back."""
+    case = Case(1, setup)
+    passes = Passes(case)
+    false = false_information(passes.problem, passes.run, passes.further)
+    assert set(false) == {"gyro_cross_coupling", "accel_cross_coupling"}
+    without = without_attenuation(passes.problem, passes.run, false)
+    total, layout = referee(case, total=True), passes.problem.layout
+    (pulled, _), (left, _) = (compare(layout, run, total, PARAMETERS) for run in (passes.run, without))
+    print(f"pulled by {pulled:.2g} sd, of which {left:.2g} sd are left")
+    assert pulled > 0.1
+    assert left < share * pulled
