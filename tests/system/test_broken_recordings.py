@@ -130,14 +130,14 @@ def saturated_before_noise(r):
     return imu(r, rates=np.clip(r.imu.rates, -0.6, 0.6) + noise)
 
 
-@refused(f"imu0/data.csv, line {MIDDLE + 3}: all readings are frozen for 60 samples", "delete these rows")
+@handled(f"masked: line {MIDDLE + 3}: all readings are frozen for 60 samples", "59 samples are left out")
 def frozen_samples(r):
     part = slice(MIDDLE, MIDDLE + 60)
     r = with_rates(r, put(part, r.imu.rates[MIDDLE]))
     return with_accelerations(r, put(part, r.imu.accelerations[MIDDLE]))
 
 
-@refused(f"imu0/data.csv, line {MIDDLE + 3}: w_x stays at", "check the sensor")
+@handled(f"masked: line {MIDDLE + 3}: w_x stays at", "59 samples are left out, and the motion is bridged")
 def frozen_channel(r):
     return with_rates(r, put((slice(MIDDLE, MIDDLE + 60), 0), r.imu.rates[MIDDLE, 0]))
 
@@ -179,9 +179,29 @@ def lost_samples_filled_with_zeros(r):
     return with_accelerations(with_rates(r, put(lost, 0.0)), put(lost, 0.0))
 
 
-@refused("imu0/data.csv, line 2002: a spike in a_x", "156.9", "delete")
+@handled("masked: line 2002: a spike in a_x", "156.9", "this sample is left out")
 def spike(r):
     return with_accelerations(r, put((2000, 0), 156.9))
+
+
+@refused("imu0/data.csv, line 4: a spike in a_x", "156.9", "and in 199 more places", "delete")
+def many_spikes(r):
+    return with_accelerations(r, put((slice(2, None, 40), 0), 156.9))
+
+
+@handled("masked: line", "w_x is saturated", "navigation starts anew behind them")
+def saturated_peak(r):
+    highest = np.sort(r.imu.rates[:, 0])[-5]
+    return with_rates(r, lambda w: np.clip(w[:, 0], None, highest, out=w[:, 0]))
+
+
+@refused("imu0/data.csv, line", "w_x stays at", "check the sensor")
+def channel_often_stuck(r):
+    def hold(w):
+        for k in range(700, 7900, 400):
+            w[k : k + 60, 0] = w[k, 0]
+
+    return with_rates(r, hold)
 
 
 @handled("samples only repeat the one before", "own rate")
@@ -394,6 +414,14 @@ def constant_poses(r):
     return poses(r, positions=r.reference.positions[first], quaternions=r.reference.quaternions[first])
 
 
+@refused("pose0/data.csv: poses were taken at standstills only", "during the motion")
+def poses_at_standstills_only(r):
+    p = r.reference
+    same = (np.diff(p.positions, axis=0) == 0.0).all(axis=1)
+    still = np.append(same, False) | np.append(False, same)
+    return poses(r, stamps_ns=p.stamps_ns[still], positions=p.positions[still], quaternions=p.quaternions[still])
+
+
 @refused("pose0/data.csv, line 1670: the pose is frozen for 167 rows", "tracking was lost", "delete")
 def frozen_poses(r):
     held = np.arange(r.reference.stamps_ns.size)
@@ -569,7 +597,7 @@ def test_a_broken_recording(case: Case, kreisel: Command, tmp_path: Path) -> Non
     assert case.status != 1 or str(tmp_path / "run") in ended.err
 
 
-BARE = ("positions", "two", "accelerometers", "spike", "clock", "dead", "millimetres")
+BARE = ("positions", "two", "accelerometers", "many_spikes", "clock", "dead", "millimetres")
 
 
 @pytest.mark.parametrize(

@@ -148,10 +148,12 @@ def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:
 
 
 def readings_of(recording: Recording, noise: ImuNoise) -> Readings:
-    """Return the IMU's readings, split at long gaps, with their noise."""
+    """Return the IMU's readings, split at long gaps and where readings were cut off, with their noise."""
     imu = recording.imu
-    cuts = gaps(imu.stamps_ns, LONG_GAP)
-    edges = [0, *(int(k) + 1 for k in cuts), imu.stamps_ns.size]
+    behind = np.unique(
+        np.concatenate([gaps(imu.stamps_ns, LONG_GAP) + 1, np.searchsorted(imu.stamps_ns, imu.broken_ns)])
+    )
+    edges = [0, *behind[(behind > 0) & (behind < imu.stamps_ns.size)].tolist(), imu.stamps_ns.size]
     segments = tuple((a, b - 1) for a, b in pairwise(edges) if b - a >= 20)
     if not segments:
         raise RecordingError("no segment of 20 samples or more without a gap", file=imu.source)

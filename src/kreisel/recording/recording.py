@@ -69,6 +69,9 @@ class ImuSamples:
         By how much corrected stamps may all be late, s; 0 where they are as recorded.
     temperature : (n,) or None
         Of the sensor, degrees Celsius, where it was recorded.
+    broken_ns : (k,)
+        Stamps of samples that were left out because nobody knows what they should have been: the motion must not be
+        bridged there.
     """
 
     stamps_ns: Stamps
@@ -78,6 +81,7 @@ class ImuSamples:
     units: HeaderUnits = NO_UNITS
     lateness: float = 0.0
     temperature: Array | None = None
+    broken_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @cached_property
     def usual_temperature(self) -> float | None:

@@ -18,6 +18,7 @@ from kreisel.geometry.rotation import Array, Mask
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angles_over, chunks, excerpt
 from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.results import Correlation
+from kreisel.units import DEG
 
 MIN_CORRELATION = 0.6
 """Smallest correlation coefficient of two streams of the same motion."""
@@ -72,10 +73,14 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
     x, y = _norms(imu, reference, fine)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
-        raise SynchronizationError(
-            f"{reference.source}: the reference does not move; without motion nothing can be calibrated: record "
-            "the robot while it moves"
+        found = (
+            "poses were taken at standstills only, and none in between: clocks cannot be compared. Record poses during "
+            "the motion, too"
+            if _differ(reference)
+            else "the reference does not move, and without motion nothing can be calibrated: record the robot while it "
+            "moves"
         )
+        raise SynchronizationError(f"{reference.source}: {found}")
     clock = _track(x, y, _search(x, y))
     final = _coefficient(x, y, clock)
     if not final >= _SURE:
@@ -92,6 +97,13 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             correlation=final,
         )
     return Correlation(clock, final)
+
+
+def _differ(reference: ReferencePoses) -> bool:
+    """Return whether poses lie apart, by a degree or a centimetre."""
+    p, q = reference.positions, reference.quaternions
+    turned = q is not None and float(np.abs(q @ q[0]).min()) < np.cos(0.5 * DEG)
+    return turned or (p is not None and float(np.ptp(p, axis=0).max()) > 0.01)
 
 
 def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:

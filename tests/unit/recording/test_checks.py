@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import exp
+from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording import recording as module
 from kreisel.recording.checks import check_streams
 from kreisel.recording.header import UNITS, HeaderUnits
@@ -83,9 +84,38 @@ def test_a_fault_in_a_later_piece_keeps_its_place(monkeypatch: pytest.MonkeyPatc
     r = recording()
     rates = r.imu.rates.copy()
     rates[row, 1] += 5.0
-    with pytest.raises(RecordingError, match="a spike in w_y") as error:
-        check_streams(with_imu(r, rates=rates))
-    assert error.value.line == row + 2
+    got = check_streams(with_imu(r, rates=rates))
+    (warning,) = got.warnings
+    assert warning.message.startswith(f"line {row + 2}: a spike in w_y")
+    np.testing.assert_array_equal(got.imu.stamps_ns, np.delete(r.imu.stamps_ns, row))
+
+
+@pytest.mark.parametrize("piece", [600, module.CHUNK])
+def test_spikes_of_all_sizes_are_found_one_behind_the_other(monkeypatch: pytest.MonkeyPatch, piece: int) -> None:
+    """Large spikes make small ones look usual."""
+    monkeypatch.setattr(module, "CHUNK", piece)
+    r = recording(noise=1e-3)
+    rates = r.imu.rates.copy()
+    spiked = np.arange(40, 2380, 60)
+    rates[spiked, 2] += 10.0 ** np.linspace(0.0, 6.0, spiked.size)
+    got = check_streams(with_imu(r, rates=rates))
+    np.testing.assert_array_equal(got.imu.stamps_ns, np.delete(r.imu.stamps_ns, spiked))
+
+
+def test_a_few_saturated_samples_are_left_out_and_break_the_motion() -> None:
+    r = recording(noise=2e-4)
+    rates = r.imu.rates.copy()
+    limit = np.sort(rates[:, 0])[-6]
+    cut_off = np.flatnonzero(rates[:, 0] >= limit)
+    got = check_streams(with_imu(r, rates=np.minimum(rates, [limit, np.inf, np.inf])))
+    assert set(r.imu.stamps_ns[cut_off]) <= set(got.imu.broken_ns)
+    assert not set(got.imu.broken_ns) & set(got.imu.stamps_ns)
+    assert "navigation starts anew behind them" in got.warnings[0].message
+    segments = readings_of(got, imu_noise_of(got)).segments
+    edges = [got.imu.stamps_ns[stop] for _, stop in segments[:-1]]
+    for stamp in got.imu.broken_ns:  # no segment contains one
+        assert any(edge < stamp for edge in edges)
+    assert 1 < len(segments) <= 1 + got.imu.broken_ns.size
 
 
 def test_samples_that_repeat_are_left_out_across_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,402 @@
+"""Samples of an IMU that show no motion, found and left out: saturated, spikes, frozen and stuck readings.
+
+A few of them cost little: the motion is bridged, or, where a reading was cut off and nobody knows how large it would
+have been, navigation starts anew behind it. A recording with many of them is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.recording.location import and_more, at, fault, rows
+from kreisel.recording.recording import DataWarning, ImuSamples, Stamps, chunks
+from kreisel.recording.stamp_checks import runs
+
+CHANNELS = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")
+
+MAX_MASKED = 0.02
+"""Share of all samples that may be left out because of one kind of fault."""
+
+_LONG_FREEZE = 8
+_STUCK = 20
+_SPIKE = 30.0
+_OVERLAP = 512
+_MAX_ROUNDS = 4
+_BESIDE = 1
+"""Samples on either side of a saturated one that are left out too: a filter in the sensor has rounded the edge."""
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Consecutive samples, all six channels (n, 6); `first` is the number of the first, `last` whether none follow."""
+
+    source: Path
+    first: int
+    last: bool
+    stamps_ns: Stamps
+    values: Array
+
+    @cached_property
+    def steps(self) -> Array:
+        """Sizes of the steps from sample to sample, (n - 1, 6)."""
+        return np.abs(np.diff(self.values, axis=0))
+
+    @cached_property
+    def repeats(self) -> Mask:
+        """Which steps are zero, (n - 1, 6)."""
+        return np.asarray(self.steps == 0.0)
+
+    @cached_property
+    def still(self) -> Mask:
+        """Which samples are followed by the same values in all channels."""
+        return np.asarray(self.repeats.all(axis=1))
+
+    @cached_property
+    def digits(self) -> Array:
+        """The smallest step of every channel, (6,)."""
+        return resolution(self.steps)
+
+    @property
+    def whole(self) -> slice:
+        """Its place among all samples."""
+        return slice(self.first, self.first + len(self.values))
+
+    def stalls(self) -> tuple[Indices, Indices, Array]:
+        """Return first and last samples of the runs in which all channels repeat, and the steps that end them."""
+        starts, stops = runs(self.still)
+        ended = stops < len(self.still)
+        starts, stops = starts[ended], stops[ended]
+        return starts, stops, self.steps[stops]
+
+    def fault(self, text: str, samples: Mask | slice | Indices, first: int) -> _Fault:
+        """Return a fault of some of its samples."""
+        mask = np.zeros(len(self.values), dtype=bool)
+        mask[samples] = True
+        return _Fault(text, first, mask)
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """Readings that show no motion: what they look like, the first one, and all of the chunk's, (n,)."""
+
+    text: str
+    first: int
+    samples: Mask
+
+
+_Find = Callable[[_Chunk], Iterator[_Fault]]
+
+
+@dataclass
+class _Found:
+    """What was found of one kind of fault, in numbers of samples as recorded.
+
+    Attributes
+    ----------
+    find
+        Returns the faults of a chunk.
+    advice
+        For a recording with too many of them.
+    most
+        Share of all samples that may be left out.
+    samples : (n,)
+        Which they are.
+    text, place
+        Of the first one.
+    """
+
+    find: _Find
+    advice: str
+    samples: Mask
+    most: float = MAX_MASKED
+    text: str = ""
+    place: int = 0
+
+    def add(self, one: _Fault, numbers: Indices) -> None:
+        """Add a fault of a chunk whose samples have these numbers."""
+        if not self.text:
+            self.text, self.place = one.text, int(numbers[one.first])
+        self.samples[numbers[one.samples]] = True
+
+
+def resolution(steps: Array) -> Array:
+    """Return the smallest step of every channel, (channels,): the size of its last digit, if it has few digits.
+
+    Parameters
+    ----------
+    steps : (n, channels)
+        Sizes of the steps from sample to sample.
+    """
+    smallest = []
+    for channel in steps.T:
+        real = channel[channel > 1e-9 * channel.max()]
+        smallest.append(float(np.percentile(real, 1)) if real.size else 0.0)
+    return np.array(smallest)
+
+
+def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples without those that show no motion, and the warnings about them.
+
+    Parameters
+    ----------
+    moved
+        Whether the IMU was moved. If not, they are only told.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many of them.
+    """
+    n, delete = imu.stamps_ns.size, f"delete these {rows(imu.source)} (a gap is bridged)"
+    saturated = _Found(_saturated, "move more gently, or choose a larger range", np.zeros(n, dtype=bool))
+    kinds = [
+        saturated,
+        _Found(_wrapped, "the reading exceeded its range and wrapped round: choose a larger range",
+               np.zeros(n, dtype=bool), most=0.0),
+        _Found(_spikes, delete, np.zeros(n, dtype=bool)),
+        _Found(_frozen, f"{delete}, and check whether the driver stalled", np.zeros(n, dtype=bool)),
+        _Found(_stuck, f"a stuck or dead channel; {delete}, and check the sensor", np.zeros(n, dtype=bool)),
+    ]  # fmt: skip
+    left, numbers = imu, np.arange(n)
+    for _ in range(_MAX_ROUNDS):  # large spikes hide smaller ones
+        keep = np.ones(numbers.size, dtype=bool)
+        for chunk in _chunks(left):
+            for kind in kinds:
+                for one in kind.find(chunk):
+                    kind.add(one, numbers[chunk.whole])
+                    keep[chunk.whole] &= ~one.samples
+        if keep.all() or not moved:
+            break
+        for kind in kinds:
+            _check_share(kind, imu)
+        left, numbers = part_of(left, keep), numbers[keep]
+    left = replace(left, broken_ns=imu.stamps_ns[saturated.samples]) if moved else left
+    return left, [_warning(kind, imu, moved=moved, breaks=kind is saturated) for kind in kinds if kind.text]
+
+
+def _check_share(kind: _Found, imu: ImuSamples) -> None:
+    """Raise the error for more faults of one kind than can be left out."""
+    count = int(kind.samples.sum())
+    if count > kind.most * kind.samples.size:
+        places = runs(kind.samples)[0].size
+        raise fault(imu.source, f"{kind.text}{and_more(places - 1, 'places')}; {kind.advice}", kind.place)
+
+
+def _warning(kind: _Found, imu: ImuSamples, *, moved: bool, breaks: bool) -> DataWarning:
+    """Return the warning about faults of one kind."""
+    places, count = runs(kind.samples)[0].size, int(kind.samples.sum())
+    more = and_more(places - 1, "places")
+    if not moved:
+        return DataWarning("imu", f"{kind.text}{more}; {kind.advice}")
+    end = "navigation starts anew behind them" if breaks else "the motion is bridged"
+    left_out = f"{count} samples are left out, and {end}" if count > 1 else "this sample is left out"
+    return DataWarning("masked", f"{at(imu.source, kind.place)}: {kind.text}{more}; {left_out}")
+
+
+def without_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples without those that only repeat the one before, and the warning about them.
+
+    All six channels also repeat for a sensor with few digits at standstill, whose next change is small, and for a
+    sensor without noise; their samples are kept.
+    """
+    keep = np.ones(imu.stamps_ns.size, dtype=bool)
+    for chunk in _chunks(imu):
+        starts, stops, jumps = chunk.stalls()
+        stale = (stops - starts < _LONG_FREEZE) & (jumps > 3.0 * chunk.digits).any(axis=1)
+        keep[chunk.whole] &= first_of_each(len(chunk.values), starts[stale], stops[stale])
+    dropped = int(np.sum(~keep))
+    if not dropped:
+        return imu, []
+    text = (
+        f"{imu.source.parent.name}: {dropped} of {keep.size} samples only repeat the one before and were left out"
+        f"{'; log the sensor at its own rate' if dropped > 0.1 * keep.size else ''}"
+    )
+    return part_of(imu, keep), [DataWarning("repeats", text)]
+
+
+def part_of(imu: ImuSamples, keep: Mask) -> ImuSamples:
+    """Return the samples that a mask selects."""
+    temperature = None if imu.temperature is None else imu.temperature[keep]
+    return replace(
+        imu,
+        stamps_ns=imu.stamps_ns[keep],
+        rates=imu.rates[keep],
+        accelerations=imu.accelerations[keep],
+        temperature=temperature,
+    )
+
+
+def first_of_each(size: int, starts: Indices, stops: Indices) -> Mask:
+    """Return the mask that leaves out all but the first of every run.
+
+    Parameters
+    ----------
+    starts, stops
+        First and last index of the runs.
+    """
+    change = np.zeros(size + 1, dtype=np.int64)
+    np.add.at(change, starts + 1, 1)
+    np.add.at(change, stops + 1, -1)
+    return np.asarray(np.cumsum(change)[:size] == 0)
+
+
+def _chunks(imu: ImuSamples) -> Iterator[_Chunk]:
+    """Yield all samples in chunks, each with the end of the one before."""
+    n = imu.stamps_ns.size
+    for part in chunks(n):
+        wide = slice(max(part.start - _OVERLAP, 0), part.stop)
+        values = np.hstack([imu.rates[wide], imu.accelerations[wide]])
+        yield _Chunk(imu.source, wide.start, part.stop == n, imu.stamps_ns[wide], values)
+
+
+def _usual(steps: Array, share: float) -> Array:
+    """Return a percentile of the steps that are not zero, (channels,)."""
+    return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in steps.T])
+
+
+def _saturated(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield channels that stay at their extreme value while the motion goes on.
+
+    Before a natural peak the slope decreases: before a plateau of n samples, with digits of size d, it is at
+    most about 6 d / n. Before a clipped peak the slope is steep.
+    """
+    still = np.concatenate([[False], chunk.still])
+    for channel, name in enumerate(CHANNELS):
+        x = chunk.values[:, channel]
+        for extreme, word in ((x.max(), "largest"), (x.min(), "smallest")):
+            flat = (x == extreme) & ~still
+            starts, stops = runs(flat)
+            longest = int((stops - starts).max(initial=0))
+            before = max(1, min(longest // 2, 20))
+            plateau = (stops - starts >= 3) & (starts > before)
+            if int(flat.sum()) < 5 or not plateau.any():
+                continue
+            edge = starts[plateau] - 1
+            slope = float(np.median(np.abs(x[edge] - x[edge - before]))) / before
+            if slope > max(12.0 * chunk.digits[channel] / longest, 2e-4 * float(np.std(x))):
+                beside = np.convolve(flat, np.ones(2 * _BESIDE + 1), mode="same") > 0.5
+                yield chunk.fault(
+                    f"{name} is saturated: it stays at its {word} value {extreme:.6g} for up to {longest} samples, "
+                    f"{int(flat.sum())} in total",
+                    beside,
+                    int(starts[plateau][0]),
+                )
+    for name, value, inside, ending in _stays(chunk):
+        x = chunk.values[:, CHANNELS.index(name)]
+        if value in (x.max(), x.min()):
+            word = "largest" if value == x.max() else "smallest"
+            text = (
+                f"{name} is saturated: it stays at its {word} value {value:.6g} for {_length(inside)} samples, {ending}"
+            )
+            yield chunk.fault(text, slice(max(inside.start - _BESIDE, 0), inside.stop + _BESIDE), inside.start)
+
+
+def _large_steps(chunk: _Chunk) -> tuple[Array, Mask, Mask]:
+    """Return the usual steps of all channels, which steps are far larger, and which of these come back at once."""
+    values, steps = chunk.values, chunk.steps
+    height = np.minimum(steps[1:], steps[:-1])
+    back = np.abs(values[2:] - values[:-2]) < 0.3 * height
+    # spikes themselves must not decide what is usual
+    doubtful = np.zeros(steps.shape, dtype=bool)
+    doubtful[1:] = back & (height > _SPIKE * _usual(steps, 75.0))
+    doubtful[:-1] |= doubtful[1:]
+    usual = _usual(np.where(doubtful, 0.0, steps), 99.0)
+    limit = _SPIKE * usual
+    large = (steps > limit) & (limit > 0.0)
+    if large.any():
+        dt = np.diff(chunk.stamps_ns)
+        large &= (dt < 1.6 * float(np.median(dt)))[:, None]
+    return usual, large, large[1:] & large[:-1] & back
+
+
+def _spikes(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield spikes of one sample."""
+    usual, _, spikes = _large_steps(chunk)
+    yield from _steps(chunk, spikes, usual, "a spike")
+
+
+def _wrapped(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield channels that overflow their range and wrap round."""
+    usual, large, spikes = _large_steps(chunk)
+    wraps = large & (chunk.steps > 0.9 * np.ptp(chunk.values, axis=0))
+    if wraps.any():
+        wraps[-1] &= chunk.last  # the next chunk shows whether it comes back
+        wraps[:-1] &= ~spikes
+        wraps[1:] &= ~spikes
+        yield from _steps(chunk, wraps, usual, "a step over the whole range")
+
+
+def _steps(chunk: _Chunk, found: Mask, usual: Array, kind: str) -> Iterator[_Fault]:
+    """Yield the fault of all samples behind some steps."""
+    where = np.flatnonzero(found.any(axis=1))
+    if where.size:
+        k = int(where[0])
+        channel = int(np.argmax(found[k]))
+        a, b = chunk.values[k : k + 2, channel]
+        text = (
+            f"{kind} in {CHANNELS[channel]}: from {a:.4g} to {b:.4g} in one sample, where steps are usually below "
+            f"{usual[channel]:.3g}"
+        )
+        yield chunk.fault(text, where + 1, k + 1)
+
+
+def _frozen(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield places where all channels freeze and then jump: a real motion from standstill starts gradually."""
+    starts, stops, jumps = chunk.stalls()
+    frozen = stops - starts >= _LONG_FREEZE
+    if not frozen.any():
+        return
+    usual = np.percentile(chunk.steps, 90, axis=0) + 1e-12
+    frozen &= (jumps / usual).max(axis=1, initial=0.0) > 4.0
+    for start, stop in zip(starts[frozen], stops[frozen], strict=True):
+        text = f"all readings are frozen for {stop - start + 1} samples, then jump"
+        yield chunk.fault(text, slice(int(start) + 1, int(stop) + 1), int(start) + 1)
+
+
+def _stuck(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield intervals in which one channel stays the same, but not at the end of its range."""
+    for name, value, inside, ending in _stays(chunk):
+        x = chunk.values[:, CHANNELS.index(name)]
+        if value not in (x.max(), x.min()):
+            text = f"{name} stays at {value:.4g} for {_length(inside)} samples, {ending}"
+            yield chunk.fault(text, inside, inside.start)
+
+
+def _length(inside: slice) -> int:
+    """Return the number of samples with the same value: the first of them is not left out."""
+    return int(inside.stop - inside.start) + 1
+
+
+def _stays(chunk: _Chunk) -> Iterator[tuple[str, float, slice, str]]:
+    """Yield channels that stay the same while the others change: name, value, repeated samples, and how they end.
+
+    This is natural only where the channel hardly changes: at standstill, or at the top of a peak, where it
+    changes by nine digits at most over as many samples again.
+    """
+    steps = chunk.steps
+    for channel, name in enumerate(CHANNELS):
+        x = chunk.values[:, channel]
+        same = chunk.repeats[:, channel] & ~chunk.still
+        starts, stops = runs(same)
+        long = (stops - starts >= _STUCK) & (stops - starts < 0.99 * same.size)
+        if not long.any():
+            continue
+        digits, usual = chunk.digits[channel], _usual(steps[:, channel : channel + 1], 90.0)[0]
+        natural = float(np.mean(same)) - float(np.sum((stops - starts)[long])) / same.size
+        for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
+            jump = float(steps[stop, channel]) if stop < len(steps) else 0.0
+            jumps = jump > max(4.0 * usual, 5.0 * digits)
+            around = min(stop - start, 200)
+            moved = max(
+                float(np.ptp(x[max(start - around, 0) : start + 1])), float(np.ptp(x[stop : stop + around + 1]))
+            )
+            # a channel that rarely repeats a value does not repeat it twenty times in a row
+            if jumps or (natural < 0.2 and moved > 20.0 * digits):
+                ending = "then jumps" if jumps else "while the others change"
+                yield name, float(x[start]), slice(start + 1, stop + 1), ending
