@@ -418,7 +418,7 @@ def constant_poses(r):
 def poses_at_standstills_only(r):
     p = r.reference
     same = (np.diff(p.positions, axis=0) == 0.0).all(axis=1)
-    still = np.append(same, False) | np.append(False, same)
+    still = np.append(same, False) & np.append(False, same)
     return poses(r, stamps_ns=p.stamps_ns[still], positions=p.positions[still], quaternions=p.quaternions[still])
 
 
