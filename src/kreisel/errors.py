@@ -4,6 +4,7 @@
 
     KreiselError
     ├── RecordingError          a file or a stream that cannot be read, or that holds impossible values
+    │   └── UnknownColumnsError tables of which nobody said what their columns hold
     ├── SynchronizationError    reference and IMU cannot be brought onto one clock
     ├── ExcitationError         the motion does not make the parameters observable
     ├── SettingsError           a setting that does not exist or makes no sense
@@ -30,6 +31,7 @@ __all__ = [
     "RobotError",
     "SettingsError",
     "SynchronizationError",
+    "UnknownColumnsError",
     "unknown_name",
 ]
 
@@ -57,6 +59,14 @@ class RecordingError(KreiselError):
         self.line = line
         place = "" if file is None else f"{file}: " if line is None else f"{file}, line {line}: "
         super().__init__(place + message)
+
+
+class UnknownColumnsError(RecordingError):
+    """Tables of which nobody said what their columns hold; `proposal` is the mapping that the data suggest, as TOML."""
+
+    def __init__(self, message: str, proposal: str, *, file: Path) -> None:
+        self.proposal = proposal
+        super().__init__(message, file=file)
 
 
 class SynchronizationError(KreiselError):

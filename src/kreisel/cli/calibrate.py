@@ -17,6 +17,9 @@ def calibrate(
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    columns: list[str] = typer.Option(
+        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
     estimator: str = typer.Option("spkf", help="spkf or ekf."),
     sigma_points: str | None = typer.Option(None, help="central-difference or unscented."),
     update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
@@ -60,7 +63,7 @@ def calibrate(
         check_output(output)
     injection: Injection | None = None
     with releasing_memory(), progress_bar() as show:
-        read = load(recording, reference, imu, together=side_by_side)
+        read = load(recording, reference, imu, columns=columns, together=side_by_side)
         outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:
             injection = inject_errors(outcome, show)

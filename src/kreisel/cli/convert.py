@@ -16,6 +16,9 @@ def convert(
     ),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    columns: list[str] = typer.Option(
+        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
 ) -> None:
     """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.
 
@@ -30,7 +33,7 @@ def convert(
     from kreisel.formats.loading import load
     from kreisel.formats.write import write
 
-    recording = load(source, reference, imu)
+    recording = load(source, reference, imu, columns=columns)
     write(recording, target)
     typer.echo(f"written: {target}")
 

@@ -15,6 +15,9 @@ def info(
     recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    columns: list[str] = typer.Option(
+        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print the contents of a recording: rates, jitter, gaps, excitation, standstills, warnings."""
@@ -22,7 +25,7 @@ def info(
 
     from kreisel.formats.loading import load
 
-    facts = _facts(load(recording, reference, imu))
+    facts = _facts(load(recording, reference, imu, columns=columns))
     if json:
         typer.echo(json_module.dumps(facts))
         return

@@ -27,7 +27,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     virtual_cell,
     watch,
 )
-from kreisel.errors import KreiselError  # noqa: E402
+from kreisel.errors import KreiselError, UnknownColumnsError  # noqa: E402
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # as in malloc.h
 
@@ -39,7 +39,6 @@ app = typer.Typer(
     name="kreisel",
     help="Calibrate inertial measurement units while a robot or motion capture measures their motion.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -75,6 +74,9 @@ def run() -> None:
     _keep_freed_memory()
     try:
         app()
+    except UnknownColumnsError as error:
+        typer.echo(error.proposal)
+        fail(str(error))
     except KreiselError as error:
         fail(str(error))
     except BrokenPipeError:

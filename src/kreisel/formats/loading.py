@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from kreisel.errors import RecordingError
@@ -12,9 +13,14 @@ from kreisel.recording.recording import Recording
 
 
 def load(
-    path: str | Path, reference: str | None = None, imu: str | None = None, *, together: Together = one_by_one
+    path: str | Path,
+    reference: str | None = None,
+    imu: str | None = None,
+    *,
+    columns: Iterable[str] | Mapping[str, str] = (),
+    together: Together = one_by_one,
 ) -> Recording:
-    """Return the recording at a path: a folder, an MCAP file, a ROS 1 bag or a ROS 2 bag folder.
+    """Return the recording at a path: a folder, an MCAP file, a ROS 1 bag, a ROS 2 bag folder, or tables of any shape.
 
     Parameters
     ----------
@@ -22,6 +28,9 @@ def load(
         Name of the reference: a folder's name, or a topic in a bag.
     imu
         Name of the IMU: a folder's name (by default `imu0`), or a topic in a bag.
+    columns
+        Which columns of tables of another shape hold what, 'imu.time=t [ms]' each; see `mapping`. They replace those of
+        `[columns]` in recording.toml.
     together
         Reads the files of a folder, which do not depend on each other.
 
@@ -34,7 +43,10 @@ def load(
     path = Path(path)
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
-    if is_folder(path):
+    mapped = _mapped(path, columns)
+    if mapped is not None:
+        recording = mapped
+    elif is_folder(path):
         recording = load_folder(path, reference, imu or "imu0", together)
     elif _is_bag(path):
         from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
@@ -42,12 +54,40 @@ def load(
         recording = load_bag(path, reference, imu)
     elif path.is_dir():
         raise RecordingError(
-            "holds no imu0/data.csv (nor mav0/imu0/data.csv, nor metadata.yaml or .mcap files of a bag)",
+            "holds no imu0/data.csv (nor mav0/imu0/data.csv, nor metadata.yaml or .mcap files of a bag, nor tables)",
             file=path,
         )
     else:
-        raise RecordingError("is neither a folder nor an .mcap, .bag or .db3 file", file=path)
+        raise RecordingError("is neither a folder nor an .mcap, .bag or .db3 file, nor a table", file=path)
     return check_streams(recording)
+
+
+def _mapped(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording | None:
+    """Return the recording in tables of another shape, or None where the path is no such thing.
+
+    Raises
+    ------
+    UnknownColumnsError
+        If nobody says which columns hold what.
+    """
+    given = dict(columns) if isinstance(columns, Mapping) else list(columns)
+    usual = is_folder(path) or _is_bag(path)
+    if usual and not given and not (path / "recording.toml").is_file():
+        return None
+    from kreisel.formats.mapped import load_mapped, settings_beside, tables_in
+
+    if not given and not usual and not tables_in(path):
+        return None
+    settings = settings_beside(path)
+    if settings.columns is None and not given:
+        if usual:
+            return None
+        from kreisel.formats.proposal import unknown_columns
+
+        raise unknown_columns(path)
+    from kreisel.formats.mapping import merged
+
+    return load_mapped(path, settings, merged(settings.columns, given))
 
 
 def _is_bag(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from kreisel.units import DEG, STANDARD_GRAVITY
@@ -21,6 +22,22 @@ UNITS: dict[str, dict[str, float]] = {
     "temperature": {"degC": 1.0, "deg C": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0},
 }  # fmt: skip
 """Size of each unit in SI, by quantity; time in nanoseconds. The first unit is used where none is stated."""
+
+
+_NAME_AND_UNIT = re.compile(r"^\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """Return name and unit of 'name [unit]' or 'name (unit)'; the unit is None where there is none that is read.
+
+    What is in parentheses belongs to the name if it is not a unit.
+    """
+    match = _NAME_AND_UNIT.match(text)
+    if match is None or match.group(2) is None:
+        return text.strip(), None
+    unit = re.sub(r"\s+", " ", match.group(2))
+    known = any(unit in units for units in UNITS.values())
+    return (match.group(1), unit) if known or "[" in text else (text.strip(), None)
 
 
 @dataclass(frozen=True)

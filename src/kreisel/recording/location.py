@@ -26,13 +26,18 @@ def is_table(source: Path) -> bool:
     return source.suffix.lower() == ".csv"
 
 
+def is_mapped(source: Path) -> bool:
+    """Return whether a stream came from columns of another table: TABLE/imu, TABLE/reference, TABLE/joints."""
+    return source.name in ("imu", "reference", "joints") and bool(source.parent.suffix) and source.parent.is_file()
+
+
 def fault(source: Path, message: str, row: int | None = None) -> RecordingError:
     """Return the error for a fault at a row, counted from 0, or for one of the whole stream."""
     if row is None:
         return RecordingError(message, file=source)
     if is_table(source):
         return RecordingError(message, file=source, line=line_of(source, row))
-    return RecordingError(f"message {row + 1}: {message}", file=source)
+    return RecordingError(f"{'row' if is_mapped(source) else 'message'} {row + 1}: {message}", file=source)
 
 
 def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, otherwise: str = "") -> RecordingError:
@@ -48,6 +53,12 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
     source, stated = stream.source, getattr(stream.units, quantity)
     si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
     unit = named(quantity, size * factor)
+    if is_mapped(source):
+        said = f"they are read in [{stated or si}], but " if unit or otherwise else ""
+        return RecordingError(
+            f"{message}: {said}they look like [{unit or otherwise}]; write that unit behind the columns in the mapping",
+            file=source,
+        )
     if not is_table(source):
         remedy = f"they look like [{unit or otherwise}]; ROS messages are in {si}: convert them"
         return RecordingError(f"{message}: {remedy}", file=source)
@@ -65,12 +76,14 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
 
 def rows(source: Path) -> str:
     """Return the word for the rows of a stream: rows of a table, messages of a bag."""
-    return "rows" if is_table(source) else "messages"
+    return "rows" if is_table(source) or is_mapped(source) else "messages"
 
 
 def at(source: Path, row: int) -> str:
     """Return the place of a row, counted from 0, for a warning."""
-    return f"line {line_of(source, row)}" if is_table(source) else f"message {row + 1}"
+    if is_table(source):
+        return f"line {line_of(source, row)}"
+    return f"{'row' if is_mapped(source) else 'message'} {row + 1}"
 
 
 def line_of(source: Path, row: int) -> int:

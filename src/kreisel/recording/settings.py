@@ -71,6 +71,41 @@ class RobotTable(_Table):
     angle_sd: Annotated[float, _between(0.0, 0.3)] | None = None
 
 
+class ImuColumns(_Table):
+    """Where the IMU's readings stand in a table of another shape; see `formats.mapping`."""
+
+    file: str | None = None
+    time: str | None = None
+    rate: str | None = None
+    acceleration: str | None = None
+    temperature: str | None = None
+
+
+class ReferenceColumns(_Table):
+    """Where the poses stand."""
+
+    file: str | None = None
+    time: str | None = None
+    position: str | None = None
+    orientation: str | None = None
+
+
+class JointColumns(_Table):
+    """Where the joint angles stand."""
+
+    file: str | None = None
+    time: str | None = None
+    angles: str | None = None
+
+
+class ColumnsTable(_Table):
+    """Which columns of which tables hold what."""
+
+    imu: ImuColumns = ImuColumns()
+    reference: ReferenceColumns = ReferenceColumns()
+    joints: JointColumns = JointColumns()
+
+
 class RecordingSettings(_Table):
     """The whole of `recording.toml`."""
 
@@ -78,6 +113,7 @@ class RecordingSettings(_Table):
     site: SiteTable = SiteTable()
     reference: ReferenceTable = ReferenceTable()
     robot: RobotTable = RobotTable()
+    columns: ColumnsTable | None = None
 
 
 _TABLES: dict[str, type[BaseModel]] = {
@@ -85,6 +121,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "site": SiteTable,
     "reference": ReferenceTable,
     "robot": RobotTable,
+    "columns": ColumnsTable,
 }
 
 

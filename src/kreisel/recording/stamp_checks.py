@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.header import UNITS
-from kreisel.recording.location import and_more, at, fault, is_table, rows
+from kreisel.recording.location import and_more, at, fault, is_mapped, is_table, rows
 from kreisel.recording.recording import DataWarning, Stamps
 
 MIN_SECONDS = 5.0
@@ -212,6 +212,9 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
     if not fitting:
         also = "" if other is None else f" and {other.name}"
         return f"; no unit of stamps fits their rate, their duration{also}: check how the stamps are made"
+    if is_mapped(stream.source):
+        named = f"they are read in [{stream.unit}], but " if stream.unit else ""
+        return f"; {named}they look like {units}: write that unit behind their column in the mapping"
     if not is_table(stream.source):
         return f"; they look like {units}: write seconds and nanoseconds into the messages' headers"
     stated = "" if stream.unit is None else f"the header says [{stream.unit}], but "

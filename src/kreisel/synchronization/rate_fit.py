@@ -109,9 +109,15 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Rotations:
 
 def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
     """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
+    return fit_linear_rates(readings, tau, q, clock)[1]
+
+
+def fit_linear_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> tuple[Array, float]:
+    """Return the matrix (3, 3) of readings that explains the reference's rotation best, and the share it explains."""
     parts = (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
-    _, left, target = _linear_fit(parts, _short(tau, q), clock)
-    return 1.0 - float(np.sum(left**2)) / max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
+    solution, left, target = _linear_fit(parts, _short(tau, q), clock)
+    spread = max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
+    return solution[:3].T.copy(), 1.0 - float(np.sum(left**2)) / spread
 
 
 def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, Array, Array]:

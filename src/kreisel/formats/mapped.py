@@ -1,0 +1,258 @@
+"""Recordings from tables of any shape, by a mapping of their columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.errors import RecordingError
+from kreisel.formats.description import description_beside, is_there
+from kreisel.formats.mapping import Term, TimeRule, parse_orientation, parse_terms, parse_time
+from kreisel.formats.rotation_forms import is_angle, positions_of, quaternions_of
+from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
+from kreisel.geometry.rotation import Array
+from kreisel.recording.header import UNITS, HeaderUnits
+from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.settings import ColumnsTable, RecordingSettings, read_settings
+
+_KELVIN = 273.15
+_DAY = 86_400 * 10**9
+_HELD = 0.3
+"""Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """Tables of a recording, each read once."""
+
+    folder: Path
+    usual: Path | None
+    read: dict[Path, Sheet]
+
+    def of(self, file: str | None, what: str) -> Sheet:
+        path = self.usual if file is None else self.folder / file
+        if path is None:
+            raise RecordingError(
+                f"the file of the {what} is not named; write columns.{what}.file in recording.toml, or "
+                f"--map '{what}.file=NAME'",
+                file=self.folder,
+            )
+        if path not in self.read:
+            self.read[path] = read_sheet(path)
+        return self.read[path]
+
+
+def tables_in(path: Path) -> list[Path]:
+    """Return the tables that a path is, or that lie in a folder."""
+    if path.is_dir():
+        return sorted(p for p in path.iterdir() if p.is_file() and is_sheet(p))
+    return [path] if is_sheet(path) else []
+
+
+def settings_beside(path: Path) -> RecordingSettings:
+    """Return the settings of recording.toml in a folder, or beside a file."""
+    file = (path if path.is_dir() else path.parent) / "recording.toml"
+    return read_settings(file) if is_there(file) else RecordingSettings()
+
+
+def load_mapped(
+    path: Path, settings: RecordingSettings, columns: ColumnsTable, read: dict[Path, Sheet] | None = None
+) -> Recording:
+    """Return the recording in a table, or in the tables of a folder; `read` are those that were read already.
+
+    Raises
+    ------
+    RecordingError, SettingsError
+        If a file or column is missing, or cannot be read.
+    """
+    found = tables_in(path)
+    folder = path if path.is_dir() else path.parent
+    tables = _Tables(folder, found[0] if len(found) == 1 else None, {} if read is None else read)
+    warnings: list[DataWarning] = []
+    imu = _imu(tables, columns, warnings)
+    reference = _reference(tables, columns, warnings)
+    joints = _joints(tables, columns)
+    settings = settings.model_copy(update={"columns": None})
+    urdf = description_beside(folder, settings)
+    return Recording(path, imu, reference, joints, settings, tuple(warnings), urdf=urdf)
+
+
+def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) -> ImuSamples:
+    own = columns.imu
+    for key in ("time", "rate", "acceleration"):
+        if getattr(own, key) is None:
+            raise RecordingError(f"columns.imu.{key} is missing; name the columns of the IMU", file=tables.folder)
+    sheet = tables.of(own.file, "imu")
+    rates, rate_unit = _vectors(sheet, parse_terms(str(own.rate), "rate"), "rate", 3)
+    forces, force_unit = _vectors(sheet, parse_terms(str(own.acceleration), "acceleration"), "acceleration", 3)
+    stamps, known, time_unit = _stamps(sheet, parse_time(str(own.time)))
+    keep = known & ~np.isnan(np.hstack([rates, forces])).all(axis=1)
+    temperature = None
+    if own.temperature is not None:
+        values, unit = _vectors(sheet, parse_terms(own.temperature, "temperature"), "temperature", 1)
+        temperature = np.ascontiguousarray(values[keep, 0]) - (_KELVIN if unit == "K" else 0.0)
+    _note(sheet, "IMU", keep, warnings)
+    units = HeaderUnits(time_unit, rate_unit, force_unit)
+    return ImuSamples(stamps[keep], rates[keep], forces[keep], sheet.source / "imu", units, temperature=temperature)
+
+
+def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) -> ReferencePoses | None:
+    own = columns.reference
+    if own.position is None and own.orientation is None:
+        return None
+    sheet = tables.of(own.file, "reference")
+    time = own.time or (columns.imu.time if sheet is tables.of(columns.imu.file, "imu") else None)
+    if time is None:
+        raise RecordingError("columns.reference.time is missing; name the column of the stamps", file=tables.folder)
+    stamps, known, time_unit = _stamps(sheet, parse_time(time))
+    parts: list[Array] = []
+    positions, quaternions, unit = None, None, None
+    if own.position is not None:
+        positions, unit = _vectors(sheet, parse_terms(own.position, "length"), "length", 3)
+        parts.append(positions)
+    if own.orientation is not None:
+        form, terms = parse_orientation(own.orientation)
+        quantity = "angle" if is_angle(form) else "quaternion"
+        values, _ = _vectors(sheet, terms, quantity, len(terms))
+        quaternions = quaternions_of(form, values)
+        if form == "pose matrix" and positions is None:
+            positions = positions_of(values)
+        parts.append(values)
+    together = np.hstack(parts)
+    keep = known & ~np.isnan(together).all(axis=1)
+    _note(sheet, "pose", keep, warnings)
+    if sheet is tables.of(columns.imu.file, "imu"):
+        if time == columns.imu.time:
+            keep = _where_new(together, keep, sheet, warnings)
+        else:
+            rows = np.flatnonzero(keep)
+            keep[rows[1:][stamps[rows[1:]] == stamps[rows[:-1]]]] = False
+    return ReferencePoses(
+        "pose0",
+        stamps[keep],
+        None if positions is None else np.ascontiguousarray(positions[keep]),
+        None if quaternions is None else np.ascontiguousarray(quaternions[keep]),
+        sheet.source / "reference",
+        HeaderUnits(time_unit, length=unit),
+    )
+
+
+def _where_new(values: Array, keep: NDArray[np.bool_], sheet: Sheet, warnings: list[DataWarning]) -> NDArray[np.bool_]:
+    """Return the rows with new poses, where a common table repeats each pose until the next one."""
+    rows = np.flatnonzero(keep)
+    changed = np.append(True, (values[rows[1:]] != values[rows[:-1]]).any(axis=1))
+    starts = np.flatnonzero(changed)
+    every = max(1, round(float(np.median(np.diff(starts))))) if starts.size > 1 else 1
+    if np.mean(~changed) < _HELD or every == 1:
+        return keep
+    since = np.arange(rows.size) - np.maximum.accumulate(np.where(changed, np.arange(rows.size), 0))
+    new = np.zeros(values.shape[0], dtype=bool)
+    # at rest the pose does not change: it is taken as often as in motion
+    new[rows[since % every == 0]] = True
+    warnings.append(
+        DataWarning(sheet.source.name, f"each pose stands in {every} rows on average; only the first of them is used")
+    )
+    return new
+
+
+def _joints(tables: _Tables, columns: ColumnsTable) -> JointAngles | None:
+    own = columns.joints
+    if own.angles is None:
+        return None
+    sheet = tables.of(own.file or columns.reference.file, "joints")
+    time = own.time or columns.reference.time
+    if time is None:
+        raise RecordingError("columns.joints.time is missing; name the column of the stamps", file=tables.folder)
+    terms = parse_terms(own.angles, "angle")
+    angles, unit = _vectors(sheet, terms, "angle", len(terms))
+    stamps, known, time_unit = _stamps(sheet, parse_time(time))
+    keep = known & ~np.isnan(angles).all(axis=1)
+    return JointAngles(stamps[keep], angles[keep], sheet.source / "joints", HeaderUnits(time_unit, angle=unit))
+
+
+def _vectors(sheet: Sheet, terms: tuple[Term, ...], quantity: str, count: int) -> tuple[Array, str | None]:
+    """Return columns (n, k) in SI, and the unit that all of them are stated to have."""
+    if len(terms) != count:
+        names = ", ".join(term.name for term in terms)
+        raise RecordingError(f"{len(terms)} columns of {quantity} ({names}), expected {count}", file=sheet.source)
+    units = [term.unit or _own_unit(sheet, term.name, quantity) for term in terms]
+    stated = {unit for unit in units if unit is not None}
+    if len(stated) > 1 and None in units:
+        raise RecordingError(f"state the unit of each of {', '.join(t.name for t in terms)}", file=sheet.source)
+    usual = next(iter(stated)) if len(stated) == 1 else None
+    factors = [term.sign * UNITS[quantity][unit or usual or next(iter(UNITS[quantity]))]
+               for term, unit in zip(terms, units, strict=True)]  # fmt: skip
+    values = [factor * sheet.numbers(term.name) for term, factor in zip(terms, factors, strict=True)]
+    return np.column_stack(values), usual
+
+
+def _own_unit(sheet: Sheet, name: str, quantity: str) -> str | None:
+    """Return the unit that the header states of a column."""
+    unit = sheet.units[sheet.place(name)]
+    if unit is not None and unit not in UNITS[quantity]:
+        raise RecordingError(
+            f"column '{name}' is in [{unit}], which is no unit of {quantity}; name its unit in the mapping",
+            file=sheet.source,
+        )
+    return unit
+
+
+def _stamps(sheet: Sheet, rule: TimeRule) -> tuple[Stamps, NDArray[np.bool_], str | None]:
+    """Return stamps in ns, (n,), which rows have one, and their unit, if they have one."""
+    total, known = np.zeros(sheet.rows, dtype=np.int64), np.ones(sheet.rows, dtype=bool)
+    if not rule.terms:
+        count = np.arange(sheet.rows)
+        return np.round(count * (1e9 / float(rule.hertz or 1.0))).astype(np.int64), known, None
+    stated = None
+    for term in rule.terms:
+        column = sheet.columns[sheet.place(term.name)]
+        if column.dtype.kind in "OUS":
+            part, good = _of_dates(sheet, term.name, column)
+        else:
+            stated = None if rule.hertz else term.unit or _own_unit(sheet, term.name, "time") or "s"
+            factor = 1e9 / rule.hertz if rule.hertz else UNITS["time"][str(stated)]
+            part, good = _in_nanoseconds(column, factor, sheet, term.name)
+        total, known = total + part, known & good
+    return total, known, stated if len(rule.terms) == 1 else None
+
+
+def _in_nanoseconds(column: NDArray[Any], factor: float, sheet: Sheet, name: str) -> tuple[Stamps, NDArray[np.bool_]]:
+    good = np.isfinite(column) if column.dtype.kind == "f" else np.ones(column.size, dtype=bool)
+    if not (np.abs(column[good].astype(np.float64)) * factor < 9e18).all():
+        raise RecordingError(f"column '{name}' is not a possible time in its unit; state the unit", file=sheet.source)
+    if column.dtype.kind != "f" and factor == int(factor):
+        return column.astype(np.int64) * int(factor), good
+    values = np.where(good, column, 0.0).astype(np.float64)
+    whole = np.floor(values)
+    ns = np.round(whole * factor) if factor != int(factor) else whole.astype(np.int64) * int(factor)
+    return ns.astype(np.int64) + np.round((values - whole) * factor).astype(np.int64), good
+
+
+def _of_dates(sheet: Sheet, name: str, column: NDArray[Any]) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return the nanoseconds of dates (ISO 8601, or with slashes), or of times of a day, which may pass midnight."""
+    texts = [str(cell).strip().replace("/", "-").replace(",", ".").rstrip("Z").replace(" ", "T", 1) for cell in column]
+    good = np.array([bool(text) for text in texts])
+    only_time = all("-" not in text for text in texts)
+    try:
+        ns = np.array(
+            [np.datetime64(f"1970-01-01T{text}" if only_time else text, "ns") if text else np.datetime64(0, "ns")
+             for text in texts]
+        ).astype(np.int64)  # fmt: skip
+    except ValueError as error:
+        raise RecordingError(f"column '{name}': {error}; expected dates such as 2026-05-01T12:00:00.25",
+                             file=sheet.source) from error  # fmt: skip
+    if only_time:
+        ns += _DAY * np.append(0, np.cumsum(np.diff(ns) < -_DAY // 2))
+    return ns, good
+
+
+def _note(sheet: Sheet, what: str, keep: NDArray[np.bool_], warnings: list[DataWarning]) -> None:
+    empty = int(np.sum(~keep))
+    if not keep.any():
+        raise RecordingError(f"holds no row with {what} numbers", file=sheet.source)
+    if empty:
+        warnings.append(DataWarning(sheet.source.name, f"{empty} of {keep.size} rows hold no {what}"))

@@ -1,0 +1,82 @@
+"""Rotations as people write them: quaternions, Euler angles, rotation vectors, matrices."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from kreisel.errors import SettingsError
+from kreisel.geometry.rotation import Array, exp, from_matrix, multiply
+
+FORMS = (
+    "quaternion wxyz", "quaternion xyzw", "euler ZYX", "euler xyz", "kuka abc", "rotation vector", "matrix",
+    "pose matrix",
+)  # fmt: skip
+"""Forms, two of them as examples of all sequences of Euler angles.
+
+Capital letters turn about the axes of the body as it turns (intrinsic), small letters about the fixed axes (extrinsic),
+in the order in which they are written. KUKA's A, B, C are ZYX.
+"""
+
+_EULER = re.compile(r"euler\s+([xyz]{3}|[XYZ]{3})")
+
+
+def columns_of(form: str) -> tuple[int, ...]:
+    """Return the numbers of columns a form may have.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown form.
+    """
+    if form in ("quaternion wxyz", "quaternion xyzw"):
+        return (4,)
+    if form == "matrix":
+        return (9,)
+    if form == "pose matrix":
+        return (12, 16)
+    if form in ("kuka abc", "rotation vector") or _EULER.fullmatch(form):
+        return (3,)
+    raise SettingsError(f"'{form}' is not a form of rotations; known: {', '.join(FORMS)}, and other sequences of axes")
+
+
+def is_angle(form: str) -> bool:
+    """Return whether the numbers of a form are angles, which have a unit."""
+    return form in ("kuka abc", "rotation vector") or form.startswith("euler")
+
+
+def quaternions_of(form: str, values: Array) -> Array:
+    """Return quaternions (n, 4), scalar first, of numbers (n, k) in a form; angles in rad.
+
+    Matrices are read row by row, and made orthogonal; of a pose matrix (3x4 or 4x4) the rotation alone is taken.
+    Numbers that are not finite give NaN.
+    """
+    if form == "quaternion wxyz":
+        return values
+    if form == "quaternion xyzw":
+        return np.roll(values, 1, axis=1)
+    good = np.isfinite(values).all(axis=1)
+    out = np.full((len(values), 4), np.nan)
+    out[good] = _converted(form, values[good])
+    return out
+
+
+def _converted(form: str, values: Array) -> Array:
+    if form == "rotation vector":
+        return exp(values)
+    if form in ("matrix", "pose matrix"):
+        rows = values.reshape(len(values), -1, 3 if form == "matrix" else 4)[:, :3, :3]
+        u, _, v = np.linalg.svd(rows)
+        return from_matrix(u @ v)
+    sequence = "ZYX" if form == "kuka abc" else form.split()[1]
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(values), 1))
+    for axis, angle in zip(sequence, values.T, strict=True):
+        turn = exp(angle[:, None] * np.eye(3)["xyz".index(axis.lower())])
+        q = multiply(q, turn) if sequence.isupper() else multiply(turn, q)
+    return q
+
+
+def positions_of(values: Array) -> Array:
+    """Return the positions (n, 3) in pose matrices of 12 or 16 numbers."""
+    return np.ascontiguousarray(values.reshape(len(values), -1, 4)[:, :3, 3])

@@ -1,0 +1,360 @@
+"""Tables of any shape: delimited text with or without header, MATLAB files, Parquet."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.errors import RecordingError, unknown_name
+from kreisel.geometry.rotation import Array
+from kreisel.recording.header import split_unit
+
+TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
+SUFFIXES = (*TEXT, *(f"{suffix}.gz" for suffix in TEXT), ".mat", ".parquet")
+"""Ends of the names of files that may hold a table."""
+
+_DELIMITERS = (";", "\t", ",", " ")
+_COMMENTS = ("#", "%", "//")
+_EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+_MAX_BYTES = 1 << 31
+_SNIFFED = 60
+_EXACT = 2.0**53
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table: names, units (None where none is stated) and columns, each (n,) of numbers or of text.
+
+    Numbers that are missing are NaN. Columns without a name are called #1, #2, …
+    """
+
+    source: Path
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    columns: tuple[NDArray[Any], ...]
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return int(self.columns[0].size)
+
+    def place(self, name: str) -> int:
+        """Return the index of a column, by its name, with or without capitals, or by its number (#3).
+
+        Raises
+        ------
+        RecordingError
+            If there is none, or more than one.
+        """
+        if re.fullmatch(r"#\d+", name) and name not in self.names:
+            k = int(name[1:]) - 1
+            if not 0 <= k < len(self.names):
+                raise RecordingError(f"column {name}: there are {len(self.names)} columns", file=self.source)
+            return k
+        exact = name in self.names
+        found = [k for k, own in enumerate(self.names) if own == name or (not exact and own.lower() == name.lower())]
+        if len(found) > 1:
+            raise RecordingError(
+                f"{len(found)} columns are called '{name}'; give their numbers, as #{found[0] + 1}", file=self.source
+            )
+        if found:
+            return found[0]
+        raise RecordingError(unknown_name("column", name, self.names), file=self.source)
+
+    def numbers(self, name: str) -> Array:
+        """Return a column of numbers.
+
+        Raises
+        ------
+        RecordingError
+            If it holds text.
+        """
+        k = self.place(name)
+        values = self.columns[k]
+        if values.dtype.kind in "OUS":
+            bad = next((i for i, cell in enumerate(values) if not _is_number(str(cell))), 0)
+            raise RecordingError(
+                f"column '{self.names[k]}' holds text ('{str(values[bad])[:40]}' in row {bad + 1}), expected numbers",
+                file=self.source,
+            )
+        return np.asarray(values, dtype=np.float64)
+
+
+def is_sheet(path: Path) -> bool:
+    """Return whether the name of a file is that of a table."""
+    return path.name.lower().endswith(SUFFIXES)
+
+
+def read_sheet(path: Path) -> Sheet:
+    """Return the table in a file.
+
+    Raises
+    ------
+    RecordingError
+        If it is not one that can be read; the message names the line.
+    """
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise RecordingError("no such file", file=path)
+    try:
+        if suffix == ".mat":
+            return _from_arrays(path, _mat_arrays(path))
+        if suffix == ".parquet":
+            return _from_arrays(path, _parquet_arrays(path))
+        return _from_text(path, _text_of(path))
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror or error}", file=path) from error
+
+
+def _from_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> Sheet:
+    """Return a table of named arrays; a matrix (n, k) gives columns NAME(1) to NAME(k)."""
+    columns: dict[str, NDArray[Any]] = {}
+    units: dict[str, str | None] = {}
+    for whole, values in arrays.items():
+        name, unit = split_unit(whole)
+        array = np.atleast_1d(np.squeeze(values))
+        if array.dtype.kind not in "fiubMOUS" or array.ndim > 2:
+            continue
+        if array.ndim == 2 and array.shape[0] < array.shape[1]:
+            array = array.T
+        parts = {name: array} if array.ndim == 1 else {f"{name}({k + 1})": x for k, x in enumerate(array.T)}
+        columns |= parts
+        units |= dict.fromkeys(parts, unit)
+    sizes = [column.size for column in columns.values()]
+    if not sizes or max(sizes) < 2:
+        raise RecordingError("holds no columns of numbers", file=path)
+    rows = max(sizes)
+    padded = {name: _padded(column, rows) for name, column in columns.items() if column.size > 1}
+    return Sheet(path, tuple(padded), tuple(units[name] for name in padded), tuple(padded.values()))
+
+
+def _padded(column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """Return a column with NaN behind its end; whole numbers keep their digits where they fill it."""
+    if column.dtype.kind == "M":
+        return column.astype("datetime64[ns]").astype(np.int64)
+    if column.size == rows and column.dtype.kind in "iu":
+        return column.astype(np.int64)
+    if column.dtype.kind in "OUS":
+        return np.append(column.astype(str), np.full(rows - column.size, ""))
+    return np.append(column.astype(np.float64), np.full(rows - column.size, np.nan))
+
+
+def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a MATLAB file; fields of structures are called STRUCT.FIELD."""
+    with path.open("rb") as file:
+        newer = file.read(128).startswith(b"MATLAB 7.3") or _is_hdf5(path)
+    if newer:
+        return _hdf5_arrays(path)
+    try:
+        from scipy.io import loadmat
+        from scipy.io.matlab import MatReadError
+    except ImportError as error:
+        raise RecordingError("MATLAB files need SciPy: pip install 'kreisel[tables]'", file=path) from error
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, KeyError, IndexError) as error:
+        raise RecordingError(f"is not a MATLAB file that can be read: {error}", file=path) from error
+    out: dict[str, NDArray[Any]] = {}
+    waiting = [(name, value) for name, value in content.items() if not name.startswith("__")]
+    while waiting:
+        name, value = waiting.pop(0)
+        fields = getattr(value, "_fieldnames", None)
+        if fields is not None:
+            waiting += [(f"{name}.{field}", getattr(value, field)) for field in fields]
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+            out[name] = value
+    return out
+
+
+def _is_hdf5(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(1024).find(b"\x89HDF\r\n\x1a\n") >= 0
+
+
+def _hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        import h5py
+    except ImportError as error:
+        raise RecordingError("MATLAB 7.3 files need h5py: pip install 'kreisel[tables]'", file=path) from error
+    out: dict[str, NDArray[Any]] = {}
+
+    def add(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub" and not name.startswith("#"):
+            out[name.replace("/", ".")] = np.asarray(item)
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(add)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise RecordingError(f"is not a MATLAB file that can be read: {error}", file=path) from error
+    return out
+
+
+def _parquet_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError as error:
+        raise RecordingError("Parquet files need pyarrow: pip install 'kreisel[tables]'", file=path) from error
+    try:
+        table = parquet.read_table(path)
+        return {name: table.column(name).to_numpy() for name in table.column_names}
+    except (ArrowException, ValueError) as error:
+        raise RecordingError(f"is not a Parquet file that can be read: {error}", file=path) from error
+
+
+def _text_of(path: Path) -> str:
+    """Return the text of a file, unpacked and decoded."""
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    try:
+        with gzip.open(path) if packed else path.open("rb") as stream:
+            data = stream.read(_MAX_BYTES + 1)
+    except (gzip.BadGzipFile, EOFError) as error:
+        raise RecordingError(f"is not a whole gzip file ({error}); copy it again", file=path) from error
+    if len(data) > _MAX_BYTES:
+        raise RecordingError(f"is longer than {_MAX_BYTES} bytes; split it", file=path)
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", errors="replace")
+    if b"\0" in data[:4096]:
+        raise RecordingError("holds zero bytes: it is not text", file=path)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _from_text(path: Path, text: str) -> Sheet:
+    lines = text.splitlines()
+    head = _head(lines, path)
+    body = lines[head.first :]
+    if not text.endswith(("\n", "\r")) and len(body) > 1 and len(_cells(body[-1], head)) != head.count:
+        body = body[:-1]  # a recorder that was stopped
+    names = head.names or [""] * head.count
+    split = [split_unit(name.strip().lstrip("#").strip().strip("\"'")) for name in names]
+    units = [own or under for (_, own), under in zip(split, head.units or [None] * head.count, strict=True)]
+    called = tuple(name or f"#{k + 1}" for k, (name, _) in enumerate(split))
+    return Sheet(path, called, tuple(units), tuple(_columns(body, head, path)))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """How a text is divided: delimiter (also behind the last cell), decimal commas, columns, header, first line."""
+
+    delimiter: str
+    trailing: bool
+    decimal_comma: bool
+    count: int
+    names: list[str] | None
+    units: list[str | None] | None
+    first: int
+
+
+def _head(lines: Sequence[str], path: Path) -> _Head:
+    data = [(k, line) for k, line in enumerate(lines[:2000]) if line.strip() and not _is_comment(line)]
+    if len(data) < 2:
+        raise RecordingError("holds no rows", file=path)
+    sample = [line for _, line in data[-_SNIFFED:]] if len(data) < _SNIFFED else [line for _, line in data[3:_SNIFFED]]
+    sample = sample or [line for _, line in data]
+    delimiter = next((d for d in _DELIMITERS if _divides(d, sample)), None)
+    if delimiter is None:
+        raise RecordingError("rows do not have the same number of columns, whatever divides them", file=path)
+    trailing = delimiter != " " and all(line.rstrip().endswith(delimiter) for _, line in data)
+    count = len(_split(sample[-1], delimiter)) - trailing
+    comma = delimiter != "," and any(re.fullmatch(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*", cell)
+                                     for cell in _split(sample[-1], delimiter))  # fmt: skip
+    head = _Head(delimiter, trailing, comma, count, None, None, 0)
+    names, units, first = None, None, data[0][0]
+    for place, line in data[:4]:
+        cells = _cells(line, head)
+        if len(cells) != count or any(_is_number(cell) and cell.strip().lower() not in _EMPTY for cell in cells):
+            first = place
+            break
+        if names is None:
+            names = cells
+        else:
+            units = [cell.strip().strip("[]()-") or None for cell in cells]
+        first = place + 1
+    if names is None:  # the last comment above the data
+        above = [line for line in lines[:first] if _is_comment(line)]
+        cells = _split(above[-1].strip().lstrip("#%/ "), delimiter) if above else []
+        names = cells if len(cells) == count else None
+    return _Head(delimiter, trailing, comma, count, names, units, first)
+
+
+def _divides(delimiter: str, sample: Sequence[str]) -> bool:
+    counts = {len(_split(line, delimiter)) for line in sample}
+    return len(counts) == 1 and counts != {1}
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def _cells(line: str, head: _Head) -> list[str]:
+    cells = _split(line, head.delimiter)
+    if head.trailing and cells and not cells[-1].strip():
+        cells = cells[:-1]
+    return [cell.replace(",", ".") for cell in cells] if head.decimal_comma else cells
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _is_number(cell: str) -> bool:
+    text = cell.strip().lower()
+    try:
+        float(text)
+    except ValueError:
+        return text in _EMPTY
+    return "_" not in text
+
+
+def _columns(body: Sequence[str], head: _Head, path: Path) -> Iterator[NDArray[Any]]:
+    """Yield the columns of rows of text: of numbers, of whole numbers with many digits, or of text."""
+    plain = "\n".join(body)
+    if not head.decimal_comma and '"' not in plain:
+        try:
+            table = np.loadtxt(
+                io.StringIO(plain), delimiter=None if head.delimiter == " " else head.delimiter, ndmin=2, comments="#"
+            )
+        except ValueError:
+            table = np.zeros((0, 0))
+        if table.shape[0] and table.shape[1] == head.count and not (np.abs(table) > _EXACT).any():
+            yield from table.T
+            return
+    rows = []
+    for k, line in enumerate(body):
+        if not line.strip() or _is_comment(line):
+            continue
+        cells = _cells(line, head)
+        if len(cells) != head.count:
+            raise RecordingError(
+                f"{len(cells)} cells, expected {head.count}; repair or delete the row",
+                file=path,
+                line=head.first + k + 1,
+            )
+        rows.append(cells)
+    for column in zip(*rows, strict=True):
+        yield _column(column)
+
+
+def _column(cells: Sequence[str]) -> NDArray[Any]:
+    """Return cells as numbers, exact where they are whole ones; as text if one is neither number nor empty."""
+    texts = [cell.strip() for cell in cells]
+    if not all(map(_is_number, texts)):
+        return np.array(texts)
+    if all(re.fullmatch(r"[-+]?\d{1,18}", text) for text in texts):
+        return np.array([int(text) for text in texts], dtype=np.int64)
+    return np.array([np.nan if text.lower() in _EMPTY else float(text) for text in texts])

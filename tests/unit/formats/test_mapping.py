@@ -1,0 +1,160 @@
+"""Tables of other shapes: read by a mapping they are the same recording, and the data propose the mapping."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.errors import KreiselError, RecordingError, SettingsError, UnknownColumnsError
+from kreisel.formats.loading import load
+from kreisel.formats.mapping import merged, parse_terms, parse_time
+from kreisel.formats.proposal import proposal
+from kreisel.formats.rotation_forms import quaternions_of
+from kreisel.formats.sheet import read_sheet
+from kreisel.recording.recording import Recording
+
+from ...foreign_tables import PLAIN, SHAPES, Shape, imu_text, plain
+from ...small_problem import recorded
+
+SHAPE = pytest.mark.parametrize("shape", SHAPES, ids=[shape.name for shape in SHAPES])
+
+
+def written(shape: Shape, folder: Path) -> Path:
+    for library in {"MATLAB 7.3": ["h5py"], "Parquet": ["pyarrow"]}.get(shape.name, []):
+        pytest.importorskip(library)
+    shape.make(recorded()[1], folder)
+    return folder / shape.path
+
+
+def assert_same(got: Recording, want: Recording) -> None:
+    """Stamps to a microsecond after a common shift, numbers to rounding; q and -q are one rotation."""
+    imu = want.imu
+    late = imu.stamps_ns.size - got.imu.stamps_ns.size  # a common log begins with the first pose
+    assert 0 <= late < 10
+    np.testing.assert_allclose(got.imu.rates, imu.rates[late:], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(got.imu.accelerations, imu.accelerations[late:], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.diff(got.imu.stamps_ns), np.diff(imu.stamps_ns[late:]), atol=4e4)
+    poses = want.reference
+    assert abs(got.reference.stamps_ns.size - poses.stamps_ns.size) <= 2
+    n = got.reference.stamps_ns.size
+    np.testing.assert_allclose(np.diff(got.reference.stamps_ns), np.diff(poses.stamps_ns[:n]), atol=2e3)
+    if got.reference.positions is not None:
+        np.testing.assert_allclose(got.reference.positions, poses.positions[:n], atol=1e-12)
+    same = np.abs(np.einsum("ij,ij->i", got.reference.quaternions, poses.quaternions[:n]))
+    np.testing.assert_allclose(same, 1.0, atol=1e-12)
+
+
+@SHAPE
+def test_a_mapped_table_is_the_same_recording(shape: Shape, tmp_path: Path) -> None:
+    got = load(written(shape, tmp_path), columns=shape.mapping)
+    assert_same(got, recorded()[1])
+    if shape.name not in ("counted rows", "ticks", "dates", "times of the day past midnight"):
+        between = got.reference.stamps_ns[0] - got.imu.stamps_ns[-1]
+        want = recorded()[1].reference.stamps_ns[0] - recorded()[1].imu.stamps_ns[-1]
+        nanoseconds = shape.name not in ("nanoseconds", "Parquet", "our headers", "microseconds", "milliseconds")
+        shift = 1_000_000_000_000 if shape.name == "seconds and nanoseconds" else 0
+        assert abs(int(between) - int(want) + shift) <= (2000 if nanoseconds else 1000)
+
+
+@pytest.mark.parametrize("shape", [s for s in SHAPES if s.proposed], ids=[s.name for s in SHAPES if s.proposed])
+def test_the_data_propose_the_mapping(shape: Shape, tmp_path: Path) -> None:
+    path = written(shape, tmp_path)
+    with pytest.raises(UnknownColumnsError, match="is not said") as error:
+        load(path)
+    text = error.value.proposal
+    assert text == proposal(path)
+    tomllib.loads(text)
+    (tmp_path / "recording.toml").write_text(text)
+    assert_same(load(path), recorded()[1])
+
+
+def test_a_proposal_without_poses_names_the_imu(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text(imu_text(recorded()[1]))
+    (tmp_path / "recording.toml").write_text(proposal(tmp_path / "imu.csv"))
+    got = load(tmp_path / "imu.csv")
+    assert got.reference is None
+    np.testing.assert_array_equal(got.imu.accelerations, recorded()[1].imu.accelerations)
+
+
+@pytest.mark.parametrize("sequence", ["XYZ", "zyx", "ZYZ", "xzx", "YXZ"])
+def test_sequences_of_angles_against_scipy(sequence: str) -> None:
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    angles = np.random.default_rng(2).uniform(-3.0, 3.0, (50, 3))
+    want = np.roll(rotation.from_euler(sequence, angles).as_quat(), 1, axis=1)
+    got = quaternions_of(f"euler {sequence}", angles)
+    np.testing.assert_allclose(np.abs(np.einsum("ij,ij->i", got, want)), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"imu.rate": "gx, gy"}, "2 columns of rate"),
+        ({"imu.rate": "gx, gy, gq"}, "unknown column 'gq'"),
+        ({"imu.rate": "gx, gy, gz [furlong]"}, r"\[furlong\] is not a unit of rate"),
+        ({"imu.rate": "gx, gy, #99"}, "there are 7 columns"),
+        ({"imu.time": "t [fortnight]"}, "is not a unit of time"),
+        ({"imu.time": "0 Hz"}, "not a possible rate"),
+        ({"reference.orientation": "qw, qx, qy, qz"}, "is not a form of rotations"),
+        ({"reference.orientation": "quaternion wxyz: qw, qx, qy"}, "3 columns, but"),
+        ({"reference.file": "missing.csv"}, "no such file"),
+        ({"reference.orienation": "x"}, "unknown column 'reference.orienation'"),
+        ({"imu.acceleration": ""}, "no columns are named"),
+        ({"imu.time": "t [ms]"}, r"they are read in \[ms\], but they look like \[s\]|lasts"),
+        ({"imu.rate": "gx, gy, gz [deg/s]"}, r"they look like \[rad s\^-1\]"),
+    ],
+)
+def test_a_wrong_mapping_is_refused(changed: dict[str, str], words: str, tmp_path: Path) -> None:
+    from kreisel.calibration.calibrate import calibrate
+
+    plain(recorded()[1], tmp_path)
+    with pytest.raises(KreiselError, match=words) as error:
+        calibrate(load(tmp_path, columns=PLAIN | changed))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "holds no rows"),
+        ("a,b\n1,2\n", "unknown column"),
+        ("a,b,c\n1,2,3\n1,2\n1,2,3\n", "do not have the same number|2 cells"),
+        ("t,gx,gy,gz,ax,ay,az\n" + "0,1,x,3,4,5,6\n" * 9, "holds text"),
+        ("\0\1\2", "zero bytes"),
+    ],
+)
+def test_text_that_is_no_table_is_refused(content: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text(content)
+    with pytest.raises(RecordingError, match=words):
+        load(tmp_path / "imu.csv", columns={k: v for k, v in PLAIN.items() if k.startswith("imu")})
+
+
+def test_files_that_are_not_what_their_name_says_are_refused(tmp_path: Path) -> None:
+    for name in ("run.mat", "run.parquet", "run.csv.gz"):
+        (tmp_path / name).write_bytes(b"\x1f\x8b not really" if name.endswith("gz") else b"MATLAB 7.3 not really")
+        with pytest.raises(RecordingError):
+            read_sheet(tmp_path / name)
+
+
+def test_entries_of_the_command_line_replace_those_of_the_file() -> None:
+    table = merged(merged(None, {"imu.time": "t [s]", "imu.rate": "a, b, c"}), ["imu.time = stamp [ms]"])
+    assert table.imu.time == "stamp [ms]"
+    assert table.imu.rate == "a, b, c"
+    with pytest.raises(SettingsError, match="unknown column 'time'"):
+        merged(None, ["time=t"])
+
+
+def test_terms_and_times() -> None:
+    assert [(t.name, t.sign, t.unit) for t in parse_terms("-gx, gy, #3-4 [deg/s]", "rate")] == [
+        ("gx", -1.0, "deg/s"), ("gy", 1.0, "deg/s"), ("#3", 1.0, "deg/s"), ("#4", 1.0, "deg/s")]  # fmt: skip
+    assert [t.unit for t in parse_terms("a [deg/s], b [rad/s], c", "rate")] == ["deg/s", "rad/s", None]
+    assert parse_time("n [2.5e3 Hz]").hertz == 2500.0
+    assert [t.unit for t in parse_time("a [s] + b [us]").terms] == ["s", "us"]
+
+
+def test_whole_nanoseconds_keep_all_digits(tmp_path: Path) -> None:
+    """Seconds since 1970 in nanoseconds have more digits than a double."""
+    t = 1_700_000_000_123_456_789 + 2_500_001 * np.arange(40)
+    rows = [f"{stamp},{0.1 * np.sin(k)},0.2,{k},1.0,{0.01 * k},9.8" for k, stamp in enumerate(t)]
+    (tmp_path / "imu.csv").write_text("t,a,b,c,d,e,f\n" + "\n".join(rows) + "\n")
+    np.testing.assert_array_equal(read_sheet(tmp_path / "imu.csv").columns[0], t)
