@@ -331,7 +331,11 @@ def _counts(values: Array) -> bool:
 
 
 def _named(sheets: list[Sheet], part: _Part, quantity: str, unit: str | None = None) -> str:
-    names = ", ".join(_unique(sheets[part.sheet], k) for k in range(part.first, part.last))
+    sheet, places = sheets[part.sheet], list(range(part.first, part.last))
+    axes = [sheet.names[k].lower()[-1:] for k in places]
+    if quantity != "angle" and sorted(axes) == ["x", "y", "z"]:
+        places.sort(key=lambda k: sheet.names[k].lower()[-1:])
+    names = ", ".join(_unique(sheet, k) for k in places)
     stated = any(sheets[part.sheet].units[k] in UNITS[quantity] for k in range(part.first, part.last))
     return names if unit is None or stated else f"{names} [{unit}]"
 

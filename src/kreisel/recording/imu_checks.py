@@ -9,20 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
+from kreisel.recording.finite import check_finite
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import and_more, fault, is_table, rows, wrong_unit
 from kreisel.recording.masking import CHANNELS, without_faults, without_repeats
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
-
-IMPOSSIBLE = 1e9
-"""A number of this size or larger cannot be a reading in any unit."""
 
 _COLDEST, _HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""
@@ -73,26 +70,6 @@ def _as_warnings(warnings: list[DataWarning], *, moved: bool) -> Iterator[None]:
         if moved:
             raise
         warnings.append(DataWarning("imu", error.message))
-
-
-def check_finite(values: Array, names: tuple[str, ...], source: Path) -> None:
-    """Raise an error for the first value that is not a number, or that is of impossible size.
-
-    Raises
-    ------
-    RecordingError
-        With its place.
-    """
-    where = np.flatnonzero(~((values > -IMPOSSIBLE) & (values < IMPOSSIBLE)).all(axis=1))
-    if where.size:
-        k = int(where[0])
-        channel = int(np.argmin(np.abs(values[k]) < IMPOSSIBLE))
-        raise fault(
-            source,
-            f"{names[channel]} = {values[k, channel]:.4g} is not a possible reading, here"
-            f"{and_more(where.size - 1, rows(source))}; delete these {rows(source)} (a gap is bridged)",
-            k,
-        )
 
 
 def _check_filled(imu: ImuSamples) -> None:

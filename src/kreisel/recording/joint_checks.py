@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
-from kreisel.recording.imu_checks import check_finite
+from kreisel.recording.finite import check_finite
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.stamp_checks import check_stamps

@@ -8,6 +8,9 @@ from typing import Protocol
 from kreisel.errors import RecordingError
 from kreisel.recording.header import HeaderUnits, named
 
+ARRAYS = Path("<arrays>")
+"""Source of streams that did not come from a file."""
+
 
 class Stream(Protocol):
     """Part of a recording: the file it came from, and the units that its header states."""
@@ -27,8 +30,9 @@ def is_table(source: Path) -> bool:
 
 
 def is_mapped(source: Path) -> bool:
-    """Return whether a stream came from columns of another table: TABLE/imu, TABLE/reference, TABLE/joints."""
-    return source.name in ("imu", "reference", "joints") and bool(source.parent.suffix) and source.parent.is_file()
+    """Return whether a stream came from arrays, or from columns of another table: TABLE/imu, /reference, /joints."""
+    named = source.name in ("imu", "reference", "joints")
+    return named and (source.parent == ARRAYS or (bool(source.parent.suffix) and source.parent.is_file()))
 
 
 def fault(source: Path, message: str, row: int | None = None) -> RecordingError:
@@ -54,6 +58,8 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
     si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
     unit = named(quantity, size * factor)
     if is_mapped(source):
+        if source.parent == ARRAYS:
+            return RecordingError(f"{message}: they look like [{unit or otherwise}]; give them in {si}", file=source)
         said = f"they are read in [{stated or si}], but " if unit or otherwise else ""
         return RecordingError(
             f"{message}: {said}they look like [{unit or otherwise}]; write that unit behind the columns in the mapping",

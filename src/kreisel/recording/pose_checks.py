@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.recording.imu_checks import check_finite
+from kreisel.recording.finite import check_finite
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
 from kreisel.recording.masking import first_of_each
 from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over

@@ -1,0 +1,142 @@
+"""A recording from arrays: NumPy's, or frames of pandas and polars through the array interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import ValidationError
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array
+from kreisel.recording.checks import check_streams
+from kreisel.recording.header import HeaderUnits
+from kreisel.recording.location import ARRAYS
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.settings import RecordingSettings, what_is_wrong
+
+_SLOWEST, _FASTEST = 2.5e9, 4e4
+"""Steps between stamps that devices have, ns."""
+
+_MAX_SECONDS = 9e9
+
+
+def recording_from_arrays(
+    imu_stamps: ArrayLike,
+    rates: ArrayLike,
+    accelerations: ArrayLike,
+    pose_stamps: ArrayLike | None = None,
+    positions: ArrayLike | None = None,
+    quaternions: ArrayLike | None = None,
+    *,
+    joint_stamps: ArrayLike | None = None,
+    joint_angles: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    settings: RecordingSettings | Mapping[str, Any] | None = None,
+    urdf: str | None = None,
+    name: str = "arrays",
+) -> Recording:
+    """Return a recording, checked as one from files; see `Recording.from_arrays`."""
+    stamps = _stamps(imu_stamps, "imu_stamps")
+    n = stamps.size
+    warm = None if temperature is None else _numbers(temperature, "temperature", n, None)
+    imu = ImuSamples(
+        stamps,
+        _numbers(rates, "rates", n, 3),
+        _numbers(accelerations, "accelerations", n, 3),
+        ARRAYS / "imu",
+        HeaderUnits(rate="rad s^-1", acceleration="m s^-2"),
+        temperature=warm,
+    )
+    reference = None
+    if positions is not None or quaternions is not None:
+        if pose_stamps is None:
+            raise RecordingError("pose_stamps: are missing; give the stamps of the poses")
+        tau = _stamps(pose_stamps, "pose_stamps")
+        reference = ReferencePoses(
+            "pose0",
+            tau,
+            None if positions is None else _numbers(positions, "positions", tau.size, 3),
+            None if quaternions is None else _numbers(quaternions, "quaternions", tau.size, 4),
+            ARRAYS / "reference",
+            HeaderUnits(length="m"),
+        )
+    elif pose_stamps is not None:
+        raise RecordingError("positions, quaternions: are missing; pose_stamps belong to them")
+    joints = None
+    if joint_angles is not None:
+        given = pose_stamps if joint_stamps is None else joint_stamps
+        if given is None:
+            raise RecordingError("joint_stamps: are missing; give the stamps of the joint angles")
+        at = _stamps(given, "joint_stamps")
+        joints = JointAngles(at, _numbers(joint_angles, "joint_angles", at.size, -1), ARRAYS / "joints",
+                             HeaderUnits(angle="rad"))  # fmt: skip
+    return check_streams(Recording(Path(name), imu, reference, joints, _settings(settings), urdf=urdf))
+
+
+def _settings(given: RecordingSettings | Mapping[str, Any] | None) -> RecordingSettings:
+    if isinstance(given, RecordingSettings):
+        return given
+    try:
+        return RecordingSettings.model_validate(dict(given or {}))
+    except ValidationError as error:
+        raise RecordingError(f"settings: {what_is_wrong(error)}; units are SI") from error
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"settings: expected tables as in recording.toml ({error})") from error
+
+
+def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Array:
+    """Return an argument as float64, (size,) or (size, width); any width if that is -1."""
+    try:
+        out = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{name}: not an array of numbers ({error})") from error
+    shape = (size,) if width is None else (size, "k" if width == -1 else width)
+    fits = out.ndim == len(shape) and out.shape[0] == size and (width in (None, -1) or out.shape[1] == width)
+    if not fits:
+        hint = "; transpose it" if out.ndim == 2 and out.shape[1] == size else ""
+        raise RecordingError(f"{name}: got the shape {out.shape}, expected ({', '.join(map(str, shape))}){hint}")
+    bad = np.argwhere(~np.isfinite(out))
+    if bad.size:
+        place = ", ".join(map(str, bad[0]))
+        raise RecordingError(f"{name}[{place}] is {out[tuple(bad[0])]}; expected finite numbers; remove this row")
+    return out
+
+
+def _stamps(values: ArrayLike, name: str) -> Stamps:
+    """Return stamps in ns: of integers in ns, floats in s, or dates."""
+    stamps = np.asarray(values)
+    if stamps.ndim != 1 or stamps.size < 2:
+        raise RecordingError(f"{name}: got the shape {stamps.shape}, expected (n,)")
+    kind = stamps.dtype.kind
+    if kind == "M":
+        if np.isnat(stamps).any():
+            raise RecordingError(f"{name}[{int(np.argmax(np.isnat(stamps)))}] is no date; remove this row")
+        return stamps.astype("datetime64[ns]").astype(np.int64)
+    if kind not in "iuf":
+        raise RecordingError(
+            f"{name}: got values of type {stamps.dtype}, expected seconds as floats, nanoseconds as integers, or dates"
+        )
+    if kind == "f":
+        bad = np.flatnonzero(~np.isfinite(stamps))
+        if bad.size:
+            raise RecordingError(f"{name}[{int(bad[0])}] is {stamps[bad[0]]}; expected finite numbers; remove this row")
+        step = float(np.median(np.abs(np.diff(stamps))))
+        if step > 1e-9 * _SLOWEST or np.abs(stamps).max() > _MAX_SECONDS:
+            raise RecordingError(
+                f"{name}: floats are seconds, but the usual step is {step:.4g} s; give nanoseconds as integers"
+            )
+        whole = np.floor(stamps)
+        return whole.astype(np.int64) * 10**9 + np.round((stamps - whole) * 1e9).astype(np.int64)
+    if stamps.max() > 9e18 or stamps.min() < -9e18:
+        raise RecordingError(f"{name}: integers are nanoseconds; {stamps.max()} does not fit 64 bits")
+    whole = stamps.astype(np.int64)
+    step = float(np.median(np.abs(np.diff(whole))))
+    if step < _FASTEST:
+        raise RecordingError(
+            f"{name}: integers are nanoseconds, but the usual step is {step:.4g} ns; give seconds as floats"
+        )
+    return whole
