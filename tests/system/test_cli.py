@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import kreisel
 from kreisel.formats.write import write_folder
 
+from ..foreign_tables import PLAIN, plain
 from ..small_cell import simulate
 
 
@@ -102,3 +104,40 @@ def test_info_and_convert(cell, tmp_path):
     # loading makes quaternions unit length once more
     np.testing.assert_allclose(a.reference.quaternions, b.reference.quaternions, rtol=0, atol=1e-15)
     assert Path(mcap).stat().st_size < 4e6
+
+
+def test_recordings_of_one_device_are_compared(cell, tmp_path):
+    recording = kreisel.load(cell)
+    for name, half in (("first", slice(0, 6000)), ("second", slice(6000, None))):
+        imu = recording.imu
+        part = replace(imu, stamps_ns=imu.stamps_ns[half], rates=imu.rates[half], accelerations=imu.accelerations[half])
+        write_folder(replace(recording, imu=part), tmp_path / name)
+    assert run("calibrate", tmp_path / "second", "-o", tmp_path / "result", "--no-validate").returncode == 0
+    out = tmp_path / "out"
+    done = run("repeat", tmp_path / "first", tmp_path / "result", "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert "Runs differ as much as their standard deviations say." in done.stdout
+    document = json.loads((out / "repeatability.json").read_text())
+    assert document["runs"] == ["first", "result"]
+    assert all(0.0 <= one["chi_square"] < 5.0 for one in document["quantities"].values())
+    assert "repeatability" in (out / "repeatability.html").read_text().lower()
+    assert run("repeat", cell).returncode == 1
+
+
+def test_columns_of_a_foreign_table_are_proposed_and_used(cell, tmp_path):
+    recording = kreisel.load(cell)
+    plain(recording, tmp_path)
+    refused = run("calibrate", tmp_path)
+    assert refused.returncode == 1
+    assert refused.stderr.count("\n") == 1
+    assert "which columns of imu.csv, poses.csv hold what is not said" in refused.stderr
+    (tmp_path / "recording.toml").write_text((cell / "recording.toml").read_text() + refused.stdout)
+    mapped = json.loads(run("calibrate", tmp_path, "--json").stdout)
+    usual = json.loads(run("calibrate", cell, "--json").stdout)
+    for sensor in ("gyroscope", "accelerometer"):
+        np.testing.assert_allclose(mapped[sensor]["cross_coupling"], usual[sensor]["cross_coupling"], atol=1e-9)
+    given = [f"--map={name}={value}" for name, value in PLAIN.items()]
+    (tmp_path / "recording.toml").unlink()
+    assert run("info", tmp_path, *given).returncode == 0
+    assert run("convert", tmp_path, tmp_path / "clean", *given).returncode == 0
+    assert kreisel.load(tmp_path / "clean").reference.stamps_ns.size == recording.reference.stamps_ns.size

@@ -21,6 +21,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     info,
     krl,
     record,
+    repeat,
     run_program,
     simulate,
     study,
@@ -44,6 +45,7 @@ app = typer.Typer(
 )
 app.command("calibrate")(calibrate.calibrate)
 app.command("info")(info.info)
+app.command("repeat")(repeat.repeat)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)
 app.add_typer(study.app, name="study")

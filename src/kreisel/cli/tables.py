@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from kreisel.report.devices import Device
 
 
-def _console() -> Console:
+def wide_console() -> Console:
+    """Return a console, 120 columns wide where it is no terminal."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=120)
 
@@ -37,7 +38,7 @@ def print_result(outcome: Outcome) -> None:
     from kreisel.calibration.data_sheet import QUANTITIES
 
     calibration = outcome.calibration
-    console = _console()
+    console = wide_console()
     for warning in outcome.warnings:
         console.print(f"· {warning}", markup=False)
     table = Table(title=f"{outcome.recording.name}: {outcome.problem.reference.name}", title_justify="left")
@@ -102,7 +103,7 @@ def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
         table.add_column(name, justify="left" if i < 2 else "right")
     for row in rows:
         table.add_row(*row)
-    _console().print(table)
+    wide_console().print(table)
 
 
 def print_devices(devices: Sequence[Device]) -> None:
@@ -117,7 +118,7 @@ def print_devices(devices: Sequence[Device]) -> None:
     for name, group in devices[0].errors.items():
         cells = [device.errors[name] for device in devices]
         table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.expected:.3g}; {c.ratio:.1f})" for c in cells))
-    console = _console()
+    console = wide_console()
     console.print(table)
     console.print("the paper's accelerometer offsets were uncertain by up to 0.1 mg", markup=False)
 
@@ -130,4 +131,4 @@ def print_injection(injection: Injection) -> None:
     for name, a, b, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
         if abs(a) > 1e-12:
             table.add_row(name, f"{a:.6g}", f"{b:.6g}", f"{(b - a) / sd:.2f}")
-    _console().print(table)
+    wide_console().print(table)

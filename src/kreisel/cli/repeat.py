@@ -1,0 +1,143 @@
+"""`kreisel repeat`: calibrations of one device compared with each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.calibration.repeatability import Repeated
+    from kreisel.calibration.result import Calibration
+
+
+def repeat(
+    recordings: list[Path] = typer.Argument(..., help="Recordings of one device, or results of `kreisel calibrate`."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="Folder for repeatability.html and .json."),
+    fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
+    json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),
+) -> None:
+    """Calibrate an IMU from several recordings, each alone, and compare the results.
+
+    If standard deviations are right, the chi-square per degree of freedom of every quantity is about 1.
+    """
+    import json as json_module
+
+    from kreisel.calibration.repeatability import repeatability
+    from kreisel.cli.output import check_output
+    from kreisel.errors import SettingsError
+
+    if len(recordings) < 2:
+        raise SettingsError("give two or more recordings of one device")
+    if output is not None:
+        check_output(output)
+    names = _names(recordings)
+    calibrations = {name: _calibration(path, tuple(fix)) for name, path in zip(names, recordings, strict=True)}
+    accepted = {name: one for name, one in calibrations.items() if one.accepted}
+    left_out = [name for name in names if name not in accepted]
+    if len(accepted) < 2:
+        raise SettingsError(
+            f"fewer than two results are accepted (rejected: {', '.join(left_out)}); nothing to compare"
+        )
+    runs, found = list(accepted), repeatability(list(accepted.values()))
+    facts = _facts(found, left_out)
+    document = _document(found, runs, left_out)
+    if output is not None:
+        from kreisel.report.repeatability import write_repeatability
+
+        output.mkdir(parents=True, exist_ok=True)
+        write_repeatability(found, runs, facts, output / "repeatability.html")
+        (output / "repeatability.json").write_text(json_module.dumps(document, indent=1) + "\n", encoding="utf-8")
+    if json:
+        typer.echo(json_module.dumps(document))
+        return
+    _print(found, runs, facts)
+    if output is not None:
+        typer.echo(f"written: {output / 'repeatability.html'}, repeatability.json")
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """Return a name for each path, all different."""
+    names = [path.resolve().name for path in paths]
+    return [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+
+
+def _calibration(path: Path, fixed: tuple[str, ...]) -> Calibration:
+    from kreisel.calibration.result import Calibration
+
+    if (path / "calibration.yaml").is_file():
+        return Calibration.load(path)
+    from kreisel.calibration.calibrate import run_calibration
+    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.threads import side_by_side
+    from kreisel.formats.loading import load
+    from kreisel.model.settings import CalibrationSettings
+
+    with progress_bar() as show:
+        read = load(path, together=side_by_side)
+        outcome = run_calibration(read, CalibrationSettings(fixed=fixed), show, together=side_by_side)
+    return outcome.calibration
+
+
+def _facts(found: tuple[Repeated, ...], left_out: list[str]) -> list[str]:
+    from kreisel.calibration.repeatability import MAY_CHANGE
+
+    facts = []
+    if left_out:
+        facts.append(f"Rejected, and not compared: {', '.join(left_out)}.")
+    large = [one for one in found if one.too_large and one.name not in MAY_CHANGE]
+    if large:
+        worst = ", ".join(f"{one.title.lower()} (x {one.factor:.1f})" for one in large)
+        facts.append(
+            f"Runs differ by more than their standard deviations: {worst}. Something differs between the runs that the "
+            "model does not contain; the deviations of the means above are multiplied by these factors."
+        )
+    else:
+        facts.append("Runs differ as much as their standard deviations say.")
+    return facts
+
+
+def _document(found: tuple[Repeated, ...], runs: list[str], left_out: list[str]) -> dict[str, Any]:
+    import numpy as np
+
+    def numbers(values: Any) -> Any:
+        return [
+            numbers(v) if isinstance(v, list) else (v if np.isfinite(v) else None) for v in np.asarray(values).tolist()
+        ]
+
+    return {
+        "runs": runs,
+        "rejected": left_out,
+        "quantities": {
+            one.name: {
+                "unit": one.unit,
+                "values": numbers(one.values),
+                "standard_deviations": numbers(one.deviations),
+                "mean": numbers(one.mean),
+                "mean_standard_deviation": numbers(one.mean_sd),
+                "scores": numbers(one.scores),
+                "chi_square": one.chi_square if np.isfinite(one.chi_square) else None,
+                "band": numbers(one.band),
+            }
+            for one in found
+        },
+    }
+
+
+def _print(found: tuple[Repeated, ...], runs: list[str], facts: list[str]) -> None:
+    from rich.table import Table
+
+    from kreisel.cli.tables import wide_console
+    from kreisel.report.repeatability import COLUMNS, cells_of
+
+    out, rows = wide_console(), [cells_of(one, runs) for one in found]
+    for title, shown in ((f"{len(runs)} recordings of one device", slice(1, 5)), ("means of the runs", slice(5, 8))):
+        table = Table(title=title, title_justify="left")
+        for name in (COLUMNS[0], *COLUMNS[shown]):
+            table.add_column(name, justify="left" if name in ("quantity", "run") else "right")
+        for row in rows:
+            table.add_row(row[0], *row[shown])
+        out.print(table)
+    for fact in facts:
+        out.print(fact, markup=False)

@@ -1,0 +1,71 @@
+"""Several calibrations of one device on one page: values with their deviations, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.calibration.repeatability import LEVEL, MAY_CHANGE, Repeated
+from kreisel.report import plots
+from kreisel.report.plots import Figure
+from kreisel.report.tables import Row, Table
+from kreisel.report.template import fill
+
+COLUMNS = ("quantity", "chi-square", f"{100 * LEVEL:.0f} % band", "largest score", "run", "x / xy", "y / xz", "z / yz")
+
+
+def write_repeatability(found: Sequence[Repeated], runs: Sequence[str], facts: Sequence[str], path: Path) -> None:
+    """Write the page of a comparison as one HTML file that works offline.
+
+    Parameters
+    ----------
+    runs
+        Names of the recordings.
+    facts
+        Sentences on all of them.
+    """
+    rows = tuple(Row(tuple(cells_of(one, runs)), weak=one.too_large) for one in found)
+    table = Table("Differences between runs over their standard deviations", COLUMNS, rows, text=1)
+    figures = [_figure(one, runs) for one in found]
+    lead = f"{len(runs)} recordings: {', '.join(runs)}"
+    shown = {"title": "Repeatability", "lead": lead, "table_of_groups": table, "facts": list(facts), "figures": figures}
+    page = fill("study.html", figures, **shown)
+    path.write_text(page, encoding="utf-8")
+
+
+def cells_of(one: Repeated, runs: Sequence[str]) -> list[str]:
+    """Return the cells of a quantity's row."""
+    if np.isfinite(one.scores).any():
+        worst = np.unravel_index(int(np.nanargmax(np.abs(one.scores))), one.scores.shape)
+        largest, run = f"{one.scores[worst]:+.1f}", runs[int(worst[0])]
+    else:
+        largest, run = "-", "-"
+    mean = [_pair(*pair) for pair in zip(one.mean.tolist(), (one.mean_sd * one.factor).tolist(), strict=True)]
+    title = f"{one.title}, {one.unit}{' (may change)' if one.name in MAY_CHANGE else ''}"
+    return [title, f"{one.chi_square:.2f}", f"{one.band[0]:.2f} to {one.band[1]:.2f}", largest, run, *mean]
+
+
+def _pair(value: float, deviation: float) -> str:
+    """Return value ± standard deviation, rounded to two digits of the latter."""
+    if not np.isfinite(deviation):
+        return "held"
+    digits = int(max(0, min(6, 1 - np.floor(np.log10(max(deviation, 1e-9))))))
+    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
+
+
+def _figure(one: Repeated, runs: Sequence[str]) -> Figure:
+    axes = ("xy", "xz", "yz") if "orthogonality" in one.name or "distances" in one.name else ("x", "y", "z")
+    data: list[dict[str, Any]] = []
+    places = np.arange(len(runs), dtype=float)
+    for i, name in enumerate(axes):
+        shown = plots.markers(places + 0.12 * (i - 1), one.values[:, i] - one.mean[i], name, "xyz"[i], size=7)
+        shown["error_y"] = {"type": "data", "array": plots.packed(one.deviations[:, i]), "color": f"@{'xyz'[i]}"}
+        shown["hovertemplate"] = "%{y:.4g}"
+        data.append(shown)
+    layout = plots.layout_of("recording", f"difference from the mean, {one.unit}")
+    layout["xaxis"] |= {"tickmode": "array", "tickvals": places.tolist(), "ticktext": list(runs), "tickangle": -20}
+    caption = f"Chi-square {one.chi_square:.2f}, expected {one.band[0]:.2f} to {one.band[1]:.2f}. Bars: one deviation."
+    return Figure(one.name, one.title, caption, plots.plot(data, layout))
