@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,11 +25,16 @@ from kreisel.recording.recording import DataWarning, ImuSamples, Recording, Refe
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.conventions import check_conventions
 from kreisel.synchronization.correlation import correlate, quietest_second
+from kreisel.synchronization.lost_samples import find_lost_samples
 from kreisel.synchronization.rate_fit import fit_rates
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.results import Correlation, RateFit
 
 _MIN_COMMON_SHARE = 0.7
 _ROUNDS_WITHOUT_ATTITUDE = 4
+_ROUNDS_OF_LOSSES = 3
+
+_EQUAL_RATES = 3e-4
+"""Difference of two clocks that a crystal may have."""
 
 
 def prepare_recording(
@@ -48,13 +54,11 @@ def prepare_recording(
             file=recording.path,
         )
     imu_noise, correlation = together([partial(imu_noise_of, recording), partial(correlate, imu, reference)])
-    readings = readings_of(recording, imu_noise)
-    _, fit = together(
-        [
-            partial(check_conventions, readings, reference, correlation.clock),
-            partial(_rates, readings, imu, reference, correlation.clock),
-        ]
-    )
+    readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
+    mended = _without_losses(recording, reference, imu_noise, readings, fit, together)
+    if mended is not None:
+        recording, correlation, readings, fit = mended.recording, mended.correlation, mended.readings, mended.fit
+        imu = recording.imu
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
@@ -63,6 +67,7 @@ def prepare_recording(
     outside = standstill_outside(imu, stillness, reference, fit.clock)
     robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
     warnings = (
+        *(mended.warnings if mended is not None else ()),
         *_reference_warnings(reference),
         *_overlap_warning(imu, reference, fit.clock),
         *of_site,
@@ -75,6 +80,54 @@ def prepare_recording(
         recording, reference, site, imu_noise, noise, readings, correlation, fit, accelerometers, stillness,
         standstills, outside, robot, warnings,
     )  # fmt: skip
+
+
+def _fitted(
+    recording: Recording, reference: ReferencePoses, noise: ImuNoise, correlation: Correlation, together: Together
+) -> tuple[Readings, RateFit]:
+    """Return the readings, and the fit of the gyros and clocks to the reference."""
+    readings = readings_of(recording, noise)
+    _, fit = together(
+        [
+            partial(check_conventions, readings, reference, correlation.clock),
+            partial(_rates, readings, recording.imu, reference, correlation.clock),
+        ]
+    )
+    return readings, fit
+
+
+@dataclass(frozen=True)
+class _Mended:
+    """A recording with lost samples put back, and what follows from it."""
+
+    recording: Recording
+    correlation: Correlation
+    readings: Readings
+    fit: RateFit
+    warnings: tuple[DataWarning, ...]
+
+
+def _without_losses(
+    recording: Recording, reference: ReferencePoses, noise: ImuNoise, readings: Readings, fit: RateFit,
+    together: Together,
+) -> _Mended | None:  # fmt: skip
+    """Return the recording with later stamps behind samples that were lost without a gap; None if there are none.
+
+    If the clocks do not run at equal rates afterwards, something else is wrong with them.
+    """
+    imu, found = recording.imu, None
+    for _ in range(_ROUNDS_OF_LOSSES):
+        missing = find_lost_samples(imu, readings, reference, fit)
+        if missing is None:
+            break
+        warnings = (missing.warning(imu),) if found is None else found.warnings
+        imu = missing.put_back(imu)
+        correlation = correlate(imu, reference)
+        readings, fit = _fitted(replace(recording, imu=imu), reference, noise, correlation, together)
+        found = _Mended(replace(recording, imu=imu), correlation, readings, fit, warnings)
+    if found is None or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
+        return None
+    return found
 
 
 def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:

@@ -34,7 +34,7 @@ from kreisel.simulation.effects import (
     vibration,
     with_faults,
 )
-from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings
+from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
 from kreisel.simulation.reference import START_NS, ReferenceDraws, report_poses
 from kreisel.simulation.robot import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
 from kreisel.simulation.settings import Cell, Errors
@@ -101,6 +101,7 @@ class _Streams:
     sway: np.random.Generator
     clock: np.random.Generator
     reference: np.random.Generator
+    stamps: np.random.Generator
 
     @classmethod
     def of(cls, cell: Cell, trial: int | None) -> _Streams:
@@ -228,7 +229,7 @@ def _imu(
     keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
     keep[[0, -1]] = True
     samples = ImuSamples(
-        stamps[keep], readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
+        stamped(cell.imu, streams.stamps, stamps, keep), readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
         temperature=None if temperature is None else temperature[keep],
     )  # fmt: skip
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))

@@ -7,15 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.errors import SettingsError
-from kreisel.geometry.rotation import Array, exp, matrix
+from kreisel.geometry.rotation import Array, Mask, exp, matrix
 from kreisel.inertial.noise import Grade, noise
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
+from kreisel.recording.recording import Stamps
 from kreisel.simulation.effects import DeviceEffects
 from kreisel.simulation.settings import Imu
 from kreisel.units import DEG
 
 _FINER = 8
 """Points for each sample where readings are filtered."""
+
+_STALL, _STALLS, _APART_NS = 16e-3, 0.005, 10
+"""Seconds by which a computer is late now and then, how often, and ns between stamps made at once."""
 
 _MIN_BANDWIDTH = 0.1
 """Hz; smallest bandwidth."""
@@ -184,3 +188,17 @@ def disturbed(
 
 def _rounded(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step) if step > 0.0 else values
+
+
+def stamped(imu: Imu, rng: np.random.Generator, stamps_ns: Stamps, keep: Mask) -> Stamps:
+    """Return the stamps of the samples that are kept, as the device or the computer beside it makes them."""
+    stamps = stamps_ns[keep]
+    if imu.counted:
+        return stamps_ns[: stamps.size]
+    if imu.lateness == 0.0 and imu.burst == 1:
+        return stamps
+    n = stamps.size
+    late = rng.exponential(max(imu.lateness, 1e-9), n) + _STALL * (rng.random(n) < _STALLS)
+    last = np.minimum((np.arange(n) // imu.burst + 1) * imu.burst, n) - 1  # of the samples that arrive together
+    arrival = np.maximum.accumulate(stamps[last] + np.round(1e9 * late[last]).astype(np.int64))
+    return arrival + _APART_NS * np.arange(n)

@@ -120,6 +120,12 @@ class Imu(_Table):
     averaged: bool = _key(False, "readings are means over the interval before, not values at its end")
     bandwidth: float | None = _key(None, "Hz: second-order low-pass, with its group delay; 0: none", ge=0.0, le=5000.0)
     drop_share: float = _key(0.0, "share of samples that are lost", ge=0.0, le=0.5)
+    counted: bool = _key(False, "stamps are counted: samples that are lost leave no gap")
+    lateness: float = _key(
+        0.0, "s: samples are stamped on arrival, so much late on average, and one in two hundred by 16 ms more",
+        ge=0.0, le=0.1,
+    )  # fmt: skip
+    burst: int = _key(1, "samples that arrive together", ge=1, le=100)
     gyro_temperature_drift: float = _key(0.0, "change of each gyro offset over the recording, rad/s", ge=-1.0, le=1.0)
     accel_temperature_drift: float = _key(0.0, "the same for accelerometers, m/s^2", ge=-1.0, le=1.0)
     gyro_g_sensitivity_sd: float | None = _key(

@@ -202,6 +202,17 @@ def _samples() -> tuple[_Effect, ...]:
             _sizes("imu", "spike_share", "%", 0.01, 0.01, 0.2, 5), ("spikes",),
         ),
         _Effect("lost samples", "samples that are missing", _sizes("imu", "drop_share", "%", 0.01, 1, 10)),
+        _Effect(
+            "counted stamps", "samples that are missing without a gap in their stamps",
+            tuple((f"{v:g} %", {"imu": {"drop_share": 0.01 * v, "counted": True}}) for v in (0.01, 0.1, 0.5)),
+        ),
+        _Effect(
+            "stamps of arrival", "samples are stamped late", _sizes("imu", "lateness", "ms", MS, 0.3, 2, 8),
+        ),
+        _Effect(
+            "bursts", "samples arrive several at once",
+            tuple((f"{n} at once", {"imu": {"lateness": 1e-3, "burst": n}}) for n in (4, 16)),
+        ),
     )  # fmt: skip
 
 

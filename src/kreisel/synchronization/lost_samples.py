@@ -1,0 +1,254 @@
+"""Samples that were lost without a gap in their stamps, found by comparison with the reference.
+
+A program that counts samples instead of stamping them does not notice when one is lost: all later stamps are too early
+by one interval, and the rotation during that interval is missing in the integral of the rates. Both show in the difference
+of the attitudes by gyros and by reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.geometry.interpolation import running_mean
+from kreisel.geometry.rotation import Array, Indices, apply, conjugate, exp, log, multiply
+from kreisel.inertial.readings import Readings, attitudes_at
+from kreisel.inertial.strapdown import linear_rate
+from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
+from kreisel.synchronization.results import RateFit
+
+_EVEN, _EVEN_SHARE = 2e-3, 0.999
+"""Deviation of steps, in intervals, and share of all steps, by which stamps count as counted."""
+
+_STEP = 0.04
+"""Least time between two poses that are used, s."""
+
+_PER_PLACE, _PER_SAMPLE, _PER_DRIFT = 16.0, 2.0, 12.0
+"""Price in chi-square of a place with lost samples, of each sample lost there, and of a small change of the clocks."""
+
+_PARTS = 4
+"""Of the interval, in steps of which shifts are tried."""
+
+_MOST_AT_ONCE = 3
+"""Samples lost between two poses that are used."""
+
+_LEAST_GAIN = 50.0
+_MOST_WORK = 50_000_000
+_CAP = 25.0
+_FARTHEST = 0.1
+"""Largest shift of the clock beside the straight line, s."""
+
+_SCALE_ERROR, _RATE_ERROR = 1e-3, 3e-4
+"""Of the gyros' preliminary matrix, and of their rates, rad/s lasting a second, which let the attitudes drift apart."""
+
+_NAMED = 8
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class LostSamples:
+    """Where samples were lost: numbers of the samples behind, and how many at each place; interval in ns."""
+
+    places: Indices
+    counts: Indices
+    interval_ns: int
+
+    def put_back(self, imu: ImuSamples) -> ImuSamples:
+        """Return the readings with later stamps behind lost samples."""
+        late = np.zeros(imu.stamps_ns.size, dtype=np.int64)
+        np.add.at(late, self.places, self.counts)
+        return replace(imu, stamps_ns=imu.stamps_ns + self.interval_ns * np.cumsum(late))
+
+    def warning(self, imu: ImuSamples) -> DataWarning:
+        """Return the warning about them."""
+        seconds = imu.seconds[self.places]
+        named = ", ".join(f"{t:.1f}" for t in seconds[:_NAMED])
+        more = f" and {seconds.size - _NAMED} more places" if seconds.size > _NAMED else ""
+        total = int(self.counts.sum())
+        text = (
+            f"stamps are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
+            f"sample{'s were' if total > 1 else ' was'} lost without a gap, at {named} s{more}, as the reference "
+            "shows; the stamps behind them were corrected"
+        )
+        return DataWarning("stamps", text)
+
+
+def find_lost_samples(
+    imu: ImuSamples, readings: Readings, reference: ReferencePoses, fit: RateFit
+) -> LostSamples | None:
+    """Return where samples were lost without a gap; None where stamps are not counted, or nothing shows it.
+
+    Notes
+    -----
+    The difference of the attitudes is d + w e: a slow drift d, and the rate w times the shift e of the clock beside the
+    straight line. A lost sample of the interval T changes d by w T and e by -T. The path of e is found by Viterbi's
+    algorithm; each of its survivors has its own estimate of d by a Kalman filter, whose covariance is common to all.
+    """
+    interval = _counted(imu.stamps_ns)
+    if interval is None or reference.quaternions is None or not _suspicious(fit, 1e-9 * interval):
+        return None
+    T = 1e-9 * interval
+    seen = _difference(readings, reference, fit)
+    if seen.tau.size < 50 or seen.tau.size * _states(seen, T, -fit.clock.skew) > _MOST_WORK:
+        return None
+    for _ in range(_ROUNDS):
+        found = _survivors(seen, T, -fit.clock.skew, losses=True)
+        factor = found.noise_factor
+        if abs(factor - 1.0) < 0.1:
+            break
+        seen = replace(seen, noise=factor * seen.noise)
+    without, lost = _survivors(seen, T, 0.0, losses=False), found.lost
+    if found.cost > without.cost - _LEAST_GAIN or lost[-1] == lost[0]:
+        return None
+    steps = np.diff(lost)
+    at = np.flatnonzero(steps > 0)
+    t = seen.stamps[at + 1] - 0.5 * np.diff(seen.stamps)[at]
+    places = np.clip(np.searchsorted(imu.seconds, t), 1, imu.stamps_ns.size - 1)
+    return LostSamples(places.astype(np.int64), steps[at].astype(np.int64), interval)
+
+
+def _counted(stamps_ns: Stamps) -> int | None:
+    """Return the interval of counted stamps, ns, or None."""
+    steps = np.diff(stamps_ns)
+    usual = float(np.median(steps))
+    even = np.abs(steps - usual) < max(_EVEN * usual, 1.5)
+    return round(float(np.mean(steps[even]))) if np.mean(even) >= _EVEN_SHARE else None
+
+
+def _suspicious(fit: RateFit, T: float) -> bool:
+    """Return whether the clocks' relation is not one straight line, or not that of equal clocks."""
+    _, shift, sd = fit.clock_drift.T
+    known = np.isfinite(shift) & (sd < T)
+    off = shift[known] - np.median(shift[known]) if known.any() else np.zeros(0)
+    uneven = (np.abs(off) > 0.2 * T) & (np.abs(off) > 5.0 * sd[known])
+    return bool(uneven.any()) or fit.clock.skew < -3.0 * fit.clock.skew_sd - 1e-6
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """Attitudes by the reference less those by the gyros, along the straight line of the clocks.
+
+    Attributes
+    ----------
+    tau, stamps : (n,)
+        Reference seconds, and IMU seconds on the line.
+    angle, rate : (n, 3)
+        Difference, rad, and rate, rad/s; along the axes of the reference.
+    noise : (n,)
+        Deviation of the difference of one pose, rad.
+    density
+        Noise density of the gyros.
+    """
+
+    tau: Array
+    stamps: Array
+    angle: Array
+    rate: Array
+    noise: Array
+    density: float
+
+
+def _difference(readings: Readings, reference: ReferencePoses, fit: RateFit) -> _Difference:
+    assert reference.quaternions is not None  # noqa: S101 - for the type checker; the caller checked
+    tau = reference.seconds
+    t = fit.clock.imu_time(tau)
+    every = max(1, round(_STEP / reference.interval))
+    inside = np.flatnonzero((t > readings.stamps[4]) & (t < readings.stamps[-5]))[::every]
+    tau, t, q = tau[inside], t[inside], reference.quaternions[inside]
+    # losses made the preliminary matrix too large: the straight line takes them for a slower clock
+    K, b = (x * (1.0 + fit.clock.skew) for x in (fit.K_omega, fit.rate_at_zero))
+    k = np.clip(np.searchsorted(readings.stamps, t), 1, readings.stamps.size - 1)
+    width = max(1, round(0.02 / float(np.median(np.diff(readings.stamps[:1000])))))
+    rate = (running_mean(readings.rates, width) if width > 2 else readings.rates)[k] @ K.T + b
+    integrated = multiply(attitudes_at(readings, linear_rate(K, b), k), exp(rate * (t - readings.stamps[k])[:, None]))
+    start = multiply(q[0], conjugate(integrated[0]))
+    predicted = multiply(start, integrated)
+    angle = apply(predicted, log(multiply(conjugate(predicted), q)))
+    speed = np.linalg.norm(rate, axis=1)
+    return _Difference(
+        tau,
+        t,
+        angle,
+        apply(q, rate),
+        np.hypot(fit.residual_sd, reference.lateness * speed),
+        float(np.sqrt(np.mean(readings.noise[0]))),
+    )
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Path of least cost: samples lost before each pose, (n,), and its innovations over their deviations, (n, 3)."""
+
+    cost: float
+    lost: Array
+    scores: Array
+
+    @property
+    def noise_factor(self) -> float:
+        """By how much the noise is larger than assumed; that of errors which last longer counts for each pose."""
+        size = 1.48 * float(np.median(np.abs(self.scores)))
+        inside = np.clip(self.scores, -4.0 * size, 4.0 * size)
+        after = float(np.sum(inside[1:] * inside[:-1]) / np.sum(inside**2))
+        lasting = np.clip(after, 0.0, 0.9)
+        return float(np.clip(size * ((1.0 + lasting) / (1.0 - lasting)) ** 0.5, 0.1, 50.0))
+
+
+def _states(seen: _Difference, T: float, rise: float) -> int:
+    """Return the number of shifts that are tried."""
+    return int(np.ceil((2.0 * _FARTHEST + abs(rise) * float(np.ptp(seen.tau))) * _PARTS / T)) + 1
+
+
+def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool) -> _Path:
+    """Return the path of least cost of the shift beside the line, in steps of a part of the interval.
+
+    Parameters
+    ----------
+    rise
+        Of the shift per second, without losses: the line takes lost samples for a slower clock.
+    losses
+        Whether samples may be lost; if not, the shift stays but for slow changes.
+    """
+    n, part, states = seen.tau.size, T / _PARTS, _states(seen, T, rise)
+    number = np.arange(states)
+    mean, P = np.zeros((states, 3)), 0.5**2 * np.eye(3)
+    total, came = np.zeros(states), np.zeros((n, states), dtype=np.int16)
+    scores = np.zeros((n, states, 3), dtype=np.float32)
+    moves = [(0, 0.0, 0), (1, _PER_DRIFT, 0), (-1, _PER_DRIFT, 0)]
+    if losses:
+        moves += [(_PARTS * m, _PER_PLACE + _PER_SAMPLE * m, m) for m in range(1, _MOST_AT_ONCE + 1)]
+    step = np.diff(seen.tau, prepend=seen.tau[0])
+    for i in range(n):
+        w = seen.rate[i]
+        turned = float(np.linalg.norm(w)) * step[i]
+        P = P + np.eye(3) * ((_SCALE_ERROR * turned) ** 2 + (_RATE_ERROR**2 + seen.density**2) * step[i])
+        variance = float(P[0, 0]) + seen.noise[i] ** 2
+        gain = float(P[0, 0]) / variance
+        ahead = _FARTHEST + rise * (seen.tau[i] - seen.tau[0]) - part * number
+        measured = seen.angle[i] - ahead[:, None] * w
+        best = np.full(states, np.inf)
+        chosen, innovation = np.zeros((states, 3)), np.zeros((states, 3))
+        for move, price, m in moves[: len(moves) if i else 1]:
+            to = slice(max(move, 0), states + min(move, 0))
+            since = slice(max(-move, 0), states - max(move, 0))
+            before = mean[since] + m * T * w
+            left = measured[to] - before
+            cost = total[since] + np.minimum(np.einsum("ni,ni->n", left, left) / variance, _CAP) + price
+            at = np.flatnonzero(cost < best[to])
+            best[to][at], came[i, to][at] = cost[at], move
+            chosen[to][at], innovation[to][at] = before[at], left[at]
+        scores[i] = innovation / variance**0.5
+        length = np.einsum("ni,ni->n", innovation, innovation) / variance
+        mean = chosen + gain * innovation * np.minimum(1.0, (_CAP / np.maximum(length, 1e-9)) ** 0.5)[:, None]
+        total = best + np.where(np.abs(ahead) > 1.5 * _FARTHEST, 2.0 * _CAP, 0.0)
+        P = (1.0 - gain) * P
+    state = int(np.argmin(total))
+    least = float(total[state])
+    lost, taken = np.zeros(n), np.zeros((n, 3))
+    count = 0
+    for i in range(n - 1, -1, -1):
+        lost[i], taken[i] = count, scores[i, state]
+        move = int(came[i, state])
+        count -= move // _PARTS if move >= _PARTS else 0
+        state -= move
+    return _Path(least, lost - lost[0], taken)
