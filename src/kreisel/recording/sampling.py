@@ -64,7 +64,10 @@ def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     mean = float(seconds[-1] / (seconds.size - 1))
     if not 5e-5 < mean < 0.05:
         return imu, []
-    edges = [0, *(np.flatnonzero(np.diff(seconds) > max(_BREAK, 5.0 * mean)) + 1).tolist(), seconds.size]
+    steps = np.diff(seconds)
+    # samples that arrive late, or many at once, come with long steps between them again and again
+    longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
+    edges = [0, *(np.flatnonzero(steps > longest) + 1).tolist(), seconds.size]
     lines: list[tuple[slice, _Line]] = []
     for begin, end in pairwise(edges):
         line = _fitted(seconds[begin:end]) if end - begin >= MIN_PART else None
