@@ -34,7 +34,7 @@ def rescheduled(problem: Problem, clock: Clock) -> Problem:
     standstills = schedule.standstills
     if schedule.stillness is not None:
         standstills = find_standstills(schedule.stillness, problem.reference, clock, problem.noise.reference)
-    updates = schedule_updates(problem.readings, clock.imu_time(tau), tau, standstills, schedule.interval)
+    updates = schedule_updates(problem.readings, clock.imu_time(tau), problem.reference, standstills, schedule.interval)
     if len(updates) < MIN_UPDATES:
         return problem
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))

@@ -161,7 +161,7 @@ def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Cl
     kind = preparation.recording.settings.reference.kind or "robot"
     interval = settings.update_interval or INTERVALS[kind]
     tau = reference.seconds
-    updates = schedule_updates(readings, clock.imu_time(tau), tau, preparation.standstills, interval)
+    updates = schedule_updates(readings, clock.imu_time(tau), reference, preparation.standstills, interval)
     if len(updates) < MIN_UPDATES:
         raise SynchronizationError(
             f"{reference.source}: only {len(updates)} updates of {interval:g} s lie within the IMU's recording; "

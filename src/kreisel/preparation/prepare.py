@@ -33,6 +33,9 @@ _MIN_COMMON_SHARE = 0.7
 _ROUNDS_WITHOUT_ATTITUDE = 4
 _ROUNDS_OF_LOSSES = 3
 
+_LEAST_SURE = 0.7
+"""Share of the poses that must not depend on where samples were lost."""
+
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
 
@@ -58,7 +61,7 @@ def prepare_recording(
     mended = _without_losses(recording, reference, imu_noise, readings, fit, together)
     if mended is not None:
         recording, correlation, readings, fit = mended.recording, mended.correlation, mended.readings, mended.fit
-        imu = recording.imu
+        imu, reference = recording.imu, mended.reference
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
@@ -101,6 +104,7 @@ class _Mended:
     """A recording with lost samples put back, and what follows from it."""
 
     recording: Recording
+    reference: ReferencePoses
     correlation: Correlation
     readings: Readings
     fit: RateFit
@@ -116,18 +120,26 @@ def _without_losses(
     If the clocks do not run at equal rates afterwards, something else is wrong with them.
     """
     imu, found = recording.imu, None
+    sure = np.ones(reference.stamps_ns.size, dtype=bool)
     for _ in range(_ROUNDS_OF_LOSSES):
         missing = find_lost_samples(imu, readings, reference, fit)
         if missing is None:
             break
         warnings = (missing.warning(imu),) if found is None else found.warnings
         imu = missing.put_back(imu)
+        sure &= missing.sure_poses(reference)
         correlation = correlate(imu, reference)
         readings, fit = _fitted(replace(recording, imu=imu), reference, noise, correlation, together)
-        found = _Mended(replace(recording, imu=imu), correlation, readings, fit, warnings)
+        found = _Mended(replace(recording, imu=imu), reference, correlation, readings, fit, warnings)
     if found is None or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
         return None
-    return found
+    if np.mean(sure) < _LEAST_SURE:
+        told = found.warnings[0].message.partition(" lost without")[0]
+        raise SynchronizationError(
+            f"{recording.imu.source}: {told} lost without a gap: too "
+            "many to find out where each was; record the sensor's own stamps, or its sample counter"
+        )
+    return replace(found, reference=replace(reference, doubtful=~sure))
 
 
 def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:

@@ -8,10 +8,11 @@ from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.readings import Readings
 from kreisel.model.schedule import Update
 from kreisel.model.standstill import Standstill
+from kreisel.recording.recording import ReferencePoses
 
 
 def schedule_updates(
-    readings: Readings, t_pose: Array, tau: Array, standstills: tuple[Standstill, ...], interval: float
+    readings: Readings, t_pose: Array, reference: ReferencePoses, standstills: tuple[Standstill, ...], interval: float
 ) -> tuple[Update, ...]:
     """Return the updates: one every `interval`, each with the pose nearest to it.
 
@@ -19,16 +20,18 @@ def schedule_updates(
     ----------
     t_pose
         IMU seconds of every pose, by the clocks known so far.
-    tau
-        Reference seconds of every pose.
+    reference
+        The poses; doubtful ones are not used.
     """
+    tau, doubtful = reference.seconds, reference.doubtful
+    usable = np.ones(tau.size, dtype=bool) if doubtful is None else ~doubtful
     updates: list[Update] = []
     last_standstill: int | None = None
     starts = np.array([standstill.start for standstill in standstills])
     stops = np.array([standstill.stop for standstill in standstills])
     for begin, end in readings.segments:
         low, high = readings.stamps[begin + 1], readings.stamps[end - 1]
-        inside = np.flatnonzero((t_pose > low) & (t_pose < high))
+        inside = np.flatnonzero((t_pose > low) & (t_pose < high) & usable)
         if inside.size < 2:
             continue
         previous: int | None = None

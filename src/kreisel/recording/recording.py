@@ -119,6 +119,8 @@ class ReferencePoses:
         q_rb, scalar first, unit length.
     lateness
         By how much rounded stamps may all be late, s; 0 where they are exact.
+    doubtful : (m,) or None
+        Poses of which the moment is not known well enough to be used by the filter.
     """
 
     name: str
@@ -128,6 +130,7 @@ class ReferencePoses:
     source: Path
     units: HeaderUnits = NO_UNITS
     lateness: float = 0.0
+    doubtful: NDArray[np.bool_] | None = None
 
     @cached_property
     def seconds(self) -> Array:
@@ -150,6 +153,7 @@ class ReferencePoses:
             stamps_ns=self.stamps_ns[keep],
             positions=None if self.positions is None else self.positions[keep],
             quaternions=None if self.quaternions is None else self.quaternions[keep],
+            doubtful=None if self.doubtful is None else self.doubtful[keep],
         )
 
 

@@ -229,7 +229,8 @@ def _imu(
     keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
     keep[[0, -1]] = True
     samples = ImuSamples(
-        stamped(cell.imu, streams.stamps, stamps, keep), readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
+        stamped(cell.imu, streams.stamps, stamps, keep),
+        readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
         temperature=None if temperature is None else temperature[keep],
     )  # fmt: skip
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))

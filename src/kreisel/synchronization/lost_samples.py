@@ -1,8 +1,8 @@
 """Samples that were lost without a gap in their stamps, found by comparison with the reference.
 
 A program that counts samples instead of stamping them does not notice when one is lost: all later stamps are too early
-by one interval, and the rotation during that interval is missing in the integral of the rates. Both show in the difference
-of the attitudes by gyros and by reference.
+by one interval, and the rotation during that interval is missing in the integral of the rates. Both show in the
+difference of the attitudes by gyros and by reference.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.geometry.interpolation import running_mean
-from kreisel.geometry.rotation import Array, Indices, apply, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, exp, log, multiply
 from kreisel.inertial.readings import Readings, attitudes_at
 from kreisel.inertial.strapdown import linear_rate
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
@@ -35,6 +35,13 @@ _MOST_AT_ONCE = 3
 
 _LEAST_GAIN = 50.0
 _MOST_WORK = 50_000_000
+
+_SURE = 80.0
+"""Chi-square by which another place of lost samples is excluded."""
+
+_LITTLE = (2e-4, 2e-4)
+"""m and rad; motion during one interval that poses hardly show."""
+
 _CAP = 25.0
 _FARTHEST = 0.1
 """Largest shift of the clock beside the straight line, s."""
@@ -48,11 +55,38 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class LostSamples:
-    """Where samples were lost: numbers of the samples behind, and how many at each place; interval in ns."""
+    """Samples that were lost without a gap.
+
+    Attributes
+    ----------
+    places, counts : (k,)
+        Numbers of the samples behind them, and how many at each place.
+    interval_ns
+        Of the stamps.
+    unsure : (k, 2)
+        Reference seconds between which each place lies for sure.
+    """
 
     places: Indices
     counts: Indices
     interval_ns: int
+    unsure: Array
+
+    def sure_poses(self, reference: ReferencePoses) -> Mask:
+        """Return which poses do not depend on where exactly samples were lost: outside these intervals, or at rest."""
+        tau, T = reference.seconds, 1e-9 * self.interval_ns
+        inside = np.zeros(tau.size, dtype=bool)
+        for low, high in self.unsure:
+            inside |= (tau >= low) & (tau <= high)
+        moving = np.zeros(tau.size, dtype=bool)
+        for values, size in ((reference.positions, _LITTLE[0]), (reference.quaternions, _LITTLE[1])):
+            if values is not None:
+                signs = np.ones((tau.size, 1))
+                if values.shape[1] == 4:  # q and -q are the same
+                    signs[1:, 0] = np.cumprod(np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0))
+                speed = np.linalg.norm(np.gradient(values * signs, tau, axis=0), axis=1)
+                moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
+        return np.asarray(~(inside & moving))
 
     def put_back(self, imu: ImuSamples) -> ImuSamples:
         """Return the readings with later stamps behind lost samples."""
@@ -105,7 +139,22 @@ def find_lost_samples(
     at = np.flatnonzero(steps > 0)
     t = seen.stamps[at + 1] - 0.5 * np.diff(seen.stamps)[at]
     places = np.clip(np.searchsorted(imu.seconds, t), 1, imu.stamps_ns.size - 1)
-    return LostSamples(places.astype(np.int64), steps[at].astype(np.int64), interval)
+    return LostSamples(places.astype(np.int64), steps[at].astype(np.int64), interval, _unsure(seen, T, at))
+
+
+def _unsure(seen: _Difference, T: float, at: Indices) -> Array:
+    """Return first and last reference seconds, (k, 2), between which each place with lost samples lies for sure.
+
+    As long as the rate stays the same, the place makes no difference to the attitudes.
+    """
+    last, out = seen.tau.size - 1, np.empty((at.size, 2))
+    for i, k in enumerate(at):
+        shown = np.sum((seen.rate - seen.rate[k]) ** 2, axis=1) * T**2 / seen.noise**2
+        before, after = np.cumsum(shown[k::-1]), np.cumsum(shown[k + 1 :])
+        low = k - int(np.searchsorted(before, _SURE))
+        high = k + 1 + int(np.searchsorted(after, _SURE))
+        out[i] = seen.tau[max(low, 0)], seen.tau[min(high, last)]
+    return out
 
 
 def _counted(stamps_ns: Stamps) -> int | None:

@@ -1,0 +1,90 @@
+"""Samples lost from counted stamps: found where they are, and nowhere else."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.errors import SynchronizationError
+from kreisel.model.settings import CalibrationSettings
+from kreisel.preparation.prepare import prepare_recording
+from kreisel.recording.checks import check_streams
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.settings import Cell
+
+SECONDS, INTERVAL = 60.0, 5_000_000
+
+
+@cache
+def complete():
+    """Return a recording of 200 Hz in which nothing is lost."""
+    cell = {"seed": 4, "seconds": SECONDS, "imu": {"grade": "industrial-mems"}, "reference": {"joints": False}}
+    return simulate(Cell.model_validate(cell), Path("run"))[1]
+
+
+def without(lost, counted=True):
+    """Return the recording without some samples; stamps are counted, or true."""
+    r = complete()
+    keep = np.ones(r.imu.stamps_ns.size, dtype=bool)
+    keep[lost] = False
+    stamps = r.imu.stamps_ns[: keep.sum()] if counted else r.imu.stamps_ns[keep]
+    imu = replace(r.imu, stamps_ns=stamps, rates=r.imu.rates[keep], accelerations=r.imu.accelerations[keep])
+    return check_streams(replace(r, imu=imu)), r.imu.stamps_ns[keep]
+
+
+def prepared(recording):
+    return prepare_recording(recording, CalibrationSettings())
+
+
+def told(preparation):
+    return [w.message for w in preparation.warnings if "lost without a gap" in w.message]
+
+
+@pytest.mark.parametrize("lost", [[3000, 3001, 3002], [2500, 5200, 7100, 9000]])
+def test_a_few_are_found_near_their_places(lost):
+    broken, true = without(lost)
+    found = prepared(broken)
+    (message,) = told(found)
+    assert f"but {len(lost)} sample" in message
+    assert "counted every 5 ms" in message
+    off = found.recording.imu.stamps_ns - true
+    off -= off[0]
+    assert set(np.unique(off)) <= {-k * INTERVAL for k in range(-3, 4)}
+    moving = np.linalg.norm(found.recording.imu.rates, axis=1) > 0.3
+    assert np.mean(off[moving] != 0) < 0.06
+    assert off[-1] == 0
+    # where the filter uses poses, stamps are right
+    t = found.rate_fit.clock.imu_time(found.reference.seconds)
+    k = np.clip(np.searchsorted(found.recording.imu.seconds, t), 0, off.size - 1)
+    assert np.mean(off[k[~found.reference.doubtful & moving[k]]] != 0) < 0.02
+    assert np.mean(found.reference.doubtful) < 0.2
+
+
+def test_nothing_is_found_where_nothing_is_lost():
+    found = prepared(without([])[0])
+    assert told(found) == []
+    assert found.reference.doubtful is None
+
+
+def test_samples_that_leave_a_gap_are_no_such_case():
+    broken, true = without([2500, 5200, 7100, 9000], counted=False)
+    found = prepared(broken)
+    assert told(found) == []
+    np.testing.assert_array_equal(found.recording.imu.stamps_ns, true)
+
+
+def test_a_clock_that_is_slower_has_lost_nothing():
+    r = complete()
+    stamps = r.imu.stamps_ns[0] + np.round((r.imu.stamps_ns - r.imu.stamps_ns[0]) * (1.0 - 250e-6)).astype(np.int64)
+    found = prepared(check_streams(replace(r, imu=replace(r.imu, stamps_ns=stamps))))
+    assert told(found) == []
+    assert found.rate_fit.clock.skew == pytest.approx(-250e-6, abs=2e-5)
+
+
+def test_too_many_are_refused_with_their_number():
+    rng = np.random.default_rng(1)
+    lost = np.flatnonzero(rng.random(complete().imu.stamps_ns.size) < 0.02)
+    with pytest.raises(SynchronizationError, match="lost without a gap: too many to find out where"):
+        prepared(without(lost[lost > 1])[0])
