@@ -414,6 +414,16 @@ def constant_poses(r):
     return poses(r, positions=r.reference.positions[first], quaternions=r.reference.quaternions[first])
 
 
+@handled("quaternions were interpolated through a change of sign", "left out")
+def quaternions_interpolated_through_a_change_of_sign(r):
+    q = r.reference.quaternions.copy()
+    for k in (700, 1500, 2600):
+        q[k:] *= -1.0
+        share = np.linspace(0.0, 1.0, 6)[1:-1, None]
+        q[k : k + 4] = (1.0 - share) * q[k - 1] + share * q[k + 4]
+    return poses(r, quaternions=q)
+
+
 @refused("pose0/data.csv: poses were taken at standstills only", "during the motion")
 def poses_at_standstills_only(r):
     p = r.reference

@@ -179,9 +179,11 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 def _of_readings(estimate: Estimate) -> tuple[str, str]:
     """Return what makes the readings noisy."""
     readings = estimate.problem.readings
+    rate = np.linalg.norm(readings.rates[:_EXCERPT], axis=1)
+    moving = rate[1:] > 0.2 * float(np.percentile(rate, 95))  # at rest, readings of few digits repeat
     for values in (readings.rates, readings.accelerations):
-        part = values[: min(len(values), _EXCERPT)]
-        repeated = float(np.mean(np.all(np.diff(part, axis=0) == 0.0, axis=1)))
+        same = np.all(np.diff(values[:_EXCERPT], axis=0) == 0.0, axis=1)
+        repeated = float(np.mean(same[moving])) if moving.any() else 0.0
         if repeated > _REPEATED:
             return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
     quiet, busy = _third_differences(estimate.problem, estimate.problem.readings.accelerations)

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from kreisel.report.devices import Device
 
 
+_WIDE = 104
+"""Columns of a terminal in which a table of results has room."""
+
+
 def wide_console() -> Console:
     """Return a console, 120 columns wide where it is no terminal."""
     console = Console(highlight=False)
@@ -35,35 +39,63 @@ def _pair(value: float, deviation: float) -> str:
 
 def print_result(outcome: Outcome) -> None:
     """Print the results with standard deviations, and the verdict."""
-    from kreisel.calibration.data_sheet import QUANTITIES
-
     calibration = outcome.calibration
     console = wide_console()
     for warning in outcome.warnings:
         console.print(f"· {warning}", markup=False)
-    table = Table(title=f"{outcome.recording.name}: {outcome.problem.reference.name}", title_justify="left")
-    for name in ("error of the sensor", "unit", "x / xy", "y / xz", "z / yz"):
-        table.add_column(name, justify="left" if name in ("error of the sensor", "unit") else "right")
+    title = f"{outcome.recording.name}: {outcome.problem.reference.name}"
+    console.print(_narrow(title, _rows(outcome)) if console.width < _WIDE else _wide(title, _rows(outcome)))
+    console.print("errors of the sensors; calibration.yaml holds corrections: offset = -bias, see `frames` there")
+    _print_robot(console, calibration.robot)
+    _print_verdict(console, calibration)
+
+
+_Row = tuple[str, str, list[str]]
+"""What it is, its unit, and one or three values with their deviations."""
+
+
+def _rows(outcome: Outcome) -> list[_Row]:
+    """Return the rows of the table of results."""
+    from kreisel.calibration.data_sheet import QUANTITIES
+
+    calibration, rows = outcome.calibration, []
     for quantity in QUANTITIES:
         found = calibration.derived[quantity.name]
         pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
-        table.add_row(_lower(quantity.title), quantity.unit, *(_pair(v, s) for v, s in pairs))
+        rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
     fixed = {*outcome.problem.settings.fixed, *outcome.problem.held}
     arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
     for j, axis in enumerate("xyz"):
         known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()
-        cells = (_pair(v, s) for v, s in zip(arms[j].tolist(), known, strict=True))
-        table.add_row(f"position of accelerometer {axis} in b", "mm", *cells)
+        cells = [_pair(v, s) for v, s in zip(arms[j].tolist(), known, strict=True)]
+        rows.append((f"position of accelerometer {axis} in b", "mm", cells))
     timing = calibration.timing
     offset_sd = 0.0 if "time_offset" in fixed else timing.offset_sd or 0.0
-    table.add_row("time offset of the reference", "ms", _pair(1e3 * timing.offset, 1e3 * offset_sd), "", "")
+    rows.append(("time offset of the reference", "ms", [_pair(1e3 * timing.offset, 1e3 * offset_sd)]))
     if timing.skew or timing.skew_sd:
         ratio = _pair(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
-        table.add_row("ratio of the clocks, less one", "ppm", ratio, "", "")
-    console.print(table)
-    console.print("errors of the sensors; calibration.yaml holds corrections: offset = -bias, see `frames` there")
-    _print_robot(console, calibration.robot)
-    _print_verdict(console, calibration)
+        rows.append(("ratio of the clocks, less one", "ppm", [ratio]))
+    return rows
+
+
+def _wide(title: str, rows: Sequence[_Row]) -> Table:
+    table = Table(title=title, title_justify="left")
+    for name in ("error of the sensor", "unit", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name in ("error of the sensor", "unit") else "right")
+    for what, unit, cells in rows:
+        table.add_row(what, unit, *cells, *[""] * (3 - len(cells)))
+    return table
+
+
+def _narrow(title: str, rows: Sequence[_Row]) -> Table:
+    """Return the table for a terminal of few columns: deviations below the values."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for name in ("error of the sensor", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name == "error of the sensor" else "right")
+    for what, unit, cells in rows:
+        shown = [cell.replace(" ± ", "\n± ") for cell in cells]
+        table.add_row(f"{what},\n  {unit}", *shown, *[""] * (3 - len(cells)))
+    return table
 
 
 def _lower(title: str) -> str:

@@ -16,6 +16,10 @@ from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, 
 MAX_OUTLIERS = 0.1
 """Share of poses that may jump away and back; with more, the reference is an error."""
 
+MAX_INTERPOLATED = 0.02
+"""Share of poses that may have been interpolated through a change of sign."""
+
+_SHORT = 0.01
 _LONG_FREEZE = 8
 _MAX_IN_A_ROW = 3
 _FAST = 20.0
@@ -48,7 +52,7 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
         check_finite(reference.positions, ("p_x", "p_y", "p_z"), source)
     if reference.quaternions is not None:
         check_finite(reference.quaternions, ("q_w", "q_x", "q_y", "q_z"), source)
-        reference = _normalised(reference, warnings)
+        reference = _normalised(_without_flips(reference, warnings), warnings)
     kept = np.arange(reference.stamps_ns.size)
     for choose in (_near, _fresh):
         keep = choose(reference, kept, warnings)
@@ -64,6 +68,27 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
             DataWarning("gaps", f"{source.parent.name}: {long.size} gaps of up to {steps.max():.2f} s without poses")
         )
     return reference, warnings
+
+
+def _without_flips(reference: ReferencePoses, warnings: list[DataWarning]) -> ReferencePoses:
+    """Return the poses without a few that somebody interpolated from q to a -q' behind it: they are too short."""
+    q = reference.quaternions
+    assert q is not None  # noqa: S101 - for the type checker; the caller checked
+    norm = np.sqrt(np.einsum("ij,ij->i", q, q))
+    short = norm < 1.0 - _SHORT
+    first, last = runs(short)
+    if not short.any() or short[0] or short[-1] or short.sum() > MAX_INTERPOLATED * short.size:
+        return reference
+    if not (np.einsum("ij,ij->i", q[first - 1], q[last]) < 0.0).all() or (norm < 1e-3).any():
+        return reference
+    warnings.append(
+        DataWarning(
+            "quaternions",
+            f"{int(short.sum())} of {short.size} quaternions were interpolated through a change of sign, which is no "
+            "rotation; they were left out",
+        )
+    )
+    return reference.part(~short)
 
 
 def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> ReferencePoses:
