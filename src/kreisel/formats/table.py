@@ -373,7 +373,7 @@ def _bad_row(
                 line=number,
             )
         for cell, column in zip(cells, columns, strict=True):
-            expected = _not_read(cell.strip(), whole=column.index == 0 and stamp_type == "i8")
+            expected = _not_read(cell.strip(), _stamps_in(body) if column.index == 0 and stamp_type == "i8" else None)
             if expected:
                 return RecordingError(
                     f"'{cell.strip()[:40]}' in column {column.index + 1} ('{column.name}') is not {expected}",
@@ -383,15 +383,28 @@ def _bad_row(
     return RecordingError(f"cannot be read as a table of numbers: {error}; look for unusual characters", file=path)
 
 
-def _not_read(cell: str, *, whole: bool) -> str:
-    """Return what was expected in a cell that cannot be read, and the remedy; empty if it can be read."""
-    if not whole:
+def _stamps_in(body: str) -> Array:
+    """Return the first numbers in the first column of some rows."""
+    cells = [line.partition(",")[0].strip() for line in body.split("\n", 500)[:500]]
+    return np.array([float(cell) for cell in cells if is_number(cell)])
+
+
+def _not_read(cell: str, whole: Array | None) -> str:
+    """Return what was expected in a cell that cannot be read, and the remedy; empty if it can be read.
+
+    Parameters
+    ----------
+    whole
+        Stamps around it, where it must be a whole number of nanoseconds.
+    """
+    if whole is None:
         return "" if is_number(cell) else "a number; repair or delete the row"
     if re.fullmatch(r"[-+]?\d+", cell):
         fits = len(cell) < 25 and abs(int(cell)) < _MAX_STAMP
         return "" if fits else "a time that fits 64 bits; repair or delete the row"
     if is_number(cell):
-        return "a whole number of nanoseconds; write whole ones, or the unit they are in: '#timestamp [s]'"
+        unit = _likely(whole).partition(" or ")[0]
+        return f"a whole number of nanoseconds; write whole ones, or the unit they are in: '#timestamp {unit}'"
     return "a whole number of nanoseconds; repair or delete the row"
 
 
