@@ -557,12 +557,12 @@ def stamp_twice(r):
     return stamp(4000, lambda s: s[3999])(r)
 
 
-@refused("imu0/data.csv, line 4002: stamps run backwards by 4.995 s", "split")
+@handled("the IMU's clock was set after 20.0 s", "begin 0.005 s later")
 def clock_set_back(r):
     return imu(r, stamps_ns=r.imu.stamps_ns - np.where(np.arange(8001) < 4000, 0, 5_000_000_000))
 
 
-@refused("imu0/data.csv, line 4002: stamps jump by 86400 s", "split")
+@handled("the IMU's clock was set after 20.0 s", "begin 0.005 s later")
 def clock_set_ahead(r):
     return imu(r, stamps_ns=r.imu.stamps_ns + np.where(np.arange(8001) < 4000, 0, 86_400_000_000_000))
 

@@ -178,7 +178,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         reference=reference,
         min_reference=(_MIN_NOISE * reference.position, _MIN_NOISE * reference.orientation),
         imu_bounds=(imu.gyro_bounds, imu.accel_bounds),
-        offset_walk={"gyro_offset": imu.gyro_walk, "accel_offset": imu.accel_walk},
+        offset_walk={"gyro_offset": imu.gyro_walk, "accel_offset": imu.accel_walk, **_placed(preparation)},
         drifts={group: Drift(size, DRIFT_TIME) for group, size in drift_sizes(imu).items() if size > 0.0},
         rate_scatter=imu.gyro_scatter,
         observed=imu.observed,
@@ -187,6 +187,12 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         pose_error=_pose_error(preparation.reference, frame_sd),
         lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
     )
+
+
+def _placed(preparation: Preparation) -> dict[str, float]:
+    """Return the walk of the clocks' offset that stands for parts of the recording that are not quite in place."""
+    imu = preparation.recording.imu
+    return {} if imu.placed_sd == 0.0 else {"time_offset": 2.0 * imu.placed_sd * float(imu.seconds[-1]) ** -0.5}
 
 
 def _prior(

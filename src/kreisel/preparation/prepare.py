@@ -18,6 +18,7 @@ from kreisel.preparation.gravity import site_of
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.preparation.preparation import AccelerometerFit, ImuNoise, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
+from kreisel.preparation.restarts import with_parts_in_place
 from kreisel.preparation.robot import robot_model
 from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
 from kreisel.progress import Together, one_by_one
@@ -56,6 +57,10 @@ def prepare_recording(
             "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0",
             file=recording.path,
         )
+    set_clock: list[DataWarning] = []
+    if imu.restarts_ns.size:
+        recording, set_clock = with_parts_in_place(recording, reference, imu_noise_of(recording))
+        imu = recording.imu
     imu_noise, correlation = together([partial(imu_noise_of, recording), partial(correlate, imu, reference)])
     readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
     mended = _without_losses(recording, reference, imu_noise, readings, fit, together)
@@ -70,6 +75,7 @@ def prepare_recording(
     outside = standstill_outside(imu, stillness, reference, fit.clock)
     robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
     warnings = (
+        *set_clock,
         *(mended.warnings if mended is not None else ()),
         *_reference_warnings(reference),
         *_overlap_warning(imu, reference, fit.clock),
@@ -134,11 +140,7 @@ def _without_losses(
     if found is None or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
         return None
     if np.mean(sure) < _LEAST_SURE:
-        told = found.warnings[0].message.partition(" lost without")[0]
-        raise SynchronizationError(
-            f"{recording.imu.source}: {told} lost without a gap: too "
-            "many to find out where each was; record the sensor's own stamps, or its sample counter"
-        )
+        return None
     return replace(found, reference=replace(reference, doubtful=~sure))
 
 

@@ -12,7 +12,7 @@ from kreisel.recording.imu_checks import check_imu
 from kreisel.recording.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.recording.pose_checks import check_poses, stamped_poses
 from kreisel.recording.recording import Recording
-from kreisel.recording.sampling import regularly_sampled, with_lateness
+from kreisel.recording.sampling import regularly_sampled, with_lateness, with_restarts
 from kreisel.recording.stamp_checks import (
     LONG_GAP,
     MIN_SECONDS,
@@ -35,13 +35,13 @@ def check_streams(recording: Recording) -> Recording:
     RecordingError
         For the first fault that would make results wrong.
     """
-    imu, sampling = regularly_sampled(recording.imu)
+    imu, sampling = regularly_sampled(with_restarts(recording.imu, moved=recording.reference is not None))
     reference, joints = recording.reference, recording.joints
     check_stamps(imu.stamps_ns, imu.source, "IMU")
     stamped = Stamped(imu.stamps_ns, imu.source, "samples", 20.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
-    warnings = sampling + gap_warnings(imu.stamps_ns, imu.source, LONG_GAP)
+    warnings = sampling + gap_warnings(imu.stamps_ns, imu.source, LONG_GAP, imu.restarts_ns)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if joints is not None:

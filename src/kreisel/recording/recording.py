@@ -70,6 +70,11 @@ class ImuSamples:
         By how much corrected stamps may all be late, s; 0 where they are as recorded.
     temperature : (n,) or None
         Of the sensor, degrees Celsius, where it was recorded.
+    restarts_ns : (k,)
+        Stamps of the first samples behind places where the clock was set: by how much is not known before the reference
+        is compared.
+    placed_sd
+        How accurately the parts behind such places were put in place by the reference, s.
     broken_ns : (k,)
         Stamps of samples that were left out because nobody knows what they should have been: the motion must not be
         bridged there.
@@ -83,6 +88,8 @@ class ImuSamples:
     lateness: float = 0.0
     temperature: Array | None = None
     broken_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    restarts_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    placed_sd: float = 0.0
 
     @cached_property
     def usual_temperature(self) -> float | None:

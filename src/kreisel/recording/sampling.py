@@ -35,6 +35,13 @@ _COARSE_NS = 50_000
 """ns; stamps rounded more finely than this are exact."""
 
 _MAX_SEARCHED = 2_000_000
+
+_MAX_RESTARTS, _LEAST_PART_NS = 3, 8_000_000_000
+"""Places at which a clock may be set, and the least length of the parts between them."""
+
+_SET_BACK, _SET_NS, _FAR_NS = 100.0, 600e9, 4e18
+"""Steps back, in usual steps, and steps forward, ns, by which a clock was set; differences that would overflow."""
+
 _LAG = 16  # samples over which the interval is measured: few enough that usually none of them is missing
 _TRUE_STAMPS = 0.5
 
@@ -51,6 +58,32 @@ class _Line:
     def stamps(self) -> Array:
         """Moments of sampling, (n,), s."""
         return np.asarray(self.first + self.interval * self.number, dtype=np.float64)
+
+
+def with_restarts(imu: ImuSamples, *, moved: bool) -> ImuSamples:
+    """Return the samples with ascending stamps where the clock was set a few times, as by a device that restarts.
+
+    The parts follow each other a second apart; where they really belong, the reference shows.
+
+    Parameters
+    ----------
+    moved
+        Whether there is a reference. Without one nothing is changed.
+    """
+    stamps = imu.stamps_ns
+    if stamps.size < MIN_PART or not moved or np.abs(stamps - np.median(stamps)).max() > _FAR_NS:
+        return imu
+    steps = np.diff(stamps)
+    usual = float(np.median(steps))
+    places = np.flatnonzero((steps < -_SET_BACK * usual) | (steps > max(_SET_NS, 1e4 * usual))) + 1
+    edges = np.array([0, *places.tolist(), stamps.size])
+    lengths = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(edges.tolist())])
+    if not places.size or places.size > _MAX_RESTARTS or lengths.min() < _LEAST_PART_NS:
+        return imu
+    moved_by = np.zeros(stamps.size, dtype=np.int64)
+    moved_by[places] = 1_000_000_000 - steps[places - 1]
+    ascending = stamps + np.cumsum(moved_by)
+    return replace(imu, stamps_ns=ascending, restarts_ns=ascending[places])
 
 
 def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:

@@ -221,8 +221,8 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
     return f"; {stated}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
 
 
-def gap_warnings(stamps: Stamps, source: Path, longest: float) -> list[DataWarning]:
-    """Return the warnings about missing samples: one for all bridged gaps, one for each long gap."""
+def gap_warnings(stamps: Stamps, source: Path, longest: float, restarts: Stamps) -> list[DataWarning]:
+    """Return the warnings about missing samples: one for all bridged gaps, one for each long gap, none for restarts."""
     steps = np.diff(stamps) * 1e-9
     usual = float(np.median(steps))
     long = gaps(stamps, longest)
@@ -238,6 +238,8 @@ def gap_warnings(stamps: Stamps, source: Path, longest: float) -> list[DataWarni
             )
         )
     for k in long:
+        if stamps[k + 1] in restarts:
+            continue
         where = at(source, int(k))
         warnings.append(
             DataWarning("gaps", f"{name}: {steps[k]:.3f} s without samples after {where}; the recording is split there")

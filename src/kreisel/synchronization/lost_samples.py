@@ -33,7 +33,7 @@ _PARTS = 4
 _MOST_AT_ONCE = 3
 """Samples lost between two poses that are used."""
 
-_LEAST_GAIN = 50.0
+_LEAST_GAIN, _ALIKE = 50.0, 10.0
 _MOST_WORK = 50_000_000
 
 _SURE = 80.0
@@ -132,8 +132,11 @@ def find_lost_samples(
         if abs(factor - 1.0) < 0.1:
             break
         seen = replace(seen, noise=factor * seen.noise)
-    without, lost = _survivors(seen, T, 0.0, losses=False), found.lost
-    if found.cost > without.cost - _LEAST_GAIN or lost[-1] == lost[0]:
+    lost = found.lost
+    if lost[-1] == lost[0] or found.cost > _survivors(seen, T, 0.0, losses=False).cost - _LEAST_GAIN:
+        return None
+    jumps = _survivors(seen, T, -fit.clock.skew, losses=True, turned_on=False)
+    if found.cost > jumps.cost + _ALIKE:  # at rest the two are the same
         return None
     steps = np.diff(lost)
     at = np.flatnonzero(steps > 0)
@@ -248,7 +251,7 @@ def _states(seen: _Difference, T: float, rise: float) -> int:
     return int(np.ceil((2.0 * _FARTHEST + abs(rise) * float(np.ptp(seen.tau))) * _PARTS / T)) + 1
 
 
-def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool) -> _Path:
+def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool, turned_on: bool = True) -> _Path:
     """Return the path of least cost of the shift beside the line, in steps of a part of the interval.
 
     Parameters
@@ -257,6 +260,8 @@ def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool) -> _Pa
         Of the shift per second, without losses: the line takes lost samples for a slower clock.
     losses
         Whether samples may be lost; if not, the shift stays but for slow changes.
+    turned_on
+        Whether the IMU turned on while samples were lost. If not, only the clock jumped.
     """
     n, part, states = seen.tau.size, T / _PARTS, _states(seen, T, rise)
     number = np.arange(states)
@@ -280,7 +285,7 @@ def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool) -> _Pa
         for move, price, m in moves[: len(moves) if i else 1]:
             to = slice(max(move, 0), states + min(move, 0))
             since = slice(max(-move, 0), states - max(move, 0))
-            before = mean[since] + m * T * w
+            before = mean[since] + (m * T if turned_on else 0.0) * w
             left = measured[to] - before
             cost = total[since] + np.minimum(np.einsum("ni,ni->n", left, left) / variance, _CAP) + price
             at = np.flatnonzero(cost < best[to])
