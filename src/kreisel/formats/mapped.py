@@ -97,7 +97,14 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
         temperature = np.ascontiguousarray(values[keep, 0]) - (_KELVIN if unit == "K" else 0.0)
     _note(sheet, "IMU", keep, warnings)
     units = HeaderUnits(time_unit, rate_unit, force_unit)
-    return ImuSamples(stamps[keep], rates[keep], forces[keep], sheet.source / "imu", units, temperature=temperature)
+    return ImuSamples(
+        _counted(stamps, keep, str(own.time)),
+        rates[keep],
+        forces[keep],
+        sheet.source / "imu",
+        units,
+        temperature=temperature,
+    )
 
 
 def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) -> ReferencePoses | None:
@@ -116,12 +123,17 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
         parts.append(positions)
     if own.orientation is not None:
         form, terms = parse_orientation(own.orientation)
-        quantity = "angle" if is_angle(form) else "quaternion"
-        values, _ = _vectors(sheet, terms, quantity, len(terms))
-        quaternions = quaternions_of(form, values)
-        if form == "pose matrix" and positions is None:
-            positions = positions_of(values)
+        quantity = "angle" if is_angle(form) else "length" if form == "pose matrix" else "quaternion"
+        values, stated = _vectors(sheet, terms, quantity, len(terms))
         parts.append(values)
+        if form == "pose matrix":
+            if positions is None:
+                positions, unit = positions_of(values), stated
+            values = values / UNITS["length"][stated or "m"]
+        try:
+            quaternions = quaternions_of(form, values)
+        except RecordingError as error:
+            raise RecordingError(error.message, file=sheet.source) from error
     together = np.hstack(parts)
     keep = known & ~np.isnan(together).all(axis=1)
     _note(sheet, "pose", keep, warnings)
@@ -133,7 +145,7 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
             keep[rows[1:][stamps[rows[1:]] == stamps[rows[:-1]]]] = False
     return ReferencePoses(
         "pose0",
-        stamps[keep],
+        _counted(stamps, keep, time),
         None if positions is None else np.ascontiguousarray(positions[keep]),
         None if quaternions is None else np.ascontiguousarray(quaternions[keep]),
         sheet.source / "reference",
@@ -171,7 +183,9 @@ def _joints(tables: _Tables, columns: ColumnsTable) -> JointAngles | None:
     angles, unit = _vectors(sheet, terms, "angle", len(terms))
     stamps, known, time_unit = _stamps(sheet, parse_time(time))
     keep = known & ~np.isnan(angles).all(axis=1)
-    return JointAngles(stamps[keep], angles[keep], sheet.source / "joints", HeaderUnits(time_unit, angle=unit))
+    return JointAngles(
+        _counted(stamps, keep, time), angles[keep], sheet.source / "joints", HeaderUnits(time_unit, angle=unit)
+    )
 
 
 def _vectors(sheet: Sheet, terms: tuple[Term, ...], quantity: str, count: int) -> tuple[Array, str | None]:
@@ -214,10 +228,19 @@ def _stamps(sheet: Sheet, rule: TimeRule) -> tuple[Stamps, NDArray[np.bool_], st
             part, good = _of_dates(sheet, term.name, column)
         else:
             stated = None if rule.hertz else term.unit or _own_unit(sheet, term.name, "time") or "s"
+            if stated == "date":
+                raise RecordingError(
+                    f"column '{term.name}' holds numbers, not dates; state their unit", file=sheet.source
+                )
             factor = 1e9 / rule.hertz if rule.hertz else UNITS["time"][str(stated)]
             part, good = _in_nanoseconds(column, factor, sheet, term.name)
         total, known = total + part, known & good
     return total, known, stated if len(rule.terms) == 1 else None
+
+
+def _counted(stamps: Stamps, keep: NDArray[np.bool_], time: str) -> Stamps:
+    """Return the stamps of the rows of a stream; where rows are counted, only its own are."""
+    return stamps[keep] if parse_time(time).terms else stamps[: int(keep.sum())]
 
 
 def _in_nanoseconds(column: NDArray[Any], factor: float, sheet: Sheet, name: str) -> tuple[Stamps, NDArray[np.bool_]]:
@@ -246,7 +269,7 @@ def _of_dates(sheet: Sheet, name: str, column: NDArray[Any]) -> tuple[Stamps, ND
         raise RecordingError(f"column '{name}': {error}; expected dates such as 2026-05-01T12:00:00.25",
                              file=sheet.source) from error  # fmt: skip
     if only_time:
-        ns += _DAY * np.append(0, np.cumsum(np.diff(ns) < -_DAY // 2))
+        ns[good] += _DAY * np.append(0, np.cumsum(np.diff(ns[good]) < -_DAY // 2))
     return ns, good
 
 

@@ -22,6 +22,7 @@ from kreisel.recording.settings import ColumnsTable
 
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
 _RANGE = re.compile(r"^#(\d+)\s*-\s*#?(\d+)$")
+_MOST = 1000
 _HERTZ = re.compile(r"^([0-9.eE+]+)\s*Hz$")
 
 
@@ -62,14 +63,16 @@ def parse_terms(text: str, quantity: str) -> tuple[Term, ...]:
     for part in _parts(text):
         match = _UNIT.match(part)
         name, unit = (match.group(1), match.group(2)) if match else (part, None)
-        if unit is not None and unit not in UNITS[quantity] and unit != "date":
+        if unit is not None and unit not in UNITS[quantity] and (unit, quantity) != ("date", "time"):
             raise SettingsError(f"'{text}': [{unit}] is not a unit of {quantity}; known: {', '.join(UNITS[quantity])}")
         sign = -1.0 if name.startswith("-") else 1.0
-        name = name.lstrip("+-").strip()
+        name = name[name.startswith(("+", "-")) :].strip()
+        if not name or name.startswith(("+", "-")):
+            raise SettingsError(f"'{text}': a column has no name, or two signs; name columns, divided by commas")
         between = _RANGE.match(name)
+        if between and not 0 <= int(between[2]) - int(between[1]) < _MOST:
+            raise SettingsError(f"'{text}': {name} is no range of up to {_MOST} columns, from the first to the last")
         names = [f"#{k}" for k in range(int(between[1]), int(between[2]) + 1)] if between else [name]
-        if not all(names) or len(names) > 1000:
-            raise SettingsError(f"'{text}': a column has no name; name columns, divided by commas")
         terms += [Term(one, sign, unit) for one in names]
     stated = {term.unit for term in terms if term.unit is not None}
     if len(stated) == 1:
@@ -95,8 +98,8 @@ def parse_time(text: str) -> TimeRule:
     if match and (counter := _HERTZ.match(match[2])):
         return TimeRule((Term(match[1].strip()),), _rate(counter[1], text))
     terms = [parse_terms(part.strip(), "time") for part in text.split(" + ")]
-    if any(len(part) != 1 for part in terms):
-        raise SettingsError(f"'{text}': one column of time, or some divided by ' + '")
+    if any(len(part) != 1 or part[0].sign < 0.0 for part in terms):
+        raise SettingsError(f"'{text}': one column of time, or some divided by ' + ', without signs")
     return TimeRule(tuple(part[0] for part in terms))
 
 
@@ -125,7 +128,7 @@ def parse_orientation(text: str) -> tuple[str, tuple[Term, ...]]:
     expected = columns_of(form)
     if not colon:
         raise SettingsError(f"'{text}': write the form, a colon, and the columns, as 'quaternion wxyz: qw, qx, qy, qz'")
-    terms = parse_terms(names, "angle" if is_angle(form) else "quaternion")
+    terms = parse_terms(names, "angle" if is_angle(form) else "length" if form == "pose matrix" else "quaternion")
     if len(terms) not in expected:
         wanted = " or ".join(map(str, expected))
         raise SettingsError(f"'{text}': {len(terms)} columns, but '{form}' has {wanted}")
@@ -143,6 +146,7 @@ def merged(table: ColumnsTable | None, pairs: Iterable[str] | Mapping[str, str])
     content = {} if table is None else table.model_dump(exclude_none=True)
     known = {f"{name}.{key}": (name, key) for name in ColumnsTable.model_fields
              for key in type(getattr(ColumnsTable(), name)).model_fields}  # fmt: skip
+    pairs = [pairs] if isinstance(pairs, str) else pairs
     entries = pairs.items() if isinstance(pairs, Mapping) else (pair.partition("=")[::2] for pair in pairs)
     for name, value in entries:
         name = name.strip()

@@ -5,6 +5,7 @@ Every combination that is possible is held against the motion: the rates must tu
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ _ANGLE_FORMS = (
     "kuka abc", "rotation vector", *(f"euler {s}" for s in ("XYZ", "xyz", "ZXY", "YXZ", "XZY", "YZX", "ZYZ", "ZXZ")),
     *(f"euler {s}" for s in ("zxy", "yxz", "xzy", "yzx", "zyz", "zxz")),
 )  # fmt: skip
+_NO_TIME = "100 Hz"
 _LONGEST_ROBOT = 20.0
 """m; larger numbers of positions are millimetres."""
 
@@ -100,7 +102,7 @@ def proposal(path: Path) -> str:
     RecordingError
         If no readings of an IMU are found.
     """
-    sheets = [read_sheet(file) for file in tables_in(path)]
+    sheets = _readable(path)
     best = _best(path, sheets)
     comment = "# proposed from the data; check it"
     if best.explained > 0.0:
@@ -108,10 +110,31 @@ def proposal(path: Path) -> str:
     elif best.columns.reference.orientation is not None:
         comment += ": the motion does not confirm it, the stamps may be in another unit"
     lines = [comment]
+    if best.columns.imu.time == _NO_TIME:
+        lines.append("# no column of time was found: write the rate of the rows, or the column")
     for name, table in best.columns.model_dump(exclude_none=True).items():
         if table:
-            lines += [f"[columns.{name}]", *(f'{key} = "{value}"' for key, value in table.items()), ""]
+            lines += [f"[columns.{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""]
     return "\n".join(lines).rstrip()
+
+
+def _readable(path: Path) -> list[Sheet]:
+    """Return the tables that can be read; others may lie beside them.
+
+    Raises
+    ------
+    RecordingError
+        If none can be read.
+    """
+    found, first = [], None
+    for file in tables_in(path):
+        try:
+            found.append(read_sheet(file))
+        except RecordingError as error:
+            first = first or error
+    if first is not None and not found:
+        raise first
+    return found
 
 
 def _best(path: Path, sheets: list[Sheet]) -> _Try:
@@ -125,7 +148,7 @@ def _best(path: Path, sheets: list[Sheet]) -> _Try:
                 continue
             imu = {
                 "file": sheets[force.sheet].source.name,
-                "time": _time(sheets[force.sheet], force) or "100 Hz",
+                "time": _time(sheets[force.sheet], force) or _NO_TIME,
                 "rate": _named(sheets, rates, "rate"),
                 "acceleration": _named(sheets, force, "acceleration", force_unit),
             }
@@ -215,7 +238,7 @@ def _time(sheet: Sheet, part: _Part) -> str | None:
         fits += (name.partition(".")[0] == prefix) + 3.0 * (own or _held_alike(column, sheet.columns[part.first]))
         step, duration = float(np.median(steps[steps > 0.0])), float(steps.sum())
         for unit, size in UNITS["time"].items():
-            if 1.0 <= 1e9 / (step * size) <= 20e3 and 5.0 <= duration * size * 1e-9 <= 1e6:
+            if 1.0 <= 1e9 / (step * size) <= 20e3 and 2.0 <= duration * size * 1e-9 <= 1e6:
                 stated = sheet.units[k]
                 text = name if stated is not None else f"{name} [{unit}]"
                 found.append((fits + (2 if by_name else 0) + (stated == unit) + (k == 0), text))
@@ -282,7 +305,9 @@ def _references(sheets: list[Sheet], taken: tuple[_Part, ...]) -> Iterator[dict[
 def _orientations(sheets: list[Sheet]) -> Iterator[tuple[_Part, str]]:
     for part, values in _windows(sheets, 4):
         if np.percentile(np.abs(np.linalg.norm(values, axis=1) - 1.0), 95) < 0.01:
-            for form in ("quaternion wxyz", "quaternion xyzw"):
+            letters = "".join(sheets[part.sheet].names[k].lower()[-1:] for k in range(part.first, part.last))
+            forms = [f"quaternion {letters}"] if letters in ("wxyz", "xyzw") else ["quaternion wxyz", "quaternion xyzw"]
+            for form in forms:
                 yield part, form
     for count, form in ((16, "pose matrix"), (12, "pose matrix"), (9, "matrix")):
         for part, values in _windows(sheets, count):

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from kreisel.errors import SettingsError
+from kreisel.errors import RecordingError, SettingsError
 from kreisel.geometry.rotation import Array, exp, from_matrix, multiply
 
 FORMS = (
@@ -19,6 +19,7 @@ Capital letters turn about the axes of the body as it turns (intrinsic), small l
 in the order in which they are written. KUKA's A, B, C are ZYX.
 """
 
+_NOT_ORTHOGONAL = 0.02
 _EULER = re.compile(r"euler\s+([xyz]{3}|[XYZ]{3})")
 
 
@@ -36,7 +37,9 @@ def columns_of(form: str) -> tuple[int, ...]:
         return (9,)
     if form == "pose matrix":
         return (12, 16)
-    if form in ("kuka abc", "rotation vector") or _EULER.fullmatch(form):
+    if form in ("kuka abc", "rotation vector"):
+        return (3,)
+    if _EULER.fullmatch(form) and form[-3] != form[-2] != form[-1]:
         return (3,)
     raise SettingsError(f"'{form}' is not a form of rotations; known: {', '.join(FORMS)}, and other sequences of axes")
 
@@ -66,8 +69,9 @@ def _converted(form: str, values: Array) -> Array:
     if form == "rotation vector":
         return exp(values)
     if form in ("matrix", "pose matrix"):
-        rows = values.reshape(len(values), -1, 3 if form == "matrix" else 4)[:, :3, :3]
-        u, _, v = np.linalg.svd(rows)
+        whole = values.reshape(len(values), -1, 3 if form == "matrix" else 4)
+        _check_matrices(whole)
+        u, _, v = np.linalg.svd(whole[:, :3, :3])
         return from_matrix(u @ v)
     sequence = "ZYX" if form == "kuka abc" else form.split()[1]
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(values), 1))
@@ -75,6 +79,24 @@ def _converted(form: str, values: Array) -> Array:
         turn = exp(angle[:, None] * np.eye(3)["xyz".index(axis.lower())])
         q = multiply(q, turn) if sequence.isupper() else multiply(turn, q)
     return q
+
+
+def _check_matrices(whole: Array) -> None:
+    """Raise an error for matrices (n, 3 or 4, 3 or 4) that are no rotations."""
+    if whole.shape[1] == 4 and np.abs(whole[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() > _NOT_ORTHOGONAL:
+        column = np.abs(whole[:, :, 3] - [0.0, 0.0, 0.0, 1.0]).max() < _NOT_ORTHOGONAL
+        hint = "they are written column by column: name the columns row by row" if column else "check the columns"
+        raise RecordingError(f"the last row of the pose matrices is not 0, 0, 0, 1; {hint}")
+    C = whole[:, :3, :3]
+    off = np.abs(C @ np.swapaxes(C, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero(off > _NOT_ORTHOGONAL)
+    if bad.size:
+        raise RecordingError(
+            f"{bad.size} of {len(C)} matrices are no rotations (the first is number {int(bad[0]) + 1}, its rows are "
+            f"orthogonal to {off[bad[0]]:.2g} only); check the columns, and delete rows in which tracking was lost"
+        )
+    if (np.linalg.det(C) < 0.0).any():
+        raise RecordingError("the matrices are left-handed: they mirror the body; check columns and signs")
 
 
 def positions_of(values: Array) -> Array:

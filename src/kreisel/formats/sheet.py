@@ -6,7 +6,9 @@ import csv
 import gzip
 import io
 import re
+import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ _EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_BYTES = 1 << 31
 _SNIFFED = 60
 _EXACT = 2.0**53
+_POINT = re.compile(r"\d\.\d|^\s*-?\.\d")
 
 
 @dataclass(frozen=True)
@@ -117,35 +120,47 @@ def read_sheet(path: Path) -> Sheet:
 
 def _from_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> Sheet:
     """Return a table of named arrays; a matrix (n, k) gives columns NAME(1) to NAME(k)."""
-    columns: dict[str, NDArray[Any]] = {}
-    units: dict[str, str | None] = {}
+    columns: list[tuple[str, str | None, NDArray[Any]]] = []
     for whole, values in arrays.items():
         name, unit = split_unit(whole)
         array = np.atleast_1d(np.squeeze(values))
-        if array.dtype.kind not in "fiubMOUS" or array.ndim > 2:
+        if array.dtype.kind not in "fiubMOUS" or array.ndim > 2 or array.size == 0:
             continue
         if array.ndim == 2 and array.shape[0] < array.shape[1]:
             array = array.T
-        parts = {name: array} if array.ndim == 1 else {f"{name}({k + 1})": x for k, x in enumerate(array.T)}
-        columns |= parts
-        units |= dict.fromkeys(parts, unit)
-    sizes = [column.size for column in columns.values()]
-    if not sizes or max(sizes) < 2:
+        unit = "ns" if array.dtype.kind == "M" else unit
+        if array.ndim == 1:
+            columns.append((name, unit, array))
+        else:
+            columns += [(f"{name}({k + 1})", unit, column) for k, column in enumerate(array.T)]
+    rows = max((column.size for *_, column in columns), default=0)
+    columns = [(name, unit, column) for name, unit, column in columns if column.size > 1]
+    if rows < 2 or not columns:
         raise RecordingError("holds no columns of numbers", file=path)
-    rows = max(sizes)
-    padded = {name: _padded(column, rows) for name, column in columns.items() if column.size > 1}
-    return Sheet(path, tuple(padded), tuple(units[name] for name in padded), tuple(padded.values()))
+    names, units, _ = zip(*columns, strict=True)
+    return Sheet(path, names, units, tuple(_padded(column, rows) for *_, column in columns))
 
 
 def _padded(column: NDArray[Any], rows: int) -> NDArray[Any]:
     """Return a column with NaN behind its end; whole numbers keep their digits where they fill it."""
     if column.dtype.kind == "M":
-        return column.astype("datetime64[ns]").astype(np.int64)
+        ns = column.astype("datetime64[ns]")
+        column = np.where(np.isnat(ns), np.nan, ns.astype(np.float64)) if np.isnat(ns).any() else ns.astype(np.int64)
+    if column.dtype.kind == "O":
+        column = _of_objects(column)
     if column.size == rows and column.dtype.kind in "iu":
         return column.astype(np.int64)
     if column.dtype.kind in "OUS":
         return np.append(column.astype(str), np.full(rows - column.size, ""))
     return np.append(column.astype(np.float64), np.full(rows - column.size, np.nan))
+
+
+def _of_objects(column: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers of another type (decimals, numbers with empty cells) as floats, all else as text."""
+    try:
+        return np.array([np.nan if cell is None else float(cell) for cell in column])
+    except (TypeError, ValueError):
+        return np.array(["" if cell is None else str(cell) for cell in column])
 
 
 def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -161,7 +176,7 @@ def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise RecordingError("MATLAB files need SciPy: pip install 'kreisel[tables]'", file=path) from error
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, KeyError, IndexError) as error:
+    except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
         raise RecordingError(f"is not a MATLAB file that can be read: {error}", file=path) from error
     out: dict[str, NDArray[Any]] = {}
     waiting = [(name, value) for name, value in content.items() if not name.startswith("__")]
@@ -189,7 +204,8 @@ def _hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
     def add(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub" and not name.startswith("#"):
-            out[name.replace("/", ".")] = np.asarray(item)
+            with suppress(TypeError, ValueError, OSError):  # empty or odd ones that nobody needs
+                out[name.replace("/", ".")] = np.asarray(item)
 
     try:
         with h5py.File(path, "r") as file:
@@ -206,7 +222,13 @@ def _parquet_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise RecordingError("Parquet files need pyarrow: pip install 'kreisel[tables]'", file=path) from error
     try:
         table = parquet.read_table(path)
-        return {name: table.column(name).to_numpy() for name in table.column_names}
+        out: dict[str, NDArray[Any]] = {}
+        for name in table.column_names:
+            with suppress(ArrowException, ValueError, UnicodeDecodeError):  # lists and bytes that nobody needs
+                values = table.column(name).to_numpy()
+                if values.dtype.kind != "O" or not isinstance(values[0] if values.size else None, bytes | np.ndarray):
+                    out[name] = values
+        return out
     except (ArrowException, ValueError) as error:
         raise RecordingError(f"is not a Parquet file that can be read: {error}", file=path) from error
 
@@ -218,7 +240,7 @@ def _text_of(path: Path) -> str:
     try:
         with gzip.open(path) if packed else path.open("rb") as stream:
             data = stream.read(_MAX_BYTES + 1)
-    except (gzip.BadGzipFile, EOFError) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise RecordingError(f"is not a whole gzip file ({error}); copy it again", file=path) from error
     if len(data) > _MAX_BYTES:
         raise RecordingError(f"is longer than {_MAX_BYTES} bytes; split it", file=path)
@@ -233,11 +255,11 @@ def _text_of(path: Path) -> str:
 
 
 def _from_text(path: Path, text: str) -> Sheet:
-    lines = text.splitlines()
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     head = _head(lines, path)
     body = lines[head.first :]
-    if not text.endswith(("\n", "\r")) and len(body) > 1 and len(_cells(body[-1], head)) != head.count:
-        body = body[:-1]  # a recorder that was stopped
+    if not text.endswith(("\n", "\r")) and len(body) > 2:
+        body = body[:-1]  # it may be cut, as after a recorder was stopped
     names = head.names or [""] * head.count
     split = [split_unit(name.strip().lstrip("#").strip().strip("\"'")) for name in names]
     units = [own or under for (_, own), under in zip(split, head.units or [None] * head.count, strict=True)]
@@ -275,6 +297,9 @@ def _head(lines: Sequence[str], path: Path) -> _Head:
     names, units, first = None, None, data[0][0]
     for place, line in data[:4]:
         cells = _cells(line, head)
+        if names is None and [cell.strip() for cell in cells] in _numbered(count):
+            names, first = cells, place + 1
+            continue
         if len(cells) != count or any(_is_number(cell) and cell.strip().lower() not in _EMPTY for cell in cells):
             first = place
             break
@@ -290,6 +315,11 @@ def _head(lines: Sequence[str], path: Path) -> _Head:
     return _Head(delimiter, trailing, comma, count, names, units, first)
 
 
+def _numbered(count: int) -> tuple[list[str], list[str]]:
+    """Return headers that are only numbers of columns."""
+    return [str(k) for k in range(count)], [str(k + 1) for k in range(count)]
+
+
 def _divides(delimiter: str, sample: Sequence[str]) -> bool:
     counts = {len(_split(line, delimiter)) for line in sample}
     return len(counts) == 1 and counts != {1}
@@ -298,7 +328,10 @@ def _divides(delimiter: str, sample: Sequence[str]) -> bool:
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        return []
 
 
 def _cells(line: str, head: _Head) -> list[str]:
@@ -339,6 +372,13 @@ def _columns(body: Sequence[str], head: _Head, path: Path) -> Iterator[NDArray[A
         if not line.strip() or _is_comment(line):
             continue
         cells = _cells(line, head)
+        if head.decimal_comma and any(_POINT.search(cell) for cell in _split(line, head.delimiter)):
+            raise RecordingError(
+                "numbers with points and numbers with commas: which divide decimals, and which thousands? Write all "
+                "numbers with points, without marks between thousands",
+                file=path,
+                line=head.first + k + 1,
+            )
         if len(cells) != head.count:
             raise RecordingError(
                 f"{len(cells)} cells, expected {head.count}; repair or delete the row",
@@ -355,6 +395,8 @@ def _column(cells: Sequence[str]) -> NDArray[Any]:
     texts = [cell.strip() for cell in cells]
     if not all(map(_is_number, texts)):
         return np.array(texts)
-    if all(re.fullmatch(r"[-+]?\d{1,18}", text) for text in texts):
-        return np.array([int(text) for text in texts], dtype=np.int64)
+    if all(re.fullmatch(r"[-+]?\d{1,19}", text) for text in texts):
+        whole = [int(text) for text in texts]
+        if max(map(abs, whole)) < 2**63:
+            return np.array(whole, dtype=np.int64)
     return np.array([np.nan if text.lower() in _EMPTY else float(text) for text in texts])

@@ -67,6 +67,8 @@ def recording_from_arrays(
     elif pose_stamps is not None:
         raise RecordingError("positions, quaternions: are missing; pose_stamps belong to them")
     joints = None
+    if joint_angles is None and joint_stamps is not None:
+        raise RecordingError("joint_angles: are missing; joint_stamps belong to them")
     if joint_angles is not None:
         given = pose_stamps if joint_stamps is None else joint_stamps
         if given is None:
@@ -74,14 +76,13 @@ def recording_from_arrays(
         at = _stamps(given, "joint_stamps")
         joints = JointAngles(at, _numbers(joint_angles, "joint_angles", at.size, -1), ARRAYS / "joints",
                              HeaderUnits(angle="rad"))  # fmt: skip
-    return check_streams(Recording(Path(name), imu, reference, joints, _settings(settings), urdf=urdf))
+    return check_streams(Recording(Path(str(name)), imu, reference, joints, _settings(settings), urdf=urdf))
 
 
 def _settings(given: RecordingSettings | Mapping[str, Any] | None) -> RecordingSettings:
-    if isinstance(given, RecordingSettings):
-        return given
     try:
-        return RecordingSettings.model_validate(dict(given or {}))
+        known = given if isinstance(given, RecordingSettings) else RecordingSettings.model_validate(dict(given or {}))
+        return known.model_copy(update={"columns": None})
     except ValidationError as error:
         raise RecordingError(f"settings: {what_is_wrong(error)}; units are SI") from error
     except (TypeError, ValueError) as error:
@@ -90,12 +91,18 @@ def _settings(given: RecordingSettings | Mapping[str, Any] | None) -> RecordingS
 
 def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Array:
     """Return an argument as float64, (size,) or (size, width); any width if that is -1."""
+    _check_kind(values, name)
     try:
         out = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{name}: not an array of numbers ({error})") from error
     shape = (size,) if width is None else (size, "k" if width == -1 else width)
-    fits = out.ndim == len(shape) and out.shape[0] == size and (width in (None, -1) or out.shape[1] == width)
+    fits = (
+        out.size > 0
+        and out.ndim == len(shape)
+        and out.shape[0] == size
+        and (width in (None, -1) or out.shape[1] == width)
+    )
     if not fits:
         hint = "; transpose it" if out.ndim == 2 and out.shape[1] == size else ""
         raise RecordingError(f"{name}: got the shape {out.shape}, expected ({', '.join(map(str, shape))}){hint}")
@@ -106,8 +113,17 @@ def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Arra
     return out
 
 
+def _check_kind(values: ArrayLike, name: str) -> None:
+    """Raise an error for arrays whose meaning would be lost."""
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise RecordingError(f"{name}: some values are masked; remove these rows")
+    if getattr(getattr(values, "dtype", None), "kind", "f") == "c":
+        raise RecordingError(f"{name}: complex numbers, expected real ones")
+
+
 def _stamps(values: ArrayLike, name: str) -> Stamps:
     """Return stamps in ns: of integers in ns, floats in s, or dates."""
+    _check_kind(values, name)
     stamps = np.asarray(values)
     if stamps.ndim != 1 or stamps.size < 2:
         raise RecordingError(f"{name}: got the shape {stamps.shape}, expected (n,)")
@@ -129,6 +145,13 @@ def _stamps(values: ArrayLike, name: str) -> Stamps:
             raise RecordingError(
                 f"{name}: floats are seconds, but the usual step is {step:.4g} s; give nanoseconds as integers"
             )
+        resolved = float(np.spacing(np.abs(stamps).max()))
+        if resolved > 0.01 * step:
+            raise RecordingError(
+                f"{name}: {stamps.dtype} resolves {resolved:.2g} s only, and the usual step is {step:.4g} s; give "
+                "float64, or nanoseconds as integers"
+            )
+        stamps = stamps.astype(np.float64)
         whole = np.floor(stamps)
         return whole.astype(np.int64) * 10**9 + np.round((stamps - whole) * 1e9).astype(np.int64)
     if stamps.max() > 9e18 or stamps.min() < -9e18:

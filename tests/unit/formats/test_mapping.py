@@ -94,6 +94,14 @@ def test_sequences_of_angles_against_scipy(sequence: str) -> None:
         ({"imu.rate": "gx, gy, gz [furlong]"}, r"\[furlong\] is not a unit of rate"),
         ({"imu.rate": "gx, gy, #99"}, "there are 7 columns"),
         ({"imu.time": "t [fortnight]"}, "is not a unit of time"),
+        ({"imu.time": "-t [s]"}, "without signs"),
+        ({"imu.time": "t [date]"}, "holds numbers, not dates"),
+        ({"imu.rate": "gx, gy, gz [date]"}, "is not a unit of rate"),
+        ({"imu.rate": "#4-2, gx, gy, gz"}, "is no range"),
+        ({"imu.rate": "--gx, gy, gz"}, "two signs"),
+        ({"imu.rate": "#2-99999999999"}, "is no range"),
+        ({"reference.orientation": "euler ZZY: qw, qx, qy [rad]"}, "is not a form of rotations"),
+        ({"reference.orientation": "matrix: #2-8, #2-3"}, "are no rotations"),
         ({"imu.time": "0 Hz"}, "not a possible rate"),
         ({"reference.orientation": "qw, qx, qy, qz"}, "is not a form of rotations"),
         ({"reference.orientation": "quaternion wxyz: qw, qx, qy"}, "3 columns, but"),
@@ -158,3 +166,64 @@ def test_whole_nanoseconds_keep_all_digits(tmp_path: Path) -> None:
     rows = [f"{stamp},{0.1 * np.sin(k)},0.2,{k},1.0,{0.01 * k},9.8" for k, stamp in enumerate(t)]
     (tmp_path / "imu.csv").write_text("t,a,b,c,d,e,f\n" + "\n".join(rows) + "\n")
     np.testing.assert_array_equal(read_sheet(tmp_path / "imu.csv").columns[0], t)
+
+
+def test_counted_rows_are_those_of_the_stream(tmp_path: Path) -> None:
+    log = next(shape for shape in SHAPES if shape.name == "one log, merged rows")
+    got = load(written(log, tmp_path), columns=log.mapping | {"imu.time": "100 Hz"})
+    assert got.imu.seconds[-1] == pytest.approx(40.0)
+
+
+def test_a_header_of_numbers_is_no_row(tmp_path: Path) -> None:
+    """As frames without names are written."""
+    text = imu_text(recorded()[1])
+    (tmp_path / "imu.csv").write_text("0,1,2,3,4,5,6\n" + text.partition("\n")[2])
+    got = load(tmp_path / "imu.csv", columns={
+        "imu.time": "#1 [s]", "imu.rate": "#2-4", "imu.acceleration": "#5-7"})  # fmt: skip
+    np.testing.assert_array_equal(got.imu.rates, recorded()[1].imu.rates)
+
+
+@pytest.mark.parametrize("header", ["gx (deg/sec)", "gx (DPS)", "Gyro (raw) X [deg/sec]"])
+def test_a_unit_that_is_not_known_is_no_si(header: str, tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text(imu_text(recorded()[1]).replace("gx", header, 1))
+    with pytest.raises(RecordingError, match="no unit of rate"):
+        load(tmp_path / "imu.csv", columns={"imu.time": "t [s]", "imu.rate": "#2-4", "imu.acceleration": "ax, ay, az"})
+
+
+def test_a_name_may_have_parentheses_before_its_unit(tmp_path: Path) -> None:
+    text = imu_text(recorded()[1]).replace("gx,gy,gz", "G (raw) X [deg/s],G (raw) Y [deg/s],G (raw) Z [deg/s]", 1)
+    (tmp_path / "imu.csv").write_text(text)
+    sheet = read_sheet(tmp_path / "imu.csv")
+    assert sheet.names[1] == "G (raw) X"
+    assert sheet.units[1:4] == ("deg/s",) * 3
+
+
+def test_points_beside_decimal_commas_are_refused(tmp_path: Path) -> None:
+    rows = [f"0,{k:03d};1.234,5;0,1;0,2;0,3;0,4;9,8" for k in range(40)]
+    (tmp_path / "imu.csv").write_text("t;gx;gy;gz;ax;ay;az\n" + "\n".join(rows) + "\n")
+    with pytest.raises(RecordingError, match="points and numbers with commas"):
+        read_sheet(tmp_path / "imu.csv")
+
+
+def test_left_handed_matrices_and_matrices_by_column_are_refused() -> None:
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(RecordingError, match="left-handed"):
+        quaternions_of("matrix", -turned.reshape(1, 9))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turned, (1.0, 2.0, 3.0)
+    with pytest.raises(RecordingError, match="column by column"):
+        quaternions_of("pose matrix", pose.T.reshape(1, 16))
+
+
+def test_an_unreadable_file_beside_does_not_matter(tmp_path: Path) -> None:
+    plain(recorded()[1], tmp_path)
+    (tmp_path / "notes.txt").write_text("hall 3, unit 17\nrobot was warm\n")
+    assert "euler" not in proposal(tmp_path)
+
+
+def test_frames_with_equal_names_are_told_apart_by_number(tmp_path: Path) -> None:
+    pyarrow, writer = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = {"t": np.arange(50) * 0.01, "gx [rad/s]": np.arange(50.0), "gx [deg/s]": 57.3 * np.arange(50.0)}
+    writer.write_table(pyarrow.table(columns), tmp_path / "imu.parquet")
+    with pytest.raises(RecordingError, match="2 columns are called 'gx'"):
+        read_sheet(tmp_path / "imu.parquet").place("gx")

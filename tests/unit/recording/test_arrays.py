@@ -65,12 +65,16 @@ def test_frames_of_pandas():
         ({"accelerations": lambda x: x / 9.81}, r"they look like \[g\]; give them in m/s\^2"),
         ({"positions": lambda x: x * 1e3}, r"they look like \[mm\]; give them in m"),
         ({"settings": lambda x: {"imu": {"grade": "best"}}}, "settings: .*unknown grade 'best'"),
+        ({"imu_stamps": lambda x: (x * 1e-9).astype(np.float32)}, "imu_stamps: float32 resolves"),
+        ({"rates": lambda x: np.ma.masked_array(x, x > 1.0)}, "rates: some values are masked"),
+        ({"rates": lambda x: x + 0j}, "rates: complex numbers"),
+        ({"joint_stamps": lambda _: np.arange(9)}, "joint_angles: are missing"),
         ({"settings": lambda x: {"imu": 3}}, "settings: imu = 3 is not accepted"),
     ],
 )
 def test_a_bad_argument_is_named(changed, words):
     given = arguments()
-    given |= {name: change(given[name]) for name, change in changed.items()}
+    given |= {name: change(given.get(name)) for name, change in changed.items()}
     with pytest.raises(kreisel.errors.KreiselError, match=words):
         kreisel.calibrate(kreisel.Recording.from_arrays(**given))
 
