@@ -222,15 +222,15 @@ def _parquet_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise RecordingError("Parquet files need pyarrow: pip install 'kreisel[tables]'", file=path) from error
     try:
         table = parquet.read_table(path)
-        out: dict[str, NDArray[Any]] = {}
-        for name in table.column_names:
-            with suppress(ArrowException, ValueError, UnicodeDecodeError):  # lists and bytes that nobody needs
-                values = table.column(name).to_numpy()
-                if values.dtype.kind != "O" or not isinstance(values[0] if values.size else None, bytes | np.ndarray):
-                    out[name] = values
-        return out
     except (ArrowException, ValueError) as error:
         raise RecordingError(f"is not a Parquet file that can be read: {error}", file=path) from error
+    out: dict[str, NDArray[Any]] = {}
+    for k, name in enumerate(table.column_names):
+        with suppress(ArrowException, ValueError, UnicodeDecodeError):  # lists and bytes that nobody needs
+            values = table.column(k).to_numpy()
+            if values.dtype.kind != "O" or not isinstance(values[0] if values.size else None, bytes | np.ndarray):
+                out[name] = values
+    return out
 
 
 def _text_of(path: Path) -> str:
