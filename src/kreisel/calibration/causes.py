@@ -187,7 +187,7 @@ def _of_readings(estimate: Estimate) -> tuple[str, str]:
         if repeated > _REPEATED:
             return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
     quiet, busy = _third_differences(estimate.problem, estimate.problem.readings.accelerations)
-    if busy > _SHAKEN * quiet:
+    if busy > _SHAKEN * quiet > 0.0:
         return "vibration", f"the IMU vibrates while it moves: its noise is {busy / quiet:.0f} times that at rest"
     return "stated noise", "the IMU is noisier than stated"
 
