@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.recording.header import UNITS
+from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.settings import ColumnsTable
 
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
@@ -62,7 +62,7 @@ def parse_terms(text: str, quantity: str) -> tuple[Term, ...]:
     terms: list[Term] = []
     for part in _parts(text):
         match = _UNIT.match(part)
-        name, unit = (match.group(1), match.group(2)) if match else (part, None)
+        name, unit = (match.group(1), plain_unit(match.group(2))) if match else (part, None)
         if unit is not None and unit not in UNITS[quantity] and (unit, quantity) != ("date", "time"):
             raise SettingsError(f"'{text}': [{unit}] is not a unit of {quantity}; known: {', '.join(UNITS[quantity])}")
         sign = -1.0 if name.startswith("-") else 1.0

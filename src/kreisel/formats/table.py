@@ -18,7 +18,7 @@ from kreisel import spill
 from kreisel._kernels.table import read_rows
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.recording.header import UNITS
+from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.location import fault
 from kreisel.recording.recording import DataWarning, Stamps
 
@@ -306,7 +306,7 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
                 line=1,
             )
         unit = match.group(2)
-        columns.append(Column(i, match.group(1), None if unit is None else re.sub(r"\s+", " ", unit)))
+        columns.append(Column(i, match.group(1), None if unit is None else plain_unit(unit)))
     return tuple(columns)
 
 

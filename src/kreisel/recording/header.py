@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from kreisel.units import DEG, STANDARD_GRAVITY
 
 UNITS: dict[str, dict[str, float]] = {
-    "time": {"ns": 1.0, "us": 1e3, "µs": 1e3, "μs": 1e3, "ms": 1e6, "s": 1e9},
+    "time": {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9},
     "rate": {
         "rad s^-1": 1.0, "rad/s": 1.0, "rads^-1": 1.0, "deg s^-1": DEG, "deg/s": DEG, "°/s": DEG, "dps": DEG,
         "mdps": 1e-3 * DEG, "deg/h": DEG / 3600.0,
@@ -28,6 +28,11 @@ _NAME_AND_UNIT = re.compile(r"^(.*?)\s*(\[[^\[\]]*\]|\([^()]*\))\s*$")
 _LIKE_A_UNIT = re.compile(r"deg|rad|dps|sec|/|hz|°|^m?g$|^[munµ]?s$|^[cm]?m$", re.IGNORECASE)
 
 
+def plain_unit(text: str) -> str:
+    """Return a unit with single blanks, and u for micro."""
+    return re.sub(r"\s+", " ", text.strip()).replace("\u00b5", "u").replace("\u03bc", "u")
+
+
 def split_unit(text: str) -> tuple[str, str | None]:
     """Return name and unit of 'name [unit]' or 'name (unit)'; the unit is None where there is none.
 
@@ -36,7 +41,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
     match = _NAME_AND_UNIT.match(text)
     if match is None:
         return text.strip(), None
-    unit = re.sub(r"\s+", " ", match.group(2)[1:-1].strip())
+    unit = plain_unit(match.group(2)[1:-1])
     known = any(unit in units for units in UNITS.values())
     if known or match.group(2).startswith("[") or _LIKE_A_UNIT.search(unit):
         return match.group(1).strip(), unit

@@ -28,6 +28,7 @@ _STUCK = 20
 _SPIKE = 30.0
 _OVERLAP = 512
 _MAX_ROUNDS = 4
+_ENOUGH = 20_000
 _BESIDE = 1
 """Samples on either side of a saturated one that are left out too: a filter in the sensor has rounded the edge."""
 
@@ -61,6 +62,28 @@ class _Chunk:
     def digits(self) -> Array:
         """The smallest step of every channel, (6,)."""
         return resolution(self.steps)
+
+    @cached_property
+    def large_steps(self) -> tuple[Array, Mask, Mask]:
+        """Usual steps of all channels, which steps are far larger, and which of these come back at once."""
+        values, steps = self.values, self.steps
+        many = _usual(steps, 75.0)
+        highest = steps.max(axis=0)
+        if not (highest > _SPIKE * many).any():
+            return many, np.zeros(steps.shape, dtype=bool), np.zeros((len(steps) - 1, steps.shape[1]), dtype=bool)
+        height = np.minimum(steps[1:], steps[:-1])
+        back = np.abs(values[2:] - values[:-2]) < 0.3 * height
+        # spikes themselves must not decide what is usual
+        doubtful = np.zeros(steps.shape, dtype=bool)
+        doubtful[1:] = back & (height > _SPIKE * many)
+        doubtful[:-1] |= doubtful[1:]
+        usual = _usual(np.where(doubtful, 0.0, steps), 99.0)
+        limit = _SPIKE * usual
+        large = (steps > limit) & (limit > 0.0)
+        if large.any():
+            dt = np.diff(self.stamps_ns)
+            large &= (dt < 1.6 * float(np.median(dt)))[:, None]
+        return usual, large, large[1:] & large[:-1] & back
 
     @property
     def whole(self) -> slice:
@@ -256,7 +279,8 @@ def _chunks(imu: ImuSamples) -> Iterator[_Chunk]:
 
 
 def _usual(steps: Array, share: float) -> Array:
-    """Return a percentile of the steps that are not zero, (channels,)."""
+    """Return a percentile of the steps that are not zero, (channels,); of many steps some are enough."""
+    steps = steps[:: max(1, len(steps) // _ENOUGH)]
     return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in steps.T])
 
 
@@ -297,33 +321,15 @@ def _saturated(chunk: _Chunk) -> Iterator[_Fault]:
             yield chunk.fault(text, slice(max(inside.start - _BESIDE, 0), inside.stop + _BESIDE), inside.start)
 
 
-def _large_steps(chunk: _Chunk) -> tuple[Array, Mask, Mask]:
-    """Return the usual steps of all channels, which steps are far larger, and which of these come back at once."""
-    values, steps = chunk.values, chunk.steps
-    height = np.minimum(steps[1:], steps[:-1])
-    back = np.abs(values[2:] - values[:-2]) < 0.3 * height
-    # spikes themselves must not decide what is usual
-    doubtful = np.zeros(steps.shape, dtype=bool)
-    doubtful[1:] = back & (height > _SPIKE * _usual(steps, 75.0))
-    doubtful[:-1] |= doubtful[1:]
-    usual = _usual(np.where(doubtful, 0.0, steps), 99.0)
-    limit = _SPIKE * usual
-    large = (steps > limit) & (limit > 0.0)
-    if large.any():
-        dt = np.diff(chunk.stamps_ns)
-        large &= (dt < 1.6 * float(np.median(dt)))[:, None]
-    return usual, large, large[1:] & large[:-1] & back
-
-
 def _spikes(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield spikes of one sample."""
-    usual, _, spikes = _large_steps(chunk)
+    usual, _, spikes = chunk.large_steps
     yield from _steps(chunk, spikes, usual, "a spike")
 
 
 def _wrapped(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield channels that overflow their range and wrap round."""
-    usual, large, spikes = _large_steps(chunk)
+    usual, large, spikes = chunk.large_steps
     wraps = large & (chunk.steps > 0.9 * np.ptp(chunk.values, axis=0))
     if wraps.any():
         wraps[-1] &= chunk.last  # the next chunk shows whether it comes back
