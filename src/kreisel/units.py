@@ -16,6 +16,9 @@ DEG_PER_HOUR = DEG / 3600.0
 DEG_PER_ROOT_HOUR = DEG / 60.0
 """rad/sqrt(s), the unit of angle random walk"""
 
+ZERO_CELSIUS = 273.15
+"""K; exact by definition."""
+
 MG = 1e-3 * STANDARD_GRAVITY
 """m/s^2"""
 

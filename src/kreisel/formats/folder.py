@@ -19,13 +19,11 @@ from kreisel.progress import Together, one_by_one
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.units import ZERO_CELSIUS
 
 _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 _POSE_HEADER = "#timestamp [ns],p_x [m],p_y,p_z,q_w [],q_x,q_y,q_z"
-
-_KELVIN = 273.15
-"""K at 0 degrees Celsius."""
 
 
 def is_folder(path: Path) -> bool:
@@ -103,7 +101,7 @@ def _temperature(table: Table, warnings: list[DataWarning]) -> Array | None:
         return None
     values = table.take(found[:1], "temperature")[:, 0]
     if found[0].unit == "K":
-        values = values - _KELVIN
+        values = values - ZERO_CELSIUS
     warnings.append(DataWarning(_short_name(table), f"column '{found[0].name}' is read as the sensor's temperature"))
     return values
 

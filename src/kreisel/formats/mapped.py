@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError
 from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.mapping import Term, TimeRule, parse_orientation, parse_terms, parse_time
-from kreisel.formats.rotation_forms import is_angle, positions_of, quaternions_of
+from kreisel.formats.rotation_forms import positions_of, quantity_of, quaternions_of
 from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import ColumnsTable, RecordingSettings, read_settings
+from kreisel.units import ZERO_CELSIUS
 
-_KELVIN = 273.15
 _DAY = 86_400 * 10**9
 _HELD = 0.3
 """Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""
@@ -94,7 +94,7 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
     temperature = None
     if own.temperature is not None:
         values, unit = _vectors(sheet, parse_terms(own.temperature, "temperature"), "temperature", 1)
-        temperature = np.ascontiguousarray(values[keep, 0]) - (_KELVIN if unit == "K" else 0.0)
+        temperature = np.ascontiguousarray(values[keep, 0]) - (ZERO_CELSIUS if unit == "K" else 0.0)
     _note(sheet, "IMU", keep, warnings)
     units = HeaderUnits(time_unit, rate_unit, force_unit)
     return ImuSamples(
@@ -123,8 +123,7 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
         parts.append(positions)
     if own.orientation is not None:
         form, terms = parse_orientation(own.orientation)
-        quantity = "angle" if is_angle(form) else "length" if form == "pose matrix" else "quaternion"
-        values, stated = _vectors(sheet, terms, quantity, len(terms))
+        values, stated = _vectors(sheet, terms, quantity_of(form), len(terms))
         parts.append(values)
         if form == "pose matrix":
             if positions is None:

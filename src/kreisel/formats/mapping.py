@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from kreisel.errors import SettingsError, unknown_name
+from kreisel.formats.rotation_forms import columns_of, quantity_of
 from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.settings import ColumnsTable
 
@@ -123,12 +124,10 @@ def parse_orientation(text: str) -> tuple[str, tuple[Term, ...]]:
     """
     form, colon, names = text.partition(":")
     form = " ".join(form.split())
-    from kreisel.formats.rotation_forms import columns_of, is_angle
-
     expected = columns_of(form)
     if not colon:
         raise SettingsError(f"'{text}': write the form, a colon, and the columns, as 'quaternion wxyz: qw, qx, qy, qz'")
-    terms = parse_terms(names, "angle" if is_angle(form) else "length" if form == "pose matrix" else "quaternion")
+    terms = parse_terms(names, quantity_of(form))
     if len(terms) not in expected:
         wanted = " or ".join(map(str, expected))
         raise SettingsError(f"'{text}': {len(terms)} columns, but '{form}' has {wanted}")

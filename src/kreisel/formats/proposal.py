@@ -5,7 +5,6 @@ Every combination that is possible is held against the motion: the rates must tu
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from kreisel.errors import KreiselError, RecordingError, UnknownColumnsError
 from kreisel.formats.mapped import load_mapped, tables_in
 from kreisel.formats.mapping import parse_terms
 from kreisel.formats.sheet import Sheet, read_sheet
+from kreisel.formats.write import toml_table
 from kreisel.geometry.rotation import Array, apply, nearest_rotation
 from kreisel.inertial.readings import Readings
 from kreisel.recording.header import UNITS
@@ -114,7 +114,7 @@ def proposal(path: Path) -> str:
         lines.append("# no column of time was found: write the rate of the rows, or the column")
     for name, table in best.columns.model_dump(exclude_none=True).items():
         if table:
-            lines += [f"[columns.{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""]
+            lines.append(toml_table(f"columns.{name}", table))
     return "\n".join(lines).rstrip()
 
 
@@ -142,6 +142,7 @@ def _best(path: Path, sheets: list[Sheet]) -> _Try:
     if not accelerations:
         raise RecordingError("no three adjacent columns have the length of gravity", file=path)
     tried: list[_Try] = []
+    orientations = list(_orientations(sheets))
     for force, force_unit in accelerations[:3]:
         for rates in _triads(sheets, "rate"):
             if rates.sheet != force.sheet or rates.overlaps(force):
@@ -152,10 +153,11 @@ def _best(path: Path, sheets: list[Sheet]) -> _Try:
                 "rate": _named(sheets, rates, "rate"),
                 "acceleration": _named(sheets, force, "acceleration", force_unit),
             }
-            for reference in _references(sheets, (force, rates)):
+            before = len(tried)
+            for reference in _references(sheets, orientations, (force, rates)):
                 columns = ColumnsTable.model_validate({"imu": imu, "reference": reference})
                 tried.append(_Try(columns, *_agreement(path, sheets, columns)))
-            if not tried or tried[-1].columns.imu.rate != imu["rate"]:
+            if len(tried) == before:
                 tried.append(_Try(ColumnsTable.model_validate({"imu": imu}), -1.0, 1.0, 0.0))
     if not tried:
         raise RecordingError("no three columns beside the accelerometers' look like rates", file=path)
@@ -282,9 +284,11 @@ def _accelerations(sheets: list[Sheet]) -> Iterator[tuple[_Part, str | None]]:
         yield part, named_unit
 
 
-def _references(sheets: list[Sheet], taken: tuple[_Part, ...]) -> Iterator[dict[str, str]]:
+def _references(
+    sheets: list[Sheet], orientations: list[tuple[_Part, str]], taken: tuple[_Part, ...]
+) -> Iterator[dict[str, str]]:
     """Yield possible columns of poses."""
-    for orientation, form in _orientations(sheets):
+    for orientation, form in orientations:
         time = _time(sheets[orientation.sheet], orientation)
         if any(orientation.overlaps(other) for other in taken) or time is None:
             continue

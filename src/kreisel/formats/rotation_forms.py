@@ -44,9 +44,11 @@ def columns_of(form: str) -> tuple[int, ...]:
     raise SettingsError(f"'{form}' is not a form of rotations; known: {', '.join(FORMS)}, and other sequences of axes")
 
 
-def is_angle(form: str) -> bool:
-    """Return whether the numbers of a form are angles, which have a unit."""
-    return form in ("kuka abc", "rotation vector") or form.startswith("euler")
+def quantity_of(form: str) -> str:
+    """Return the quantity whose units the numbers of a form may have."""
+    if form in ("kuka abc", "rotation vector") or form.startswith("euler"):
+        return "angle"
+    return "length" if form == "pose matrix" else "quaternion"
 
 
 def quaternions_of(form: str, values: Array) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.formats.table import is_number
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import split_unit
 
@@ -84,7 +85,7 @@ class Sheet:
         k = self.place(name)
         values = self.columns[k]
         if values.dtype.kind in "OUS":
-            bad = next((i for i, cell in enumerate(values) if not _is_number(str(cell))), 0)
+            bad = next((i for i, cell in enumerate(values) if not _is_number_or_empty(str(cell))), 0)
             raise RecordingError(
                 f"column '{self.names[k]}' holds text ('{str(values[bad])[:40]}' in row {bad + 1}), expected numbers",
                 file=self.source,
@@ -300,7 +301,7 @@ def _head(lines: Sequence[str], path: Path) -> _Head:
         if names is None and [cell.strip() for cell in cells] in _numbered(count):
             names, first = cells, place + 1
             continue
-        if len(cells) != count or any(_is_number(cell) and cell.strip().lower() not in _EMPTY for cell in cells):
+        if len(cells) != count or any(is_number(cell) and cell.strip().lower() not in _EMPTY for cell in cells):
             first = place
             break
         if names is None:
@@ -345,13 +346,8 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
 
 
-def _is_number(cell: str) -> bool:
-    text = cell.strip().lower()
-    try:
-        float(text)
-    except ValueError:
-        return text in _EMPTY
-    return "_" not in text
+def _is_number_or_empty(cell: str) -> bool:
+    return is_number(cell) or cell.strip().lower() in _EMPTY
 
 
 def _columns(body: Sequence[str], head: _Head, path: Path) -> Iterator[NDArray[Any]]:
@@ -393,7 +389,7 @@ def _columns(body: Sequence[str], head: _Head, path: Path) -> Iterator[NDArray[A
 def _column(cells: Sequence[str]) -> NDArray[Any]:
     """Return cells as numbers, exact where they are whole ones; as text if one is neither number nor empty."""
     texts = [cell.strip() for cell in cells]
-    if not all(map(_is_number, texts)):
+    if not all(map(_is_number_or_empty, texts)):
         return np.array(texts)
     if all(re.fullmatch(r"[-+]?\d{1,19}", text) for text in texts):
         whole = [int(text) for text in texts]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -170,10 +171,11 @@ def _write_table(folder: Path, header: str, stamps: Stamps, values: Array) -> No
 def settings_toml(settings: RecordingSettings) -> str:
     """Return the settings that are set as TOML, empty where none is."""
     tables = settings.model_dump(exclude_none=True)
-    return "\n".join(_toml_table(name, table) for name, table in tables.items() if table)
+    return "\n".join(toml_table(name, table) for name, table in tables.items() if table)
 
 
-def _toml_table(name: str, table: dict[str, float | str]) -> str:
+def toml_table(name: str, table: Mapping[str, float | str]) -> str:
+    """Return a table of TOML."""
     lines = [f"{key} = {_toml_value(value)}\n" for key, value in table.items()]
     return f"[{name}]\n{''.join(lines)}"
 

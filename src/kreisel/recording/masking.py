@@ -85,6 +85,11 @@ class _Chunk:
             large &= (dt < 1.6 * float(np.median(dt)))[:, None]
         return usual, large, large[1:] & large[:-1] & back
 
+    @cached_property
+    def stays(self) -> tuple[tuple[str, float, slice, str], ...]:
+        """Channels that stay the same while the others change."""
+        return tuple(_stays(self))
+
     @property
     def whole(self) -> slice:
         """Its place among all samples."""
@@ -311,7 +316,7 @@ def _saturated(chunk: _Chunk) -> Iterator[_Fault]:
                     beside,
                     int(starts[plateau][0]),
                 )
-    for name, value, inside, ending in _stays(chunk):
+    for name, value, inside, ending in chunk.stays:
         x = chunk.values[:, CHANNELS.index(name)]
         if value in (x.max(), x.min()):
             word = "largest" if value == x.max() else "smallest"
@@ -367,7 +372,7 @@ def _frozen(chunk: _Chunk) -> Iterator[_Fault]:
 
 def _stuck(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield intervals in which one channel stays the same, but not at the end of its range."""
-    for name, value, inside, ending in _stays(chunk):
+    for name, value, inside, ending in chunk.stays:
         x = chunk.values[:, CHANNELS.index(name)]
         if value not in (x.max(), x.min()):
             text = f"{name} stays at {value:.4g} for {_length(inside)} samples, {ending}"
