@@ -70,7 +70,10 @@ def _mapped(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording
     UnknownColumnsError
         If nobody says which columns hold what.
     """
-    given = dict(columns) if isinstance(columns, Mapping) else list(columns)
+    if isinstance(columns, Mapping):
+        given: list[str] | dict[str, str] = dict(columns)
+    else:
+        given = [columns] if isinstance(columns, str) else list(columns)
     usual = is_folder(path) or _is_bag(path)
     if usual and not given and not (path / "recording.toml").is_file():
         return None

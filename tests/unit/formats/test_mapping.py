@@ -174,6 +174,12 @@ def test_counted_rows_are_those_of_the_stream(tmp_path: Path) -> None:
     assert got.imu.seconds[-1] == pytest.approx(40.0)
 
 
+def test_one_entry_may_be_a_plain_text(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text(imu_text(recorded()[1]))
+    with pytest.raises(RecordingError, match=r"columns\.imu\.rate is missing"):
+        load(tmp_path / "imu.csv", columns="imu.time=t [s]")
+
+
 def test_a_header_of_numbers_is_no_row(tmp_path: Path) -> None:
     """As frames without names are written."""
     text = imu_text(recorded()[1])
