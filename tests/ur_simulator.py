@@ -118,7 +118,7 @@ class UrSimulator:
         """Close the connections for scripts; the arm goes on."""
         if not listen:
             self._close(self._listeners["script"])
-        for connection in self._scripts:
+        for connection in list(self._scripts):  # the client may already open the next one
             self._close(connection)
 
     def close_rtde(self):
