@@ -23,18 +23,20 @@ from kreisel._version import __version__
 
 if TYPE_CHECKING:
     from kreisel.calibration.calibrate import calibrate
+    from kreisel.calibration.joint import calibrate_joint
     from kreisel.calibration.result import Calibration
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
     from kreisel.recording.recording import Recording
 
-__all__ = ["Calibration", "CalibrationSettings", "Recording", "__version__", "calibrate", "load"]
+__all__ = ["Calibration", "CalibrationSettings", "Recording", "__version__", "calibrate", "calibrate_joint", "load"]
 
 _HOMES = {
     "Calibration": "kreisel.calibration.result",
     "CalibrationSettings": "kreisel.model.settings",
     "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",
+    "calibrate_joint": "kreisel.calibration.joint",
     "load": "kreisel.formats.loading",
 }
 

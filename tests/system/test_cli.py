@@ -6,8 +6,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 import kreisel
 from kreisel.formats.write import write_folder
@@ -122,6 +124,35 @@ def test_recordings_of_one_device_are_compared(cell, tmp_path):
     assert all(0.0 <= one["chi_square"] < 5.0 for one in document["quantities"].values())
     assert "repeatability" in (out / "repeatability.html").read_text().lower()
     assert run("repeat", cell).returncode == 1
+
+
+def test_recordings_of_one_device_are_calibrated_together(tmp_path):
+    for number in (1, 2):
+        made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")
+        assert made.returncode == 0, made.stderr
+    both = (tmp_path / "run1", tmp_path / "run2")
+    out = tmp_path / "out"
+    done = run("calibrate", *both, "--joint", "--same", "mount", "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert "the same in all: device, mount, robot, site, reference" in done.stdout
+    document = YAML(typ="safe").load((out / "calibration.yaml").read_text())
+    schema = json.loads((Path(kreisel.__file__).parent / "calibration" / "result-schema.json").read_text())
+    jsonschema.validate(document, schema)
+    assert document["recording"]["name"] == "run1 + run2"
+    assert len(document["joint"]["recordings"]) == 2
+    assert len((out / "estimates.csv").read_text().splitlines()) == 3
+    alone = json.loads(run("calibrate", both[0], "--json").stdout)
+    sd = [np.array(d["standard_deviation"]["gyroscope"]["cross_coupling"]) for d in (document, alone)]
+    assert (sd[0] < sd[1]).all()
+    for arguments, words in (
+        (both, "kreisel repeat"), ((both[0], "--joint"), "two or more"), ((both[0], "--own", "site"), "--joint"),
+        ((*both, "--joint", "--same", "weather"), "'weather'"), ((*both, "--joint", "--inject"), "one recording"),
+        ((*both, "--joint", "--same", "site", "--own", "site"), "cannot be both"),
+    ):  # fmt: skip
+        refused = run("calibrate", *arguments)
+        assert refused.returncode == 1
+        assert words in refused.stderr
+        assert refused.stderr.count("\n") == 1
 
 
 def test_columns_of_a_foreign_table_are_proposed_and_used(cell, tmp_path):

@@ -53,7 +53,7 @@ def test_the_example_has_every_key():
     [
         (
             "second = 10\n",
-            "unknown key 'second'; known are: errors, imu, motion, reference, robot, seconds, seed, site",
+            "unknown key 'second'; known are: errors, imu, motion, reference, robot, run, seconds, seed, site",
         ),
         (
             "[site]\nlatitude = 4\n",

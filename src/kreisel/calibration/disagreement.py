@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.belief import Belief
+from kreisel.estimation.belief import Belief, triangularise
 from kreisel.filtering.estimate import Estimate
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
@@ -30,19 +30,27 @@ def with_larger_deviations(
         Returns the factor for a group's part of the state and the rms of its scores.
     subject, words
         Of the warning; groups and factors follow.
+
+    Notes
+    -----
+    An error that is independent of all else is added to each group, so that its deviations grow by the factor. Its
+    covariances with other groups, such as the robot's errors, stay: they are how these act on it.
     """
     layout, belief = found.problem.layout, found.run.belief
-    scale, told = np.ones(layout.degrees), []
+    columns, told = [belief.factor], []
     for group in SENSOR_GROUPS:
         if group not in layout or group in PASSING_GROUPS:
             continue
         part = layout[group]
         size = float(np.sqrt(np.mean(score[part] ** 2)))
         if size > MAX_RMS:
-            scale[part] = factor(part, size)
-            told.append(f"{group} {scale[part][0]:.1f}")
+            larger = factor(part, size)
+            added = np.zeros_like(belief.factor)
+            added[part] = np.sqrt(max(larger**2 - 1.0, 0.0)) * belief.factor[part]
+            columns.append(added)
+            told.append(f"{group} {larger:.1f}")
     if not told:
         return found
     warning = DataWarning(subject, f"{words}: {', '.join(told)}")
-    belief = Belief(belief.mean, scale[:, None] * belief.factor)
+    belief = Belief(belief.mean, triangularise(np.hstack(columns)))
     return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))

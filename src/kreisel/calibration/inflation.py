@@ -34,19 +34,19 @@ _GRAVITY_SHARE = 0.25
 def with_unestimated_errors(found: Estimate) -> Estimate:
     """Return the estimate inflated for errors of frames, positions and stamps, with the warnings about them."""
     problem, run, filtered = found.problem, found.run, _as_filtered(found)
-    belief, warnings = run.belief, list(found.warnings)
+    belief, warnings, common = run.belief, list(found.warnings), found.common
     if max(problem.noise.frame_sd) > 0.0:
-        columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
-        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
+        common = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
+        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, common])))
         warnings.append(_frame_warning(problem))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
     factor = series_factor(found)
     if factor > 1.0:
-        belief = replace(belief, factor=factor * belief.factor)
+        belief, common = replace(belief, factor=factor * belief.factor), factor * common
         warnings.append(DataWarning("effects", f"{_SERIES} standard deviations were multiplied by {factor:.2f}"))
     warnings += _gravity_warning(problem, filtered)
-    return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings))
+    return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings), common=common)
 
 
 def with_walked_deviations(found: Estimate) -> Estimate:

@@ -201,6 +201,56 @@ class Verdict:
 
 
 @dataclass(frozen=True)
+class JointRecording:
+    """What one of several recordings has of its own.
+
+    Attributes
+    ----------
+    gyro_offset, accel_offset
+        Rad/s and m/s^2, as corrections.
+    turn, shift
+        Its mount against that of the first recording: the rotation vector (rad) from vectors in the first body b to
+        those in its own, and the position of the first body's origin in its own, m.
+    timing
+        Its clocks.
+    """
+
+    name: str
+    gyro_offset: Measured
+    accel_offset: Measured
+    turn: Measured
+    shift: Measured
+    timing: Timing
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """How several recordings of one device were brought together.
+
+    Attributes
+    ----------
+    common
+        What they have in common besides the device.
+    recordings
+        In the order given; the result is in the body b of the first one.
+    left_out
+        Names of recordings that were not used, and the reasons.
+    chi_square, degrees
+        Of what the recordings say of common parameters, and the number expected.
+    factor, differing
+        Factor on standard deviations, and the parameters of recordings that differ from all by more than by chance.
+    """
+
+    common: tuple[str, ...]
+    recordings: tuple[JointRecording, ...]
+    left_out: tuple[tuple[str, str], ...]
+    chi_square: float
+    degrees: int
+    factor: float = 1.0
+    differing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class CalibrationParts:
     """The content of `calibration.yaml`.
 
@@ -224,6 +274,8 @@ class CalibrationParts:
         Groups of parameters without a field of their own, by their path in the result file.
     considered
         Effects beyond the usual ones, whether or not the data show them.
+    joint
+        Where the calibration is one from several recordings.
     """
 
     sensors: SensorParameters
@@ -239,3 +291,4 @@ class CalibrationParts:
     robot: RobotErrors | None = None
     others: Mapping[str, Measured] = field(default_factory=dict)
     considered: tuple[Considered, ...] = ()
+    joint: JointFacts | None = None

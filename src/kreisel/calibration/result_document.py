@@ -20,6 +20,8 @@ from kreisel.calibration.parts import (
     Consistency,
     EstimatorFacts,
     FinalNoise,
+    JointFacts,
+    JointRecording,
     Measured,
     RecordingFacts,
     RobotErrors,
@@ -70,7 +72,8 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
     if parts.robot is not None:
         document["robot"] = _robot_table(parts.robot)
     document |= {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
-    return document | {"considered": [_effect_table(effect) for effect in parts.considered]}
+    document["considered"] = [_effect_table(effect) for effect in parts.considered]
+    return document if parts.joint is None else document | {"joint": _joint_table(parts.joint)}
 
 
 def from_document(document: Mapping[str, Any]) -> CalibrationParts:
@@ -100,6 +103,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         robot=_robot(document["robot"]) if "robot" in document else None,
         others=others,
         considered=tuple(_effect(table) for table in document.get("considered", ())),
+        joint=_joint(document["joint"]) if "joint" in document else None,
     )
 
 
@@ -356,6 +360,48 @@ def _effect(table: Mapping[str, Any]) -> Considered:
         raise TypeError(f"considered.included is {included!r}, expected true or false")
     shift, shifted = _number(table["shift"]), str(table["shifted"])
     return Considered(str(table["group"]), value, deviation, _number(table["gain"]), included, shift, shifted)
+
+
+# Several recordings
+
+_OWN = ("gyro_offset", "accel_offset", "turn", "shift")
+
+
+def _joint_table(joint: JointFacts) -> dict[str, Any]:
+    recordings = []
+    for one in joint.recordings:
+        values = {name: _plain(getattr(one, name).value) for name in _OWN}
+        deviations = {name: _plain(getattr(one, name).deviation) for name in _OWN}
+        recordings.append(
+            {"name": one.name, **values, "timing": _timing_table(one.timing)}
+            | {"standard_deviation": {**deviations, "timing": _timing_sd_table(one.timing)}}
+        )
+    return {
+        "common": list(joint.common),
+        "recordings": recordings,
+        "left_out": [{"name": name, "reason": reason} for name, reason in joint.left_out],
+        "chi_square": _rounded(joint.chi_square),
+        "degrees_of_freedom": joint.degrees,
+        "deviation_factor": _rounded(joint.factor),
+        "differing": list(joint.differing),
+    }
+
+
+def _joint(table: Mapping[str, Any]) -> JointFacts:
+    def recording(one: Mapping[str, Any]) -> JointRecording:
+        sd = _table(one, "standard_deviation")
+        own = {name: Measured(_array(one[name], (3,)), _array(sd[name], (3,))) for name in _OWN}
+        return JointRecording(str(one["name"]), **own, timing=_timing(_table(one, "timing"), _table(sd, "timing")))
+
+    return JointFacts(
+        _names(table["common"]),
+        tuple(recording(one) for one in table["recordings"]),
+        tuple((str(one["name"]), str(one["reason"])) for one in table["left_out"]),
+        _number(table["chi_square"]),
+        int(table["degrees_of_freedom"]),
+        _number(table["deviation_factor"]),
+        _names(table["differing"]),
+    )
 
 
 # Numbers and texts

@@ -70,7 +70,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_expansions(estimate),
         *_passes(estimate),
         *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA)),
-        *_motion(evidence.observability),
+        *(() if estimate.problem.settings.partial else motion_reasons(evidence.observability)),
         *_scale(estimate),
     ]
     if reasons and causes:
@@ -188,7 +188,8 @@ def _noise(estimate: Estimate, *, explained: bool) -> list[str]:
     return reasons
 
 
-def _motion(seen: Observability) -> list[str]:
+def motion_reasons(seen: Observability) -> list[str]:
+    """Return the reasons about parameters that every use needs and the motion does not show."""
     reasons = []
     lost = [name for name in seen.not_narrowed if name.startswith(_NEEDED)]
     if lost:

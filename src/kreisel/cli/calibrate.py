@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
+    recordings: list[Path] = typer.Argument(
+        ..., metavar="RECORDING...", help="Recording: a folder, an .mcap file, or a ROS bag; several with --joint."
+    ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
     reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
@@ -37,6 +40,13 @@ def calibrate(
         False, "--inject", help="Add known errors to the data and check whether they are found."
     ),
     validate: bool = typer.Option(True, help="Cross-validation for the report."),
+    joint: bool = typer.Option(False, "--joint", help="One calibration from several recordings of one device."),
+    same: list[str] = typer.Option(
+        [], help="With --joint: what is the same in all recordings, offsets or mount; may be repeated."
+    ),
+    own: list[str] = typer.Option(
+        [], help="With --joint: what is each recording's own, robot, site or reference; may be repeated."
+    ),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:
     """Calibrate an IMU from a recording of its readings and of reference poses."""
@@ -45,6 +55,7 @@ def calibrate(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.cli.threads import releasing_memory, side_by_side
+    from kreisel.errors import SettingsError
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
 
@@ -61,9 +72,23 @@ def calibrate(
     )
     if output is not None:
         check_output(output)
+    read_one = partial(load, reference=reference, imu=imu, columns=columns, together=side_by_side)
+    if joint:
+        if inject:
+            raise SettingsError("--inject is for one recording; leave out --joint")
+        from kreisel.cli.joint import calibrate_together
+
+        calibrate_together(recordings, read_one, settings, _in_common(same, own), output, as_json=json)
+        return
+    if len(recordings) > 1 or same or own:
+        raise SettingsError(
+            "several recordings: --joint makes one calibration of them, `kreisel repeat` compares them"
+            if len(recordings) > 1
+            else "--same and --own are for several recordings with --joint"
+        )
     injection: Injection | None = None
     with releasing_memory(), progress_bar() as show:
-        read = load(recording, reference, imu, columns=columns, together=side_by_side)
+        read = read_one(recordings[0])
         outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:
             injection = inject_errors(outcome, show)
@@ -72,6 +97,19 @@ def calibrate(
     _say(outcome, output, injection, as_json=json)
     if not outcome.verdict.accepted:
         raise typer.Exit(3)
+
+
+def _in_common(same: list[str], own: list[str]) -> tuple[str, ...]:
+    """Return what recordings have in common, by the options --same and --own."""
+    from kreisel.calibration.sharing import DEFAULT, SHARED
+    from kreisel.errors import SettingsError, unknown_name
+
+    for word in (*same, *own):
+        if word not in SHARED:
+            raise SettingsError(unknown_name("word after --same or --own", word, SHARED))
+    if both := [word for word in same if word in own]:
+        raise SettingsError(f"{both[0]} cannot be both the same and each recording's own")
+    return tuple(word for word in SHARED if word not in own and (word in DEFAULT or word in same))
 
 
 def _save(
@@ -106,7 +144,7 @@ def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, 
         return
     from kreisel.cli.tables import print_injection, print_result
 
-    print_result(outcome)
+    print_result(outcome.calibration, outcome.warnings)
     if injection is not None:
         print_injection(injection)
     if output is not None:

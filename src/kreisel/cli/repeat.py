@@ -25,6 +25,7 @@ def repeat(
     import json as json_module
 
     from kreisel.calibration.repeatability import repeatability
+    from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
 
@@ -32,7 +33,7 @@ def repeat(
         raise SettingsError("give two or more recordings of one device")
     if output is not None:
         check_output(output)
-    names = _names(recordings)
+    names = names_of(recordings)
     calibrations = {name: _calibration(path, tuple(fix)) for name, path in zip(names, recordings, strict=True)}
     accepted = {name: one for name, one in calibrations.items() if one.accepted}
     left_out = [name for name in names if name not in accepted]
@@ -55,12 +56,6 @@ def repeat(
     _print(found, runs, facts)
     if output is not None:
         typer.echo(f"written: {output / 'repeatability.html'}, repeatability.json")
-
-
-def _names(paths: list[Path]) -> list[str]:
-    """Return a name for each path, all different."""
-    names = [path.resolve().name for path in paths]
-    return [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
 
 
 def _calibration(path: Path, fixed: tuple[str, ...]) -> Calibration:

@@ -11,6 +11,9 @@ def simulate(
     cell: Path | None = typer.Argument(None, help="CELL.toml; the default cell if not given."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: a folder, or an .mcap file."),
     seed: int | None = typer.Option(None, help="Seed to use instead of the cell's."),
+    number: int | None = typer.Option(
+        None, "--run", help="Number of the recording: those of one seed have the same device, arm and place."
+    ),
     seconds: float | None = typer.Option(None, help="Length to use instead of the cell's, s."),
     example: bool = typer.Option(False, "--example", help="Print a CELL.toml with every key, and exit."),
     example_program: bool = typer.Option(False, "--example-program", help="Print a program of moves, and exit."),
@@ -31,7 +34,8 @@ def simulate(
         raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
     check_output(output.parent if output.suffix else output)
     described = Cell() if cell is None else read_cell(cell)
-    changes = {name: value for name, value in (("seed", seed), ("seconds", seconds)) if value is not None}
+    given = {"seed": seed, "run": number, "seconds": seconds}
+    changes = {name: value for name, value in given.items() if value is not None}
     if changes:
         described = parse_cell({**described.model_dump(), **changes}, cell or Path("CELL.toml"))
     from kreisel.formats.write import write

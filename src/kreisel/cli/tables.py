@@ -11,7 +11,6 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from kreisel.calibration.evidence import Injection
-    from kreisel.calibration.outcome import Outcome
     from kreisel.calibration.parts import RobotErrors
     from kreisel.calibration.result import Calibration
     from kreisel.report.devices import Device
@@ -37,14 +36,14 @@ def _pair(value: float, deviation: float) -> str:
     return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
-def print_result(outcome: Outcome) -> None:
+def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
     """Print the results with standard deviations, and the verdict."""
-    calibration = outcome.calibration
-    console = wide_console()
-    for warning in outcome.warnings:
+    console, rows = wide_console(), _rows(calibration)
+    for warning in warnings:
         console.print(f"· {warning}", markup=False)
-    title = f"{outcome.recording.name}: {outcome.problem.reference.name}"
-    console.print(_narrow(title, _rows(outcome)) if console.width < _WIDE else _wide(title, _rows(outcome)))
+    facts = calibration.recording
+    title = "" if facts is None else f"{facts.name}: {facts.reference}"
+    console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))
     console.print("errors of the sensors; calibration.yaml holds corrections: offset = -bias, see `frames` there")
     _print_robot(console, calibration.robot)
     _print_verdict(console, calibration)
@@ -54,16 +53,17 @@ _Row = tuple[str, str, list[str]]
 """What it is, its unit, and one or three values with their deviations."""
 
 
-def _rows(outcome: Outcome) -> list[_Row]:
+def _rows(calibration: Calibration) -> list[_Row]:
     """Return the rows of the table of results."""
     from kreisel.calibration.data_sheet import QUANTITIES
 
-    calibration, rows = outcome.calibration, []
+    rows: list[_Row] = []
     for quantity in QUANTITIES:
         found = calibration.derived[quantity.name]
         pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
         rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
-    fixed = {*outcome.problem.settings.fixed, *outcome.problem.held}
+    estimator = calibration.estimator
+    fixed = set() if estimator is None else {*estimator.fixed, *estimator.held}
     arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
     for j, axis in enumerate("xyz"):
         known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.filtering.history import FilterRun
+from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered
 from kreisel.model.layout import without
 from kreisel.model.parameters import PASSING_GROUPS
@@ -25,7 +26,8 @@ class Estimate:
     largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough. `considered` are
     all effects beyond the usual ones, found or not; `walks` the groups that walk, and what that gains in
     log-likelihood; `contradicted` the offsets whose stated prior had to be widened, with their scores; `stated` the
-    problem as it was stated.
+    problem as it was stated. `common` are columns of the belief's covariance, (degrees, k): errors of unit variance
+    that other recordings of the same robot share.
     """
 
     problem: Problem
@@ -39,6 +41,7 @@ class Estimate:
     walks: Mapping[str, float] = field(default_factory=dict)
     contradicted: Mapping[str, float] = field(default_factory=dict)
     stated: Problem | None = None
+    common: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def without_passing(found: Estimate) -> Estimate:
@@ -54,6 +57,7 @@ def without_passing(found: Estimate) -> Estimate:
     return replace(
         found,
         problem=replace(problem, layout=smaller),
+        common=found.common[kept] if found.common.size else found.common,
         run=replace(
             run,
             belief=Belief(run.belief.mean[stored], triangularise(run.belief.factor[kept])),

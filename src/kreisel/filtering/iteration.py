@@ -143,7 +143,9 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
-    lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
+    lost: tuple[str, ...] = ()
+    if not problem.settings.partial:
+        lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
     warnings: list[DataWarning] = []
     if lost:
         passes = _until_settled(hold(passes.problem, lost), passes.count, given, progress)

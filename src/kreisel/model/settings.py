@@ -53,6 +53,9 @@ class CalibrationSettings:
     passes
         Passes over the data, each starting from the estimates of the one before; as many as are useful if None.
         Further ones follow as long as noise figures are adapted.
+    partial
+        Whether the recording is one of several that are fused: groups that are not observable then keep their prior
+        instead of being held at nominal values, and are no reason to reject the recording.
     """
 
     estimator: str = "spkf"
@@ -64,6 +67,7 @@ class CalibrationSettings:
     skew: bool | None = None
     size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
     passes: int | None = None
+    partial: bool = False
     held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:

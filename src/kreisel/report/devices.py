@@ -12,7 +12,7 @@ from kreisel.calibration.convergence import Convergence
 from kreisel.geometry.rotation import Array
 from kreisel.report import plots
 from kreisel.report.plots import Figure, Plot
-from kreisel.report.tables import Row, Table, number
+from kreisel.report.table import Row, Table, number
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
 from kreisel.study.truth_comparison import GroupError

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.calibration.parts import Measured
 from kreisel.calibration.repeatability import LEVEL, MAY_CHANGE, Repeated
 from kreisel.report import plots
 from kreisel.report.plots import Figure
-from kreisel.report.tables import Row, Table
+from kreisel.report.table import Row, Table, pair
 from kreisel.report.template import fill
 
 COLUMNS = ("quantity", "chi-square", f"{100 * LEVEL:.0f} % band", "largest score", "run", "x / xy", "y / xz", "z / yz")
@@ -27,13 +28,23 @@ def write_repeatability(found: Sequence[Repeated], runs: Sequence[str], facts: S
     facts
         Sentences on all of them.
     """
-    rows = tuple(Row(tuple(cells_of(one, runs)), weak=one.too_large) for one in found)
-    table = Table("Differences between runs over their standard deviations", COLUMNS, rows, text=1)
-    figures = [_figure(one, runs) for one in found]
+    figures = [figure_of(one, runs) for one in found]
     lead = f"{len(runs)} recordings: {', '.join(runs)}"
-    shown = {"title": "Repeatability", "lead": lead, "table_of_groups": table, "facts": list(facts), "figures": figures}
+    shown = {
+        "title": "Repeatability",
+        "lead": lead,
+        "table_of_groups": table_of(found, runs),
+        "facts": list(facts),
+        "figures": figures,
+    }
     page = fill("study.html", figures, **shown)
     path.write_text(page, encoding="utf-8")
+
+
+def table_of(found: Sequence[Repeated], runs: Sequence[str]) -> Table:
+    """Return the table of the differences between runs."""
+    rows = tuple(Row(tuple(cells_of(one, runs)), weak=one.too_large) for one in found)
+    return Table("Differences between runs over their standard deviations", COLUMNS, rows, text=1)
 
 
 def cells_of(one: Repeated, runs: Sequence[str]) -> list[str]:
@@ -43,29 +54,27 @@ def cells_of(one: Repeated, runs: Sequence[str]) -> list[str]:
         largest, run = f"{one.scores[worst]:+.1f}", runs[int(worst[0])]
     else:
         largest, run = "-", "-"
-    mean = [_pair(*pair) for pair in zip(one.mean.tolist(), (one.mean_sd * one.factor).tolist(), strict=True)]
+    pairs = zip(one.mean.tolist(), (one.mean_sd * one.factor).tolist(), strict=True)
+    mean = [pair(value, sd) if np.isfinite(sd) else "held" for value, sd in pairs]
     title = f"{one.title}, {one.unit}{' (may change)' if one.name in MAY_CHANGE else ''}"
     return [title, f"{one.chi_square:.2f}", f"{one.band[0]:.2f} to {one.band[1]:.2f}", largest, run, *mean]
 
 
-def _pair(value: float, deviation: float) -> str:
-    """Return value ± standard deviation, rounded to two digits of the latter."""
-    if not np.isfinite(deviation):
-        return "held"
-    digits = int(max(0, min(6, 1 - np.floor(np.log10(max(deviation, 1e-9))))))
-    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
-
-
-def _figure(one: Repeated, runs: Sequence[str]) -> Figure:
+def figure_of(one: Repeated, runs: Sequence[str], together: Measured | None = None) -> Figure:
+    """Return a quantity in every run, and that of a calibration from all of them."""
+    values, deviations, names = one.values, one.deviations, list(runs)
+    if together is not None:
+        values, deviations = np.vstack([values, together.value]), np.vstack([deviations, together.deviation])
+        names.append("together")
     axes = ("xy", "xz", "yz") if "orthogonality" in one.name or "distances" in one.name else ("x", "y", "z")
     data: list[dict[str, Any]] = []
-    places = np.arange(len(runs), dtype=float)
+    places = np.arange(len(names), dtype=float)
     for i, name in enumerate(axes):
-        shown = plots.markers(places + 0.12 * (i - 1), one.values[:, i] - one.mean[i], name, "xyz"[i], size=7)
-        shown["error_y"] = {"type": "data", "array": plots.packed(one.deviations[:, i]), "color": f"@{'xyz'[i]}"}
+        shown = plots.markers(places + 0.12 * (i - 1), values[:, i] - one.mean[i], name, "xyz"[i], size=7)
+        shown["error_y"] = {"type": "data", "array": plots.packed(deviations[:, i]), "color": f"@{'xyz'[i]}"}
         shown["hovertemplate"] = "%{y:.4g}"
         data.append(shown)
     layout = plots.layout_of("recording", f"difference from the mean, {one.unit}")
-    layout["xaxis"] |= {"tickmode": "array", "tickvals": places.tolist(), "ticktext": list(runs), "tickangle": -20}
+    layout["xaxis"] |= {"tickmode": "array", "tickvals": places.tolist(), "ticktext": names, "tickangle": -20}
     caption = f"Chi-square {one.chi_square:.2f}, expected {one.band[0]:.2f} to {one.band[1]:.2f}. Bars: one deviation."
     return Figure(one.name, one.title, caption, plots.plot(data, layout))

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.report import plots
 from kreisel.report.plots import Figure, Plot
-from kreisel.report.tables import Row, Table
+from kreisel.report.table import Row, Table
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
 

@@ -17,72 +17,13 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, parameter_names
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
+from kreisel.report.table import NOTHING, Row, Table, held, number, pair, with_minus
 from kreisel.robot.pose_accuracy import PoseAccuracy
 from kreisel.synchronization.clock import Clock
 from kreisel.units import MG, MM, MRAD, MS, PPM
 
-NOTHING = "–"
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 UNITS: dict[str, tuple[str, float]] = {group.name: (group.unit, group.size) for group in REGISTRY}
 """Unit a group of parameters is shown in, and its size in SI."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """Cells of a row, the first its title; `weak` where the numbers are not observable or not good.
-
-    `bar` is a share from 0 to 1 drawn behind the last cell.
-    """
-
-    cells: tuple[str, ...]
-    weak: bool = False
-    bar: float | None = None
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table: its title, its columns, its rows.
-
-    The first `text` columns are not numbers; `broad` tables turn their rows into blocks on a narrow screen.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[Row, ...]
-    text: int = 1
-    broad: bool = False
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits."""
-    if not math.isfinite(value):
-        return NOTHING
-    if value != 0.0 and not 1e-4 <= abs(value) < 1e6:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-        return f"{_minus(mantissa)}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
-    places = 0 if value == 0.0 else max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    return _minus(f"{value:.{places}f}")
-
-
-def pair(value: float | None, deviation: float | None) -> str:
-    """Return a value and its standard deviation, both to two digits of the latter."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    if deviation is None or not deviation > 0.0 or not math.isfinite(deviation):
-        return number(value, 4)
-    places = max(0, min(12, 1 - math.floor(math.log10(deviation))))
-    return f"{_minus(f'{value:.{places}f}')} ± {deviation:.{places}f}"
-
-
-def held(value: float | None) -> str:
-    """Return a value that was not estimated."""
-    return NOTHING if value is None or not math.isfinite(value) else f"held at {number(value, 4)}"
-
-
-def _minus(text: str) -> str:
-    return "−" + text[1:] if text.startswith("-") and text.strip("-0.") else text.removeprefix("-")
 
 
 @dataclass(frozen=True)
@@ -168,15 +109,6 @@ def _timing_rows(timing: Timing, support: Support) -> list[Row]:
     return rows
 
 
-def unobservable_by_group(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the parameters that are not observable, as path and the indices or names under it."""
-    found: dict[str, list[str]] = {}
-    for name in outcome.observability.unobservable:
-        path, bracket, index = name.partition("[")
-        found.setdefault(path, []).append(bracket + index)
-    return [(path, " ".join(i for i in indices if i)) for path, indices in found.items()]
-
-
 def excitation_table(excitation: Excitation) -> Table:
     """Return least, greatest and rms reading of every axis."""
     rows = []
@@ -204,9 +136,9 @@ def clock_table(outcome: Outcome, excitation: Excitation) -> Table:
         Row(
             (
                 step.name,
-                _minus(f"{Clock(step.start).offset(*first):.6f}"),
-                _minus(f"{(step.start - final.start) / MS:+.3f}"),
-                _minus(f"{step.skew / PPM:.1f}"),
+                with_minus(f"{Clock(step.start).offset(*first):.6f}"),
+                with_minus(f"{(step.start - final.start) / MS:+.3f}"),
+                with_minus(f"{step.skew / PPM:.1f}"),
             )
         )
         for step in excitation.clock
@@ -406,7 +338,7 @@ def score_summary(halves: SplitHalves) -> tuple[str, str, str]:
     return (
         number(float(np.sqrt(np.mean(score**2)))),
         f"{100.0 * float(np.mean(np.abs(score) <= 2.0)):.0f} %",
-        f"{halves.names[worst]} ({_minus(f'{score[worst]:.1f}')})",
+        f"{halves.names[worst]} ({with_minus(f'{score[worst]:.1f}')})",
     )
 
 
@@ -428,7 +360,7 @@ def injection_table(injection: Injection, groups: dict[str, str]) -> Table:
         score = (got - put) / max(sd, 1e-300)
         rows.append(
             Row(
-                (name, unit, *(number(float(v / size), 4) for v in (put, got, sd)), _minus(f"{score:.2f}")),
+                (name, unit, *(number(float(v / size), 4) for v in (put, got, sd)), with_minus(f"{score:.2f}")),
                 weak=abs(score) > 2.0,
             )
         )

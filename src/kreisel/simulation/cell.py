@@ -82,6 +82,13 @@ class Truth:
     reference_smoothing: float = 0.0
 
 
+_SAME_IN_ALL_RUNS = ("sensor", "effects", "arm", "site")
+"""Streams of a cell that its recordings have in common: device, arm and place."""
+
+_RUNS = 1 << 20
+"""Added to the number of a run, so that its random numbers are those of no trial."""
+
+
 @dataclass(frozen=True)
 class _Streams:
     """Independent random streams: switching one error on does not change the others. New ones go last."""
@@ -105,7 +112,16 @@ class _Streams:
 
     @classmethod
     def of(cls, cell: Cell, trial: int | None) -> _Streams:
-        root = np.random.SeedSequence(cell.seed, spawn_key=() if trial is None else (trial,))
+        key = () if trial is None else (trial,)
+        streams = cls._from(cell.seed, key)
+        if cell.run == 0:
+            return streams
+        same = {name: getattr(streams, name) for name in _SAME_IN_ALL_RUNS}
+        return replace(cls._from(cell.seed, (*key, _RUNS + cell.run)), **same)
+
+    @classmethod
+    def _from(cls, seed: int, key: tuple[int, ...]) -> _Streams:
+        root = np.random.SeedSequence(seed, spawn_key=key)
         return cls(*(np.random.default_rng(child) for child in root.spawn(len(fields(cls)))))
 
 

@@ -43,7 +43,7 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
         k[0] = share * rng.normal(0.0, offset_sd, size=3)
         k[1:] = bend * bend_rng.normal(size=(order - 1, 3))
         coefficients.append(k)
-    arms = np.array(imu.lever_arm) + share * rng.normal(0.0, imu.lever_arm_spread, size=(3, 3))
+    arms = np.array(imu.lever_arm) + share * rng.normal(0.0, imu.lever_arm_spread, size=(3, 3)) @ mount.T
     return SensorParameters(matrices[0], coefficients[0], matrices[1], coefficients[1], arms)
 
 

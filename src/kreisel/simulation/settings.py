@@ -198,6 +198,9 @@ class Cell(_Table):
     """A virtual cell."""
 
     seed: int = _key(1, "all randomness follows from it", ge=0)
+    run: int = _key(
+        0, "number of the recording: runs of one seed have the same device, arm and place", ge=0, lt=1000000
+    )
     seconds: float = _key(600.0, "length of the recording", ge=10.0, le=100_000.0)
     robot: Robot = Robot()
     motion: Motion = Motion()

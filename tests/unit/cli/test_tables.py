@@ -24,7 +24,7 @@ def outcome() -> Outcome:
 
 
 def printed(outcome: Outcome, capsys: pytest.CaptureFixture[str]) -> str:
-    print_result(outcome)
+    print_result(outcome.calibration, outcome.warnings)
     return " ".join(capsys.readouterr().out.split())
 
 

@@ -24,9 +24,10 @@ from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.report.data import extract
-from kreisel.report.page import snippet, write_report
+from kreisel.report.page import write_report
 from kreisel.report.plots import PALETTES, packed
-from kreisel.report.tables import number, pair
+from kreisel.report.snippet import snippet
+from kreisel.report.table import number, pair
 from kreisel.report.template import plots_script
 from kreisel.report.thinning import MAX_POINTS, thinned
 

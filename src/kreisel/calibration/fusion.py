@@ -1,0 +1,238 @@
+"""Fusion of Gaussian results of several recordings: what they have in common counts once.
+
+A result contains the data and the prior. The prior is taken out of every result and put back once. What remains is a
+least squares problem in the common parameters; its Jacobian also contains where each recording's body b lies against
+that of the first one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array, Indices, matrix
+
+TURN_SD, SHIFT_SD = 0.5, 0.5
+"""rad and m; standard deviations of a mount against the first one, about the first estimate of it."""
+
+_LEAST_INFORMATION = 1e-3
+"""Of a direction in which data count, in units of the prior's information."""
+
+_LEAST_SHARE = 0.05
+"""Of the variance of a direction, by which it must decrease for a comparison."""
+
+_STEPS, _SETTLED = 20, 1e-6
+_DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Mean (n,) and covariance (n, n)."""
+
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Said:
+    """What one recording says about shared parameters: `H s = b`, each row with noise of unit variance, (r, n)."""
+
+    H: Array
+    b: Array
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """The result of one recording, of the parameters that it shares with others.
+
+    Attributes
+    ----------
+    result, prior
+        Its result, and the prior that the result contains.
+    predict
+        Function from the stored common parameters to the recording's.
+    """
+
+    result: Gaussian
+    prior: Gaussian
+    predict: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Fused:
+    """The common parameters of all recordings.
+
+    Attributes
+    ----------
+    layout, mean, covariance
+        Of the common parameters, and of the mounts of all recordings but the first.
+    parts
+        The parameters of each recording, as they follow.
+    chi_square, degrees
+        Sum of squares of what does not fit, and the number expected.
+    """
+
+    layout: StateLayout
+    mean: Array
+    covariance: Array
+    parts: tuple[Gaussian, ...]
+    chi_square: float
+    degrees: int
+
+    def of(self, name: str) -> tuple[Array, Array]:
+        """Return the stored value of a part, and its standard deviations."""
+        d = self.layout[name]
+        return self.mean[self.layout.stored(name)], np.sqrt(np.diag(self.covariance)[d])
+
+
+def without_prior(result: Gaussian, prior: Gaussian) -> Said:
+    """Return what the data say, by a result that contains a prior.
+
+    Directions in which the result is hardly better than the prior, or worse, are left out.
+
+    Notes
+    -----
+    With the prior as the unit, the information of the result has the eigenvalues l >= 1; that of the data is l - 1. The
+    result lies y from the prior's centre; the data alone lie l / (l - 1) y from it.
+    """
+    scale = np.sqrt(np.diag(prior.covariance))
+    L = np.linalg.cholesky(prior.covariance / np.outer(scale, scale))
+    whiten = np.linalg.inv(L) / scale
+    P = whiten @ result.covariance @ whiten.T
+    inverse, V = np.linalg.eigh(0.5 * (P + P.T))
+    information = 1.0 / np.maximum(inverse, 1e-15)
+    kept = information - 1.0 > _LEAST_INFORMATION
+    data = information[kept] - 1.0
+    H = np.sqrt(data)[:, None] * (V[:, kept].T @ whiten)
+    y = V[:, kept].T @ (whiten @ (result.mean - prior.mean))
+    return Said(H, H @ prior.mean + information[kept] / np.sqrt(data) * y)
+
+
+def fuse(
+    contributions: Sequence[Contribution], layout: StateLayout, start: Array, prior: Mapping[str, Gaussian]
+) -> Fused:
+    """Return the common parameters that fit all recordings best.
+
+    Parameters
+    ----------
+    layout
+        The common parameters.
+    start
+        Their values at first, as stored.
+    prior
+        What is known of them before any data, for each part; of a rotation as a right perturbation of the start.
+
+    Notes
+    -----
+    Gauss-Newton; the dependence on the common parameters is at most bilinear.
+    """
+    said = [without_prior(one.result, one.prior) for one in contributions]
+    whiten, centre = np.zeros((layout.degrees, layout.degrees)), start.copy()
+    for part in layout:
+        d, known = layout[part.name], prior[part.name]
+        scale = np.sqrt(np.diag(known.covariance))
+        factor = np.linalg.cholesky(known.covariance / np.outer(scale, scale))
+        whiten[d, d] = np.linalg.inv(factor) / scale
+        if not part.rotation:
+            centre[layout.stored(part.name)] = known.mean
+    x = start.copy()
+    for _ in range(_STEPS):
+        A = np.vstack([*(one.H @ _jacobian(layout, c.predict, x) for one, c in zip(said, contributions, strict=True)),
+                       whiten])  # fmt: skip
+        r = _residual(layout, contributions, said, whiten, centre, x)
+        size = np.linalg.norm(A, axis=0)
+        step = np.linalg.lstsq(A / size, r, rcond=None)[0] / size
+        x = layout.plus(x, step[:, None])[:, 0]
+        covariance = np.linalg.inv((A / size).T @ (A / size)) / np.outer(size, size)
+        if np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < _SETTLED:
+            break
+    rest = _residual(layout, contributions, said, whiten, centre, x)
+    fitted = []
+    for one in contributions:
+        J = _jacobian(layout, one.predict, x)
+        fitted.append(Gaussian(one.predict(x), J @ covariance @ J.T))
+    return Fused(layout, x, covariance, tuple(fitted), float(rest @ rest), rest.size - layout.degrees)
+
+
+def difference(part: Gaussian, new: Gaussian, index: Indices) -> tuple[float, int]:
+    """Return chi-square, and its degrees of freedom, of what a recording says against what all of them say.
+
+    Parameters
+    ----------
+    part, new
+        The parameters by the recording alone, and as they follow from all.
+    index
+        The parameters that are compared. Directions that other recordings hardly contribute to do not count.
+
+    Notes
+    -----
+    What all say contains what the recording says; the difference of the two has the difference of the covariances.
+    """
+    P = part.covariance[np.ix_(index, index)]
+    scale = np.sqrt(np.diag(P))
+    whiten = np.linalg.inv(np.linalg.cholesky(P / np.outer(scale, scale))) / scale
+    D = whiten @ (P - new.covariance[np.ix_(index, index)]) @ whiten.T
+    share, V = np.linalg.eigh(0.5 * (D + D.T))
+    kept = share > _LEAST_SHARE
+    along = V[:, kept].T @ (whiten @ (part.mean - new.mean)[index])
+    return float(np.sum(along**2 / share[kept])), int(kept.sum())
+
+
+def _residual(
+    layout: StateLayout,
+    contributions: Sequence[Contribution],
+    said: Sequence[Said],
+    whiten: Array,
+    centre: Array,
+    x: Array,
+) -> Array:
+    rows = [one.b - one.H @ c.predict(x) for one, c in zip(said, contributions, strict=True)]
+    return np.concatenate([*rows, whiten @ layout.minus(centre[:, None], x)[:, 0]])
+
+
+def _jacobian(layout: StateLayout, predict: Callable[[Array], Array], x: Array) -> Array:
+    steps = _DIFFERENCE * np.eye(layout.degrees)
+    ahead, back = layout.plus(x, steps), layout.plus(x, -steps)
+    columns = [predict(ahead[:, k]) - predict(back[:, k]) for k in range(layout.degrees)]
+    return np.array(columns).T / (2.0 * _DIFFERENCE)
+
+
+def turned(values: Mapping[str, Array], q: Array, shift: Array) -> dict[str, Array]:
+    """Return sensor parameters in another body: groups that depend on the mount, flat.
+
+    Parameters
+    ----------
+    values
+        Groups, as stored, in the body b.
+    q, shift
+        Rotation of vectors from b to the other body (quaternion), and the position of b's origin in it, m.
+    """
+    C = matrix(q)
+    out = dict(values)
+    for group in ("gyro_cross_coupling", "accel_cross_coupling"):
+        if group in out:
+            out[group] = (C @ out[group].reshape(3, 3)).ravel()
+    if "lever_arms" in out:
+        out["lever_arms"] = (out["lever_arms"].reshape(3, 3) @ C.T + shift).ravel()
+    return out
+
+
+def conditioned(result: Gaussian, index: Array, part: Gaussian, new: Gaussian) -> tuple[Array, Array]:
+    """Return the change of a Gaussian's mean, and its covariance, where some of its numbers are known otherwise.
+
+    Parameters
+    ----------
+    index
+        Places of these numbers in the whole.
+    part, new
+        Their distribution in the whole, and the better one.
+    """
+    P = result.covariance
+    scale = np.sqrt(np.diag(part.covariance))
+    S = part.covariance / np.outer(scale, scale)
+    gain = np.linalg.solve(S, (P[:, index] / scale).T).T / scale
+    covariance = P - gain @ (part.covariance - new.covariance) @ gain.T
+    return gain @ (new.mean - part.mean), 0.5 * (covariance + covariance.T)

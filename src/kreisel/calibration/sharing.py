@@ -1,0 +1,222 @@
+"""Which parameters of several recordings of one device are the same numbers, and how each recording's follow."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from kreisel.calibration.fusion import (
+    SHIFT_SD,
+    TURN_SD,
+    Contribution,
+    Fused,
+    Gaussian,
+    conditioned,
+    difference,
+    turned,
+)
+from kreisel.calibration.outcome import Outcome
+from kreisel.estimation.state import Part, StateLayout
+from kreisel.filtering.estimate import Estimate
+from kreisel.filtering.result_change import result_moved
+from kreisel.geometry.rotation import Array, from_matrix, nearest_rotation
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import PASSING_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, SENSOR_GROUPS
+
+SHARED = ("offsets", "mount", "robot", "site", "reference")
+"""What recordings of one device may have in common besides the device."""
+
+DEFAULT = ("robot", "site", "reference")
+"""What they have in common unless the user says otherwise: errors that would else count as independent."""
+
+_OFFSETS = ("gyro_offset", "accel_offset")
+_ERRORS = "errors of the reference"
+
+
+class Sharing:
+    """Which parameters of the recordings are the same numbers, and how each recording's follow from them.
+
+    Attributes
+    ----------
+    layout
+        The common parameters, and the mounts of all recordings but the first.
+    """
+
+    def __init__(self, outcomes: Sequence[Outcome], common: Collection[str]) -> None:
+        self._found = [one.estimate for one in outcomes]
+        self._temperature = [one.recording.imu.usual_temperature for one in outcomes]
+        self._mounts = range(1, len(outcomes)) if "mount" not in common else range(0)
+        device = [
+            group
+            for group in SENSOR_GROUPS
+            if group not in PASSING_GROUPS
+            and ("offsets" in common or group not in _OFFSETS)
+            and all(group in one.problem.layout for one in self._found)
+        ]
+        self._names = [{g: g for g in device} | _named_by_owner(one, common) for one in outcomes]
+        errors = [one.common if "robot" in common and one.common.size else np.zeros((0, 0)) for one in self._found]
+        self._errors = [found.shape[1] for found in errors]
+        sizes = {
+            name: _degrees(one, group)
+            for one, names in zip(self._found, self._names, strict=True)
+            for group, name in names.items()
+        }
+        sizes |= {_ERRORS: max(self._errors)} if max(self._errors) else {}
+        parts = [Part(name, size) for name, size in sizes.items()]
+        mounts = [part for i in self._mounts for part in (Part(turn_of(i), 3, rotation=True), Part(shift_of(i), 3))]
+        self.layout = StateLayout([*parts, *mounts])
+        self._whole = [self._with_errors(i, columns) for i, columns in enumerate(errors)]
+
+    def _with_errors(self, i: int, columns: Array) -> Gaussian:
+        """Return the result of a recording: all parameters, then the errors it shares with others."""
+        found = self._found[i]
+        n, k = len(found.problem.parameter_names), columns.shape[1]
+        P = np.eye(n + k)
+        P[:n, :n] = found.run.belief.covariance[:n, :n]
+        if k:
+            P[:n, n:], P[n:, :n] = columns[:n], columns[:n].T
+        mean = np.zeros(n + k)
+        for group in found.problem.groups:
+            if not group_named(group).rotation:
+                mean[found.problem.layout[group]] = found.run.parameters.stored(group)
+        return Gaussian(mean, P)
+
+    def _index(self, i: int) -> Array:
+        """Return the places of the shared numbers in a recording's result."""
+        layout, whole = self._found[i].problem.layout, self._whole[i].mean.size
+        groups = [np.r_[layout[group]] for group in self._names[i]]
+        return np.concatenate([*groups, np.arange(whole - self._errors[i], whole)]).astype(np.int64)
+
+    def _part(self, i: int) -> Gaussian:
+        index = self._index(i)
+        return Gaussian(self._whole[i].mean[index], self._whole[i].covariance[np.ix_(index, index)])
+
+    def _prior_of(self, i: int, group: str) -> Gaussian:
+        prior = self._found[i].problem.prior
+        return Gaussian(prior.value.stored(group), prior.covariance[group])
+
+    def differences(self, fused: Fused) -> list[tuple[int, str, float, int]]:
+        """Return chi-square and its degrees of freedom of every recording's groups of the device against all."""
+        out = []
+        for i, names in enumerate(self._names):
+            at, part = 0, self._part(i)
+            for group in names:
+                index = np.arange(at, at + _degrees(self._found[i], group))
+                at += index.size
+                if group_named(group).is_sensor:
+                    out.append((i, group, *difference(part, fused.parts[i], index)))
+        return out
+
+    def contributions(self) -> list[Contribution]:
+        """Return what each recording contributes."""
+        out = []
+        for i, names in enumerate(self._names):
+            priors = [self._prior_of(i, group) for group in names]
+            priors += [Gaussian(np.zeros(self._errors[i]), np.eye(self._errors[i]))]
+            mean = np.concatenate([one.mean for one in priors])
+            out.append(Contribution(self._part(i), Gaussian(mean, _block_diagonal(priors)), partial(self._predict, i)))
+        return out
+
+    def prior(self) -> dict[str, Gaussian]:
+        """Return what is known of the common parameters before any data: once, however many recordings there are."""
+        out: dict[str, Gaussian] = {}
+        for i, names in enumerate(self._names):
+            for group, name in names.items():
+                out.setdefault(name, self._prior_of(i, group))
+        if _ERRORS in self.layout:
+            size = self.layout[_ERRORS].stop - self.layout[_ERRORS].start
+            out[_ERRORS] = Gaussian(np.zeros(size), np.eye(size))
+        start = self.start()
+        for i in self._mounts:
+            out[turn_of(i)] = Gaussian(np.zeros(3), TURN_SD**2 * np.eye(3))
+            out[shift_of(i)] = Gaussian(start[self.layout.stored(shift_of(i))], SHIFT_SD**2 * np.eye(3))
+        return out
+
+    def start(self) -> Array:
+        """Return the common parameters as the recordings alone give them, as stored."""
+        x = np.zeros(self.layout.size)
+        for found, names in zip(reversed(self._found), reversed(self._names), strict=True):
+            for group, name in names.items():
+                x[self.layout.stored(name)] = found.run.parameters.stored(group)
+        first = self._found[0].run.parameters.sensors
+        for i in self._mounts:
+            own = self._found[i].run.parameters.sensors
+            C = nearest_rotation(own.K_omega) @ nearest_rotation(first.K_omega).T
+            x[self.layout.stored(turn_of(i))] = from_matrix(C)
+            x[self.layout.stored(shift_of(i))] = (own.lever_arms - first.lever_arms @ C.T).mean(axis=0)
+        return x
+
+    def _predict(self, i: int, x: Array) -> Array:
+        """Return the shared numbers of a recording that follow from the common parameters."""
+        values = {group: x[self.layout.stored(name)] for group, name in self._names[i].items()}
+        if i in self._mounts:
+            values = turned(values, x[self.layout.stored(turn_of(i))], x[self.layout.stored(shift_of(i))])
+        values = self._at_temperature(i, values)
+        errors = x[self.layout.stored(_ERRORS)] if self._errors[i] else np.zeros(0)
+        return np.concatenate([*values.values(), errors])
+
+    def _at_temperature(self, i: int, values: dict[str, Array]) -> dict[str, Array]:
+        """Return the device's values at the temperature that a recording's parameters belong to."""
+        here, there = self._temperature[i], self._temperature[0]
+        if here is None or there is None:
+            return values
+        out = dict(values)
+        for kind in ("gyro", "accel"):
+            scale = 1.0 + (here - there) * values.get(f"{kind}_scale_temperature", np.zeros(3))
+            drift = (here - there) * values.get(f"{kind}_temperature", np.zeros(3))
+            if (K := f"{kind}_cross_coupling") in out:
+                out[K] = (out[K].reshape(3, 3) * scale).ravel()
+            if (k0 := f"{kind}_offset") in out:
+                out[k0] = (out[k0] + drift) / scale
+        return out
+
+    def estimate(self, i: int, part: Gaussian, factor: float) -> Estimate:
+        """Return the estimate of a recording in which the shared parameters are the common ones."""
+        found, whole = self._found[i], self._whole[i]
+        n = len(found.problem.parameter_names)
+        step, covariance = conditioned(whole, self._index(i), self._part(i), part)
+        run = result_moved(found.problem, found.run, step[:n], factor**2 * covariance[:n, :n])
+        return replace(found, run=run)
+
+
+def turn_of(i: int) -> str:
+    """Return the name of the rotation of a recording's mount against the first one's."""
+    return f"turn of recording {i + 1}"
+
+
+def shift_of(i: int) -> str:
+    """Return the name of the shift of a recording's mount against the first one's."""
+    return f"shift of recording {i + 1}"
+
+
+def _degrees(found: Estimate, group: str) -> int:
+    d = found.problem.layout[group]
+    return int(d.stop - d.start)
+
+
+def _block_diagonal(blocks: Sequence[Gaussian]) -> Array:
+    out = np.zeros((sum(one.mean.size for one in blocks),) * 2)
+    at = 0
+    for one in blocks:
+        d = slice(at, at + one.mean.size)
+        out[d, d] = one.covariance
+        at = d.stop
+    return out
+
+
+def _named_by_owner(outcome: Outcome, common: Collection[str]) -> dict[str, str]:
+    """Return the shared groups that are not the device's, with names that differ for different owners."""
+    problem, settings = outcome.problem, outcome.recording.settings
+    out = {}
+    if "site" in common and "gravity" in problem.layout:
+        out["gravity"] = f"gravity, {problem.site.gravity!r}, {problem.site.gravity_sd!r}"
+    if "reference" in common:
+        kind = settings.reference.kind or problem.reference.name
+        out |= {group: f"{group}, {kind}" for group in REFERENCE_GROUPS if group in problem.layout}
+    if "robot" in common and problem.robot is not None:
+        arm = problem.robot.arm
+        out |= {group: f"{group}, {arm.name}, {arm.tcp}" for group in ROBOT_GROUPS if group in problem.layout}
+    return out

@@ -1,0 +1,100 @@
+"""`kreisel calibrate --joint`: one calibration from several recordings of one device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.calibration.joint_outcome import Joint
+    from kreisel.calibration.parts import JointFacts
+    from kreisel.model.settings import CalibrationSettings
+    from kreisel.recording.recording import Recording
+
+
+def calibrate_together(
+    paths: list[Path],
+    read: Callable[[Path], Recording],
+    settings: CalibrationSettings,
+    common: tuple[str, ...],
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Calibrate a device from several recordings, write the result and say what was found.
+
+    Raises
+    ------
+    KreiselError
+        If a recording cannot be read, or fewer than two can be used.
+    typer.Exit
+        With 3 if the result is rejected.
+    """
+    import json
+
+    from kreisel.calibration.joint import calibrate_joint
+    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.threads import releasing_memory, side_by_side
+
+    names = names_of(paths)
+    with releasing_memory(), progress_bar() as show:
+        recordings = [read(path) for path in paths]
+        joint = calibrate_joint(recordings, settings, common, show, names=names, together=side_by_side)
+        if output is not None:
+            _save(joint, output)
+    if as_json:
+        document = dict(joint.calibration.document)
+        typer.echo(json.dumps(document if output is None else {**document, "output": str(output)}))
+    else:
+        _say(joint, output)
+    if not joint.calibration.accepted:
+        raise typer.Exit(3)
+
+
+def names_of(paths: list[Path]) -> list[str]:
+    """Return a name for each path, all different."""
+    names = [path.resolve().name for path in paths]
+    return [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+
+
+def _save(joint: Joint, output: Path) -> None:
+    from kreisel.calibration.result import RESULT_FILES
+    from kreisel.files import replaced_together
+    from kreisel.report.joint import write_joint
+
+    with replaced_together(output, RESULT_FILES) as writing:
+        joint.calibration.write(writing)
+        write_joint(joint, writing / "report.html")
+
+
+def _say(joint: Joint, output: Path | None) -> None:
+    from kreisel.cli.tables import print_result, wide_console
+
+    calibration = joint.calibration
+    facts = calibration.joint
+    print_result(calibration, joint.warnings)
+    if facts is not None:
+        _print_recordings(facts)
+    if output is None:
+        typer.echo("nothing written; -o OUT writes the result and a report")
+    else:
+        robot = "" if calibration.robot_urdf is None else ", robot_calibrated.urdf"
+        wide_console().print(
+            f"written: {output}/calibration.yaml, report.html, estimates.csv, covariance.npz{robot}", markup=False
+        )
+
+
+def _print_recordings(facts: JointFacts) -> None:
+    from kreisel.cli.tables import print_rows, wide_console
+    from kreisel.report.joint import OWN_COLUMNS, own_cells
+
+    print_rows("each recording's own", OWN_COLUMNS, [own_cells(one) for one in facts.recordings])
+    console = wide_console()
+    console.print(
+        f"the same in all: {', '.join(('device', *facts.common))}; chi-square of what the recordings say of it "
+        f"{facts.chi_square:.0f}, {facts.degrees} expected",
+        markup=False,
+    )
