@@ -9,14 +9,31 @@ from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 
 
-def frame_columns(problem: Problem, parameters: CellParameters) -> Array:
+def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array:
+    """Return the effect of an arm's repeatability on the state, one deviation each, (degrees, 8).
+
+    The error of a rest lasts in the move that follows, where the filter takes errors for independent. On average over
+    so many rests it acts like an error of the frames. It matters in short recordings of a good arm.
+    """
+    rests = len(problem.schedule.standstills)
+    if problem.robot is None or rests == 0:
+        return np.zeros((problem.layout.degrees, 8))
+    noise = problem.noise.reference
+    share = rests**-0.5
+    return frame_columns(problem, parameters, (share * noise.standstill_position, share * noise.standstill_orientation))
+
+
+def frame_columns(problem: Problem, parameters: CellParameters, frame_sd: tuple[float, float] | None = None) -> Array:
     """Return the effect of errors of the base and tool frames on the state, one deviation each, (degrees, 8).
+
+    frame_sd: their deviations, m and rad; those of a robot whose errors cannot be estimated by default.
+
 
     A small rotation of the tool frame rotates both cross-coupling matrices and the lever arms; a shift of it shifts
     the lever arms. A rotation of the base frame rotates gravity.
     """
     layout, sensors = problem.layout, parameters.sensors
-    length, angle = problem.noise.frame_sd
+    length, angle = problem.noise.frame_sd if frame_sd is None else frame_sd
     columns = np.zeros((layout.degrees, 8))
     for i, axis in enumerate(np.eye(3)):
         turned = angle * skew(axis)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
-from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.estimation.belief import inflate_variance, triangularise
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
@@ -39,6 +39,9 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         common = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
         belief = replace(belief, factor=triangularise(np.hstack([belief.factor, common])))
         warnings.append(_frame_warning(problem))
+    repeats = repeatability_columns(problem, run.parameters)
+    if repeats.any():
+        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, repeats])))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
     factor = series_factor(found)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.disagreement import with_larger_deviations
 from kreisel.calibration.evidence import SplitHalves
-from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import further_pass
@@ -53,6 +53,9 @@ def split_halves(
     least = _LEAST_WITH_WALKS if found.walks else _LEAST
     variance = np.maximum(variance, least * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
+    variance += 4.0 * np.sum(
+        repeatability_columns(problem, found.run.parameters)[:n] ** 2, axis=1
+    )  # half the rests each
     lasting = problem.lasting
     names = tuple(problem.parameter_names[i] for i in lasting)
     return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))

@@ -89,9 +89,9 @@ def _say(joint: Joint, output: Path | None) -> None:
 
 def _print_recordings(facts: JointFacts) -> None:
     from kreisel.cli.tables import print_rows, wide_console
-    from kreisel.report.joint import OWN_COLUMNS, own_cells
+    from kreisel.report.joint import OWN_COLUMNS, own_rows
 
-    print_rows("each recording's own", OWN_COLUMNS, [own_cells(one) for one in facts.recordings])
+    print_rows("each recording's own", OWN_COLUMNS, [row for one in facts.recordings for row in own_rows(one)], 3)
     console = wide_console()
     console.print(
         f"the same in all: {', '.join(('device', *facts.common))}; chi-square of what the recordings say of it "

@@ -128,11 +128,11 @@ def _print_verdict(console: Console, calibration: Calibration) -> None:
     console.print(f"verdict: {_lower(verdict.summary)}{reasons}", markup=False)
 
 
-def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table of text, numbers to the right."""
+def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 2) -> None:
+    """Print a table of text; the first `text` columns are not numbers."""
     table = Table(title=title, title_justify="left")
     for i, name in enumerate(columns):
-        table.add_column(name, justify="left" if i < 2 else "right")
+        table.add_column(name, justify="left" if i < text else "right")
     for row in rows:
         table.add_row(*row)
     wide_console().print(table)

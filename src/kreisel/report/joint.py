@@ -14,9 +14,7 @@ from kreisel.report.table import Row, Table, by_group, held, pair
 from kreisel.report.template import fill
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MS
 
-OWN_COLUMNS = (
-    "recording", "gyro bias, deg/h", "accelerometer bias, mg", "turn, deg", "shift, mm", "time offset, ms"
-)  # fmt: skip
+OWN_COLUMNS = ("recording", "its own", "unit", "x", "y", "z")
 
 
 def write_joint(joint: Joint, path: Path) -> None:
@@ -25,7 +23,7 @@ def write_joint(joint: Joint, path: Path) -> None:
     values = _values(calibration)
     figures = [figure_of(one, joint.names, values[one.name]) for one in joint.repeated]
     facts = calibration.joint
-    own = () if facts is None else tuple(Row(tuple(own_cells(one))) for one in facts.recordings)
+    own = [] if facts is None else [Row(tuple(row)) for one in facts.recordings for row in own_rows(one)]
     recording = calibration.recording
     page = fill(
         "joint.html",
@@ -35,7 +33,7 @@ def write_joint(joint: Joint, path: Path) -> None:
         unobservable=by_group(calibration.verdict.unobservable),
         warnings=joint.warnings,
         key=_result(values),
-        own=Table("Each recording's own", OWN_COLUMNS, own, broad=True),
+        own=Table("Each recording's own", OWN_COLUMNS, tuple(own), 3),
         compared=table_of(joint.repeated, joint.names),
         figures=figures,
         snippet=snippet(
@@ -45,24 +43,22 @@ def write_joint(joint: Joint, path: Path) -> None:
     path.write_text(page, encoding="utf-8")
 
 
-def own_cells(one: JointRecording) -> list[str]:
-    """Return the cells of a recording's row: its name, and what is its own."""
-
-    def three(found: Measured, size: float) -> str:
-        return ", ".join(
-            pair(v, s) if s > 0.0 else held(v)
-            for v, s in zip((found.value / size).tolist(), (found.deviation / abs(size)).tolist(), strict=True)
-        )
-
-    first = not one.turn.deviation.any()
-    return [
-        one.name,
-        three(one.gyro_offset, -DEG_PER_HOUR),
-        three(one.accel_offset, -MG),
-        "–" if first else three(one.turn, DEG),
-        "–" if first else three(one.shift, MM),
-        pair(one.timing.offset / MS, (one.timing.offset_sd or 0.0) / MS),
+def own_rows(one: JointRecording) -> list[list[str]]:
+    """Return the rows of what a recording has of its own; only the first one has its name."""
+    rows = [
+        ("gyro bias", "deg/h", one.gyro_offset, -DEG_PER_HOUR),
+        ("accelerometer bias", "mg", one.accel_offset, -MG),
     ]
+    if one.turn.deviation.any():
+        rows += [("turn of the mount", "deg", one.turn, DEG), ("shift of the mount", "mm", one.shift, MM)]
+    out = []
+    for title, unit, found, size in rows:
+        values = zip((found.value / size).tolist(), (found.deviation / abs(size)).tolist(), strict=True)
+        out.append(["", title, unit, *(pair(v, s) if s > 0.0 else held(v) for v, s in values)])
+    timing = one.timing
+    out.append(["", "time offset", "ms", pair(timing.offset / MS, (timing.offset_sd or 0.0) / MS), "", ""])
+    out[0][0] = one.name
+    return out
 
 
 def _values(calibration: Calibration) -> dict[str, Measured]:

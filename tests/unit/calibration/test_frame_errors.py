@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.frame_errors import frame_columns
+from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.inertial.sensor_model import correct_angular_rate, correct_specific_force
 from kreisel.model.problem import hold
 
@@ -77,3 +77,16 @@ def test_held_groups_take_no_part(columns):
     d = held.layout["gyro_cross_coupling"]
     np.testing.assert_array_equal(found[d], columns[d])
     assert not found[:, 3:].any()
+
+
+def test_repeatability_acts_as_errors_of_the_frames_that_average_over_the_rests():
+    problem = small_problem()
+    assert not repeatability_columns(problem, parameters()).any()  # no arm
+    arm = replace(problem, robot=object())
+    noise, rests = problem.noise.reference, len(problem.schedule.standstills)
+    assert rests > 3
+    found = repeatability_columns(arm, parameters())
+    sd = noise.standstill_position, noise.standstill_orientation
+    np.testing.assert_allclose(found * rests**0.5, frame_columns(with_noise(problem, frame_sd=sd), parameters()))
+    moving = replace(arm, schedule=replace(arm.schedule, standstills=()))
+    assert not repeatability_columns(moving, parameters()).any()
