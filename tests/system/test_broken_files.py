@@ -152,7 +152,7 @@ REFUSED: dict[str, tuple[Damage, tuple[str, ...]]] = {
         ("joint0/data.csv, line 2: 'x'", "repair"),
     ),
     "settings: key": (setting("[imu]\nnoise = 1\n"), (TOML, "unknown key 'imu.noise'", "gyro_noise_density")),
-    "settings: table": (setting("[sensor]\nx = 1\n"), (TOML, "unknown table 'sensor'", "imu, reference")),
+    "settings: table": (setting("[sensor]\nx = 1\n"), (TOML, "unknown table 'sensor'", "imu, prior, reference")),
     "settings: no table": (setting("imu = 3\n"), (TOML, "write [imu]")),
     "settings: text": (setting('[reference]\nposition_sd = "1"\n'), (TOML, "position_sd = '1'", "valid number")),
     "settings: true": (setting("[reference]\nposition_sd = true\n"), (TOML, "position_sd = True", "valid number")),

@@ -155,6 +155,28 @@ def test_recordings_of_one_device_are_calibrated_together(tmp_path):
         assert refused.stderr.count("\n") == 1
 
 
+def test_parameters_are_fixed_and_given_priors(cell):
+    name = "gyroscope.cross_coupling[0,1]"
+    given = ("--fix", "timing.skew=0", "--fix", "accelerometer.lever_arms[0,2]=0.08", "--prior", f"{name}=0.01 +- 1e-3")
+    done = run("calibrate", cell, *given, "--json")
+    document = json.loads(done.stdout)
+    assert document["estimator"]["fixed"] == ["timing.skew", "accelerometer.lever_arms[0,2]"]
+    assert document["standard_deviation"]["accelerometer"]["lever_arms"][0][2] == 0.0
+    assert document["accelerometer"]["lever_arms"][0][2] == pytest.approx(0.08, abs=1e-7)
+    for arguments, words in (
+        (("--prior", f"{name}=1"), "expected 'value +- standard deviation'"),
+        (("--prior", "gyroscope.bias[0]=0+-1"), "unknown parameter 'gyroscope.bias[0]'"),
+        (("--fix", "gyroscope.bias[0]"), "unknown parameter 'gyroscope.bias[0]'"),
+        (("--fix", "gravity=1"), "expected 9.7 to 9.9"),
+        (("--fix", "gravity=heavy"), "expected a number"),
+        (("--fix", "gyro_offset", "--prior", "gyro_offset=0+-1"), "is fixed"),
+    ):
+        refused = run("calibrate", cell, *arguments)
+        assert refused.returncode == 1
+        assert words in refused.stderr
+        assert refused.stderr.count("\n") == 1
+
+
 def test_columns_of_a_foreign_table_are_proposed_and_used(cell, tmp_path):
     recording = kreisel.load(cell)
     plain(recording, tmp_path)

@@ -77,7 +77,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tu
     return Calibration(
         **vars(parts),
         names=judged.observability.names,
-        covariance=run.belief.covariance[:n, :n],
+        covariance=_covariance(found, n),
         prior_deviation=judged.observability.prior,
         estimates=_estimates(recording, found, n),
         robot_urdf=None if robot is None else calibrated_urdf(robot.arm, run.parameters.robot.placement),
@@ -111,7 +111,7 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
         passes=found.passes,
         filter_seconds=judged.seconds,
         polynomial_order=settings.polynomial_order,
-        fixed=tuple(settings.fixed),
+        fixed=(*settings.fixed, *(name for name, _, deviation in settings.priors_given if deviation == 0.0)),
         held=problem.held,
         noise=FinalNoise(
             gyro_density,
@@ -124,11 +124,19 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
     )
 
 
+def _covariance(found: Estimate, n: int) -> Array:
+    """Return the covariance of the first n parameters; zero for those the user fixed."""
+    estimated = ~found.problem.fixed_places[:n]
+    return np.asarray(found.run.belief.covariance[:n, :n] * np.outer(estimated, estimated))
+
+
 def _deviation_of(found: Estimate, group: str) -> Array:
     """Return the standard deviations of a group: those of the prior for a held group, zero for a fixed one."""
     problem = found.problem
     if group in problem.layout:
-        return found.run.belief.standard_deviation[problem.layout[group]]
+        deviation = found.run.belief.standard_deviation[problem.layout[group]].copy()
+        deviation[problem.fixed_places[problem.layout[group]]] = 0.0
+        return deviation
     size = group_named(group).degrees(problem.settings.polynomial_order, problem.joints)
     return np.resize(problem.prior.width[group], size) if group in problem.held else np.zeros(size)
 
@@ -217,7 +225,7 @@ def _derived(found: Estimate) -> Mapping[str, Measured]:
             values[group] = stored[group] + change[layout[group]]
         return CellParameters.from_stored(values).sensors
 
-    return derive(p.sensors, found.run.belief.covariance[:n, :n], moved)
+    return derive(p.sensors, _covariance(found, n), moved)
 
 
 def _others(found: Estimate) -> dict[str, Measured]:
@@ -276,4 +284,5 @@ def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
         first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
         table[:, 1 + layout["time_offset"].start] += Clock(0.0).offset(*first)
     table[-1, 1 + n :] = run.belief.standard_deviation[:n]
+    table[:, 1 + n :][:, found.problem.fixed_places[:n]] = 0.0
     return table

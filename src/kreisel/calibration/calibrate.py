@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -19,9 +20,12 @@ from kreisel.calibration.verdict import consistency, judge
 from kreisel.filtering.estimate import without_passing
 from kreisel.filtering.iteration import Given, estimate
 from kreisel.filtering.observability import observability
+from kreisel.model.known import place_of
+from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
+from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress, Together, of_parts, one_by_one
 from kreisel.recording.recording import Recording
@@ -59,6 +63,7 @@ def run_calibration(
     """
     if progress is not None:
         progress("synchronise", 0.0)
+    settings = settings.with_stated(recording.settings.fixed, recording.settings.prior)
     preparation = prepare_recording(recording, settings, together)
     check_start_values(preparation)
     problem = build_problem(preparation, settings)
@@ -82,9 +87,42 @@ def run_calibration(
     found = with_doubtful_latitude(with_walked_deviations(found), latitude)
     seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude))
+    known = _known_scores(preparation, settings, problem, given, progress)
+    verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     calibration = assemble(recording, found, Judged(seen, facts, verdict, seconds), warnings)
     return Outcome(
         recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
     )
+
+
+def _known_scores(
+    preparation: Preparation,
+    settings: CalibrationSettings,
+    problem: Problem,
+    given: Given,
+    progress: Progress | None = None,
+) -> Mapping[str, float]:
+    """Return how far an estimate without stated priors lies from each of them, in standard deviations.
+
+    Parameters
+    ----------
+    problem
+        The problem with the stated priors.
+    given
+        Whose noise figures the user gave.
+    """
+    stated = [(name, sd) for name, value, sd in settings.priors_given if sd > 0.0 and value is not None]
+    if not stated:
+        return {}
+    fixed = tuple(one for one in settings.priors_given if one[2] == 0.0)
+    free = build_problem(preparation, replace(settings, priors=fixed))
+    found = with_unestimated_errors(estimate(free, given, progress))
+    layout, deviation = found.problem.layout, found.run.belief.standard_deviation
+    scores = {}
+    for name, sd in stated:
+        group, index = place_of(name, settings.polynomial_order)
+        if group in layout:
+            far = found.run.parameters.stored(group)[index] - problem.prior.value.stored(group)[index]
+            scores[name] = abs(float(far)) / float(deviation[layout[group]][index] ** 2 + sd**2) ** 0.5
+    return scores

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -53,12 +54,17 @@ class LatitudeCheck:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict depends on besides the estimate itself; each part is computed by a module of its own."""
+    """What a verdict depends on besides the estimate itself; each part is computed by a module of its own.
+
+    `known` are the distances of an estimate without them from the priors of single parameters that the user states, in
+    standard deviations, by name.
+    """
 
     observability: Observability
     consistency: Consistency
     halves: SplitHalves | None
     latitude: LatitudeCheck | None
+    known: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,7 @@ def split_halves(
     difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
     prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
     A, B, P = (belief.covariance[:n, :n] for belief in (a.belief, b.belief, prior))
+    P = P + np.diag(np.where(problem.known_places, problem.walked_variance, 0.0))  # a stated prior may be narrower
     shared = A @ np.linalg.solve(P, B)  # equation (22)
     variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
     # what both share is less certain if offsets walk: the prior is exchanged approximately

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes
@@ -10,7 +12,7 @@ from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
-from kreisel.filtering.prior_conflict import MAX_SCORE, prior_scores
+from kreisel.filtering.prior_conflict import MAX_SCORE, largest_score
 from kreisel.model.considered import describe
 from kreisel.synchronization.results import Correlation
 
@@ -67,6 +69,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_halves(evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
+        *_known(evidence.known),
         *_expansions(estimate),
         *_passes(estimate),
         *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA)),
@@ -118,6 +121,16 @@ def _latitude(check: LatitudeCheck | None) -> list[str]:
     ]
 
 
+def _known(scores: Mapping[str, float]) -> list[str]:
+    """Return the reasons about single parameters that lie far from the prior the user states."""
+    return [
+        f"{name} lies {score:.1f} standard deviations from the prior that is stated: correct it (prior in "
+        "recording.toml, --prior)"
+        for name, score in scores.items()
+        if score > MAX_SCORE
+    ]
+
+
 _STATED = {
     "gyro_offset": ("gyro offsets", "imu.gyro_offset_sd or imu.grade"),
     "accel_offset": ("accelerometer offsets", "imu.accel_offset_sd or imu.grade"),
@@ -141,11 +154,11 @@ def _priors(estimate: Estimate) -> list[str]:
             continue
         if group in estimate.walks:
             continue  # not one value
-        far = prior_scores(problem, estimate.run, group)
-        if float(far.max()) > MAX_SCORE:
+        far = largest_score(problem, estimate.run, group)
+        if far > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             reasons.append(
-                f"{title} {verb} up to {far.max():.1f} stated standard deviations from the prior: correct {keys} "
+                f"{title} {verb} up to {far:.1f} stated standard deviations from the prior: correct {keys} "
                 "in recording.toml, or look for an effect that is not modelled"
             )
     return reasons

@@ -27,7 +27,12 @@ def calibrate(
     sigma_points: str | None = typer.Option(None, help="central-difference or unscented."),
     update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
-    fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
+    fix: list[str] = typer.Option(
+        [], help="Group or parameter not to estimate, with or without a value (time_skew=0); may be repeated."
+    ),
+    prior: list[str] = typer.Option(
+        [], help="What is known of a parameter, 'gyroscope.offset[0]=0+-1e-3', in SI; may be repeated."
+    ),
     estimate: list[str] = typer.Option(
         [], help="Effect to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated."
     ),
@@ -57,6 +62,7 @@ def calibrate(
     from kreisel.cli.threads import releasing_memory, side_by_side
     from kreisel.errors import SettingsError
     from kreisel.formats.loading import load
+    from kreisel.model.known import parse_fixed, parse_priors
     from kreisel.model.settings import CalibrationSettings
 
     settings = CalibrationSettings(
@@ -64,7 +70,8 @@ def calibrate(
         sigma_points=sigma_points,
         update_interval=update_interval,
         polynomial_order=polynomial_order,
-        fixed=tuple(fix),
+        fixed=parse_fixed(fix),
+        priors=parse_priors(prior),
         estimated=tuple(estimate),
         skew=skew,
         size_effect=size_effect,  # type: ignore[arg-type]  # the settings check the names

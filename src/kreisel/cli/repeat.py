@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def repeat(
     recordings: list[Path] = typer.Argument(..., help="Recordings of one device, or results of `kreisel calibrate`."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for repeatability.html and .json."),
-    fix: list[str] = typer.Option([], help="Group of parameters not to estimate; may be repeated."),
+    fix: list[str] = typer.Option([], help="Group or parameter not to estimate, NAME or NAME=VALUE; may be repeated."),
     json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),
 ) -> None:
     """Calibrate an IMU from several recordings, each alone, and compare the results.
@@ -28,13 +28,14 @@ def repeat(
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
+    from kreisel.model.known import parse_fixed
 
     if len(recordings) < 2:
         raise SettingsError("give two or more recordings of one device")
     if output is not None:
         check_output(output)
     names = names_of(recordings)
-    calibrations = {name: _calibration(path, tuple(fix)) for name, path in zip(names, recordings, strict=True)}
+    calibrations = {name: _calibration(path, parse_fixed(fix)) for name, path in zip(names, recordings, strict=True)}
     accepted = {name: one for name, one in calibrations.items() if one.accepted}
     left_out = [name for name in names if name not in accepted]
     if len(accepted) < 2:
@@ -58,7 +59,7 @@ def repeat(
         typer.echo(f"written: {output / 'repeatability.html'}, repeatability.json")
 
 
-def _calibration(path: Path, fixed: tuple[str, ...]) -> Calibration:
+def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
     from kreisel.calibration.result import Calibration
 
     if (path / "calibration.yaml").is_file():

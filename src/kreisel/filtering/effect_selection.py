@@ -283,7 +283,7 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
     So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
     distinguished from an offset starts as such.
     """
-    layout, readings = problem.layout, problem.readings
+    layout, readings, known = problem.layout, problem.readings, problem.known_places
     T = np.eye(layout.degrees)
     thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
     raw = RawReadings(
@@ -301,7 +301,7 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
         size = own.stop - own.start
         means = effect.features(raw, size).mean(axis=1)
         for mean, places in zip(means, effect.places(size), strict=True):
-            for axis in np.flatnonzero(places >= 0):
+            for axis in np.flatnonzero((places >= 0) & ~known[offset : offset + 3]):
                 T[offset + axis, own.start + places[axis]] -= mean
     return T
 

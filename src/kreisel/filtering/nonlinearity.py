@@ -73,4 +73,5 @@ def curved(problem: Problem, run: FilterRun) -> bool:
 
 def deviation_alone(covariance: Array) -> Array:
     """Return the standard deviation of each parameter with all others known, (n,), from their covariance (n, n)."""
-    return np.asarray(1.0 / np.sqrt(np.diag(np.linalg.inv(covariance))))
+    deviation = np.sqrt(np.diag(covariance))
+    return np.asarray(deviation / np.sqrt(np.diag(np.linalg.inv(covariance / np.outer(deviation, deviation)))))

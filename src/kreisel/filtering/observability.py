@@ -66,6 +66,7 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
     unobservable: list[str] = []
     not_narrowed: list[str] = []
     order = problem.settings.polynomial_order
+    stated = {name for name, _, _ in problem.settings.priors_given}
     for known in REGISTRY:
         group, own = known.name, known.names(order, problem.joints)
         if group not in problem.layout:
@@ -81,7 +82,7 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
             prior.append(float(before))
             posterior.append(float(after))
             lost = after > MAX_SHARE * before
-            if known.known_before or group in problem.prior.stated:
+            if known.known_before or group in problem.prior.stated or name in stated:
                 lost = False
             if lost:
                 not_narrowed.append(name)

@@ -42,10 +42,16 @@ def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
     return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
 
 
+def largest_score(problem: Problem, run: FilterRun, group: str) -> float:
+    """Return the largest score of a group's parameters that have the group's prior, not one of their own."""
+    own = problem.known_places[problem.layout[group]]
+    return float(np.max(prior_scores(problem, run, group)[~own], initial=0.0))
+
+
 def contradicted_offsets(problem: Problem, run: FilterRun) -> dict[str, float]:
     """Return the offsets whose stated prior the data contradict, with their scores."""
     stated = [g for g in OFFSETS if g in problem.layout and g in problem.prior.stated]
-    scores = {g: float(prior_scores(problem, run, g).max()) for g in stated}
+    scores = {g: largest_score(problem, run, g) for g in stated}
     return {group: score for group, score in scores.items() if score > MAX_SCORE}
 
 
@@ -53,5 +59,6 @@ def with_wider_priors(problem: Problem, scores: dict[str, float]) -> Problem:
     """Return the problem with priors so wide that the data no longer contradict them."""
     covariance = dict(problem.prior.covariance)
     for group, score in scores.items():
-        covariance[group] = covariance[group] * (score / _WIDER) ** 2
+        factor = np.where(problem.known_places[problem.layout[group]], 1.0, score / _WIDER)
+        covariance[group] = covariance[group] * np.outer(factor, factor)
     return replace(problem, prior=replace(problem.prior, covariance=covariance))

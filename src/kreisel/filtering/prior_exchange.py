@@ -35,8 +35,9 @@ def narrowed_belief(problem: Problem, run: FilterRun) -> Belief:
     covariance = run.belief.covariance[i]
     n = len(problem.parameter_names)
     found = linear_inflation(problem, run.belief.covariance[:n, :n]) ** 2 * covariance
-    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by the prior's deviations
-    scale = np.sqrt(np.diag(prior))
+    # P = (A^-1 + B^-1)^-1 = A (A + B)^-1 B, scaled by about its own deviations
+    a, b = np.diag(prior), np.diag(found)
+    scale = np.sqrt(a * b / (a + b))
     A, B = (M / np.outer(scale, scale) for M in (prior, found))
     P = A @ np.linalg.solve(A + B, B)
     factor = belief.factor.copy()

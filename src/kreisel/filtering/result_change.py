@@ -20,8 +20,11 @@ def result_moved(problem: Problem, run: FilterRun, step: Array, covariance: Arra
     """
     layout, n = problem.layout, step.size
     old = run.belief.covariance
-    gain = np.vstack([np.eye(n), np.linalg.solve(old[:n, :n], old[:n, n:]).T])
+    own = np.sqrt(np.diag(old)[:n])
+    regression = (np.linalg.solve(old[:n, :n] / np.outer(own, own), old[:n, n:] / own[:, None]) / own[:, None]).T
+    gain = np.vstack([np.eye(n), regression])
     new = old + gain @ (covariance - old[:n, :n]) @ gain.T
+    new[:n, :n] = covariance
     mean = layout.plus(run.belief.mean, (gain @ step)[:, None])[:, 0].copy()
     scale = np.sqrt(np.diag(new))
     correlation = new / np.outer(scale, scale)

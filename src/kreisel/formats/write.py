@@ -176,8 +176,12 @@ def settings_toml(settings: RecordingSettings) -> str:
 
 def toml_table(name: str, table: Mapping[str, float | str]) -> str:
     """Return a table of TOML."""
-    lines = [f"{key} = {_toml_value(value)}\n" for key, value in table.items()]
+    lines = [f"{_toml_key(key)} = {_toml_value(value)}\n" for key, value in table.items()]
     return f"[{name}]\n{''.join(lines)}"
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
 
 
 def _toml_value(value: float | str) -> str:

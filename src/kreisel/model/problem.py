@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array, Indices
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, group_part, with_coloured_noise, without
@@ -125,6 +125,16 @@ class Problem:
             if group in self.layout:
                 out[self.layout[group]] = walked_variance(self, group)
         return out
+
+    @property
+    def known_places(self) -> Mask:
+        """Which degrees of freedom of the parameters have a prior or a value that the user states, (n,)."""
+        return np.isin(self.parameter_names, [name for name, _, _ in self.settings.priors_given])
+
+    @property
+    def fixed_places(self) -> Mask:
+        """Which of them are single parameters that the user fixed, (n,)."""
+        return np.isin(self.parameter_names, [name for name, _, sd in self.settings.priors_given if sd == 0.0])
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from kreisel.estimation.sigma_points import WEIGHTS
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.model.groups import REGISTRY, group_named
+from kreisel.model.known import Known, known_parameters, parse_prior, parse_value, place_of
 from kreisel.model.parameters import GROUPS
 
 ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
@@ -38,12 +39,17 @@ class CalibrationSettings:
     polynomial_order
         N of equations (1) and (2); 1 is offset and scale, 2 adds a quadratic term.
     fixed
-        Groups of parameters that are not estimated: their names, or a mapping of names to the values they are held
-        at, in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
-        offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset` and
-        `time_skew`. A group without value, or with None, is held at its start value.
+        Groups of parameters, or single parameters (their path in the result file, ``gyroscope.offset[0]``), that are
+        not estimated: their names, or a mapping of names to the values they are held at, in SI and in the shape they
+        have in the result file: (3, 3) for cross couplings and lever arms, (3,) for offsets, (order - 1, 3) for
+        polynomials, a number for `gravity` (its magnitude), `time_offset`, `time_skew` and single parameters. A group
+        without value, or with None, is held at its start value.
+    priors
+        What is known of single parameters, or of groups of them: a mapping of names to (value, standard deviation), in
+        SI. It takes the place of what kreisel assumes; an effect with a prior is estimated.
     held_at
-        The values in `fixed`, as flat tuples; filled from it.
+        The values in `fixed`, as flat tuples; filled from it. Single parameters of `fixed` are put into `priors`, with
+        the deviation 0.
     estimated
         Groups of `BY_CHOICE` that are estimated too.
     skew
@@ -69,6 +75,7 @@ class CalibrationSettings:
     passes: int | None = None
     partial: bool = False
     held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    priors: Mapping[str, Any] | tuple[Known, ...] = ()
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
@@ -84,7 +91,61 @@ class CalibrationSettings:
             raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
         if self.passes is not None and not 1 <= self.passes <= 10:
             raise SettingsError(f"{self.passes} passes; expected 1 to 10")
+        self._check_known()
         self._check_groups()
+
+    def _check_known(self) -> None:
+        """Put single parameters of `fixed` into `priors`, and check both."""
+        given = (self.fixed,) if isinstance(self.fixed, str) else self.fixed
+        if isinstance(given, Iterable):
+            values = given if isinstance(given, Mapping) else dict.fromkeys(given)
+            single = {name: (value, 0.0) for name, value in values.items() if "." in str(name)}
+            groups = {name: value for name, value in values.items() if name not in single}
+            object.__setattr__(self, "fixed", groups if isinstance(given, Mapping) else tuple(groups))
+            known = {one[0]: one for one in known_parameters(self.priors or {}, self.polynomial_order, "priors")}
+            known |= {one[0]: one for one in known_parameters(single, self.polynomial_order, "fixed")}
+            object.__setattr__(self, "priors", tuple(known.values()))
+            of = dict.fromkeys(place_of(name, self.polynomial_order)[0] for name in known)
+            if twice := [group for group in of if group in groups]:
+                raise SettingsError(f"{twice[0]} is fixed; a prior or a value for a part of it contradicts that")
+            if "time_skew" in of and self.skew is None:
+                object.__setattr__(self, "skew", True)
+            wanted = (self.estimated,) if isinstance(self.estimated, str) else tuple(self.estimated)
+            object.__setattr__(self, "estimated", (*wanted, *(g for g in of if g in BY_CHOICE)))
+
+    def with_stated(self, fixed: Mapping[str, str], prior: Mapping[str, str]) -> CalibrationSettings:
+        """Return the settings with what a recording states of its parameters, where they say nothing themselves.
+
+        Parameters
+        ----------
+        fixed, prior
+            Tables of recording.toml.
+
+        Raises
+        ------
+        SettingsError
+            If a name is unknown or a value is impossible.
+        """
+        if not fixed and not prior:
+            return self
+        own = {name for name, _, _ in self.priors_given} | set(self.fixed)
+        groups = {g: shaped(g, value, self.polynomial_order) for g, value in self.held_at}
+        stated = {n: parse_value(text, f"recording.toml: fixed.{n}") for n, text in fixed.items() if n not in own}
+        known = {n: parse_prior(text, f"recording.toml: prior.{n}") for n, text in prior.items() if n not in own}
+        try:
+            priors = known_parameters(known, self.polynomial_order, "prior")
+            return replace(
+                self,
+                fixed={**dict.fromkeys(self.fixed), **groups, **stated},
+                priors=tuple({one[0]: one for one in (*priors, *self.priors_given)}.values()),
+            )
+        except SettingsError as error:
+            raise SettingsError(f"recording.toml: {error}") from error
+
+    @property
+    def priors_given(self) -> tuple[Known, ...]:
+        """What is known of single parameters: name, value, standard deviation."""
+        return self.priors if isinstance(self.priors, tuple) else ()
 
     def _check_groups(self) -> None:
         values: dict[str, Any] = {group: shaped(group, value, self.polynomial_order) for group, value in self.held_at}

@@ -19,6 +19,7 @@ from kreisel.model.problem import Prior, Problem
 from kreisel.model.schedule import MIN_UPDATES, Schedule
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.attitude import start_attitudes
+from kreisel.preparation.known_parameters import apart, with_known
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.robot import ANGLE_SD, LENGTH_SD
 from kreisel.preparation.scheduling import schedule_updates
@@ -71,9 +72,8 @@ def _with_held_values(start: CellParameters, preparation: Preparation, settings:
         value = settings.value_of(group)
         if value is not None:
             stored[group] = value
-            if group == "time_offset":  # between stamps, as in the result; here between first IMU sample and first pose
-                first = int(preparation.recording.imu.stamps_ns[0]), int(preparation.reference.stamps_ns[0])
-                stored[group] = value - Clock(0.0).offset(*first)
+            if group == "time_offset":
+                stored[group] = value - apart(preparation)
     return CellParameters.from_stored(stored)
 
 
@@ -142,6 +142,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         joints=preparation.joints,
         drifts=tuple(noise.drifts),
     )
+    prior = _prior(preparation, settings.polynomial_order, layout, start, start_covariance)
     return Problem(
         readings=preparation.readings,
         reference=reference,
@@ -149,7 +150,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         settings=settings,
         site=site,
         layout=layout,
-        prior=_prior(preparation, settings.polynomial_order, layout, start, start_covariance),
+        prior=with_known(prior, preparation, settings, layout),
         noise=noise,
         robot=preparation.robot,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -107,14 +108,42 @@ class ColumnsTable(_Table):
 
 
 class RecordingSettings(_Table):
-    """The whole of `recording.toml`."""
+    """The whole of `recording.toml`.
+
+    `fixed` and `prior` are what the user knows of single parameters, or of groups of them, as texts by their names:
+    "true" or a value in JSON, and "value +- standard deviation"; see `model.known`.
+    """
 
     imu: ImuTable = ImuTable()
     site: SiteTable = SiteTable()
     reference: ReferenceTable = ReferenceTable()
     robot: RobotTable = RobotTable()
     columns: ColumnsTable | None = None
+    fixed: dict[str, str] = {}
+    prior: dict[str, str] = {}
 
+    @field_validator("fixed", "prior", mode="before")
+    @classmethod
+    def _as_texts(cls, table: object) -> object:
+        return _flat(table) if isinstance(table, dict) else table
+
+
+def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
+    """Return the entries of a table as texts; keys with dots, which TOML reads as tables in tables, are joined."""
+    out: dict[str, str] = {}
+    for key, value in table.items():
+        name = f"{above}{key}"
+        if isinstance(value, dict) and set(value) == {"value", "sd"}:
+            out[name] = f"{json.dumps(value['value'])} +- {json.dumps(value['sd'])}"
+        elif isinstance(value, dict):
+            out |= _flat(value, f"{name}.")
+        else:
+            out[name] = value if isinstance(value, str) else json.dumps(value, default=str)
+    return out
+
+
+_OPEN = ("fixed", "prior")
+"""Tables whose keys are names of parameters."""
 
 _TABLES: dict[str, type[BaseModel]] = {
     "imu": ImuTable,
@@ -146,11 +175,11 @@ def read_settings(path: Path) -> RecordingSettings:
             f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
         ) from error
     for name, table in content.items():
-        if name not in _TABLES:
-            raise RecordingError(unknown_name("table", name, _TABLES), file=path)
+        if name not in _TABLES and name not in _OPEN:
+            raise RecordingError(unknown_name("table", name, (*_TABLES, *_OPEN)), file=path)
         if not isinstance(table, dict):
             raise RecordingError(f"'{name}' must be a table: write [{name}]", file=path)
-        for key in table:
+        for key in table if name in _TABLES else ():
             if key not in _TABLES[name].model_fields:
                 raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[name].model_fields), file=path)
     try:

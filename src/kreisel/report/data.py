@@ -496,7 +496,7 @@ def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
         if group == "alignment":
             continue
         part = problem.layout[group]
-        share = np.minimum((deviations[:, part] / deviations[0, part]) ** 2, 1.0)
+        share = np.minimum((deviations[:, part] / np.maximum(deviations[0, part], 1e-300)) ** 2, 1.0)
         left = run.parameters.stored(group) - moved[-1, part]
         moved[:, part] += left * np.minimum((1.0 - share) / np.maximum(1.0 - share[-1], 1e-9), 1.0)
     return moved
