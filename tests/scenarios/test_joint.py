@@ -83,6 +83,7 @@ def test_gravity_counts_once():
 def test_another_device_is_noticed():
     joint = calibrate_joint([recorded(1)[1], recorded(2)[1], recorded(3, seed=22)[1]])
     assert not joint.calibration.accepted
+    assert "run3 (by" in joint.calibration.verdict.reasons[0]
     assert "not of the same device" in joint.calibration.verdict.reasons[0]
 
 
@@ -90,7 +91,79 @@ def test_another_mount_is_noticed_where_it_is_stated_to_be_the_same():
     common = ("robot", "site", "reference", "mount")
     joint = calibrate_joint([recorded(1)[1], recorded(2, mount=2)[1]], common=common)
     assert not joint.calibration.accepted
-    assert "leave out --same" in joint.calibration.verdict.reasons[0]
+    assert "leave out --same mount" in joint.calibration.verdict.reasons[0]
+
+
+def test_a_small_turn_of_the_mount_is_noticed_behind_the_errors_that_recordings_share():
+    def turned(run: int, turn: float) -> Recording:
+        cell = {
+            "seed": 28, "run": run, "seconds": 60.0, "reference": {"joints": False},
+            "imu": {"mounting_deg": [turn, turn, turn]},
+        }  # fmt: skip
+        return simulate(parse_cell(cell, Path("CELL.toml")), Path(f"run{run}"))[1]
+
+    recordings = [turned(1, 0.1), *(turned(run, 0.0) for run in (2, 3))]
+    assert calibrate_joint(recordings).calibration.accepted
+    stated = calibrate_joint(recordings, common=("robot", "site", "reference", "mount")).calibration
+    assert not stated.accepted
+    assert "leave out --same mount" in stated.verdict.reasons[0]
+
+
+def test_another_place_is_noticed_where_nothing_is_stated():
+    def at(run: int, latitude: float) -> Recording:
+        cell = {
+            "seed": 24, "run": run, "seconds": 60.0, "site": {"latitude_deg": latitude}, "stated": {"place": False},
+            "reference": {"kind": "mocap"},
+        }  # fmt: skip
+        return simulate(parse_cell(cell, Path("CELL.toml")), Path(f"run{run}"))[1]
+
+    found = calibrate_joint([at(1, 20.0), at(2, 60.0), at(3, 60.0)]).calibration
+    assert not found.accepted
+    assert "--own site" in found.verdict.reasons[0]
+
+
+def test_coefficients_of_temperature_hold_at_another_temperature():
+    def warm(run: int, rise: float) -> tuple[Truth, Recording]:
+        cell = {
+            "seed": 8, "run": run, "seconds": 90.0, "reference": {"kind": "mocap"},
+            "imu": {"grade": "industrial-mems", "temperature_rise": rise, "gyro_temperature_sd": 2e-5,
+                    "gyro_scale_temperature_sd": 1e-4, "accel_temperature_sd": 1e-2,
+                    "accel_scale_temperature_sd": 1e-4},
+        }  # fmt: skip
+        return simulate(parse_cell(cell, Path("CELL.toml")), Path(f"run{run}"))
+
+    (truth, first), (_, second) = warm(1, 15.0), warm(2, 40.0)
+    found = calibrate_joint([first, second], common=("robot", "site", "reference", "offsets")).calibration
+    assert found.accepted
+    assert found.joint.factor == 1.0
+    assert max(worst(found, truth).values()) < 4.5
+    # the same readings at the same temperature give the same, by the parameters of either recording
+    rng = np.random.default_rng(1)
+    rates, forces, t = rng.normal(size=(50, 3)), 10.0 * rng.normal(size=(50, 3)), 0.01 * np.arange(50)
+    alone = [calibrate(one).correct(rates, forces, t, np.full(50, 40.0))[0] for one in (first, second)]
+    together = found.correct(rates, forces, t, np.full(50, 40.0))[0]
+    np.testing.assert_allclose(together, alone[1], atol=2e-3)
+    np.testing.assert_allclose(alone[0], alone[1], atol=6e-3)
+
+
+def test_one_recording_without_temperature_does_not_stop_the_others():
+    cell = {
+        "seed": 21, "run": 7, "seconds": 60.0, "reference": {"kind": "mocap"},
+        "imu": {"grade": "consumer-mems", "temperature_rise": 40, "gyro_temperature_sd": 1e-3},
+    }  # fmt: skip
+    warm = simulate(parse_cell(cell, Path("CELL.toml")), Path("warm"))[1]
+    joint = calibrate_joint([recorded(1)[1], warm, recorded(2)[1]])
+    assert set(joint.names) == {"run1", "warm", "run2"}
+    assert joint.calibration.accepted
+
+
+def test_a_recording_without_orientations_has_a_body_of_its_own():
+    truth, first = recorded(1)
+    _, moved = recorded(2, measures="position")
+    joint = calibrate_joint([moved, first], common=("robot", "site", "reference", "mount"), names=("p", "q"))
+    assert joint.names == ("q", "p")  # b is that of the recording with orientations
+    assert joint.calibration.accepted
+    assert max(worst(joint.calibration, truth).values()) < 4.5
 
 
 def test_what_cannot_be_used_is_left_out_and_named(tmp_path):
@@ -117,6 +190,8 @@ def test_what_cannot_be_used_is_left_out_and_named(tmp_path):
 
 
 def test_bad_arguments_are_named():
+    with pytest.raises(SettingsError, match="run1 and run1 have the same readings"):
+        calibrate_joint([recorded(1)[1], recorded(1)[1]])
     with pytest.raises(SettingsError, match="give two or more"):
         calibrate_joint([recorded(1)[1]])
     with pytest.raises(SettingsError, match="unknown thing in common 'foo'"):

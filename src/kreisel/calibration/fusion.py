@@ -1,8 +1,8 @@
 """Fusion of Gaussian results of several recordings: what they have in common counts once.
 
-A result contains the data and the prior. The prior is taken out of every result and put back once. What remains is a
-least squares problem in the common parameters; its Jacobian also contains where each recording's body b lies against
-that of the first one.
+A result contains the data and the prior, and its deviations may have been made larger. The prior is taken out of every
+result and put back once. What remains is a least squares problem in the common parameters, and in where the body b of
+each recording lies against that of the first one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array, Indices, matrix
+from kreisel.geometry.rotation import Array, matrix
 
 TURN_SD, SHIFT_SD = 0.5, 0.5
 """rad and m; standard deviations of a mount against the first one, about the first estimate of it."""
@@ -38,10 +38,19 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class Said:
-    """What one recording says about shared parameters: `H s = b`, each row with noise of unit variance, (r, n)."""
+    """What the data of one recording say about shared parameters.
+
+    Attributes
+    ----------
+    H, b : (r, n), (r,)
+        `H s = b`, each row with noise of unit variance.
+    excess : (n, n)
+        Uncertainty of the result in directions about which the data say nothing, beyond that of the prior.
+    """
 
     H: Array
     b: Array
+    excess: Array
 
 
 @dataclass(frozen=True)
@@ -50,15 +59,41 @@ class Contribution:
 
     Attributes
     ----------
-    result, prior
-        Its result, and the prior that the result contains.
+    filtered
+        Its result by data and prior.
+    prior
+        That prior.
+    columns : (n, k)
+        Effect of errors on the result that recordings share, each of unit variance; they follow the parameters in
+        what `predict` returns.
+    added : (n, n)
+        Covariance of further errors of the result, by which its deviations were made larger.
     predict
-        Function from the stored common parameters to the recording's.
+        Function from the stored common parameters to the recording's, and the shared errors.
     """
 
-    result: Gaussian
+    filtered: Gaussian
     prior: Gaussian
+    columns: Array
+    added: Array
     predict: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What the data of a recording say, against all of them.
+
+    Attributes
+    ----------
+    chi_square, degrees
+        Sum of squares, and the number expected.
+    largest
+        Of a single direction, in standard deviations.
+    """
+
+    chi_square: float
+    degrees: int
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -70,9 +105,12 @@ class Fused:
     layout, mean, covariance
         Of the common parameters, and of the mounts of all recordings but the first.
     parts
-        The parameters of each recording, as they follow.
+        The parameters of each recording, as they follow. Where a recording's own result is worse than its prior, so are
+        they: what made its deviations larger is not known better by other recordings.
     chi_square, degrees
         Sum of squares of what does not fit, and the number expected.
+    misfits
+        What does not fit, for each recording.
     """
 
     layout: StateLayout
@@ -81,6 +119,7 @@ class Fused:
     parts: tuple[Gaussian, ...]
     chi_square: float
     degrees: int
+    misfits: tuple[Misfit, ...]
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return the stored value of a part, and its standard deviations."""
@@ -88,27 +127,34 @@ class Fused:
         return self.mean[self.layout.stored(name)], np.sqrt(np.diag(self.covariance)[d])
 
 
-def without_prior(result: Gaussian, prior: Gaussian) -> Said:
-    """Return what the data say, by a result that contains a prior.
-
-    Directions in which the result is hardly better than the prior, or worse, are left out.
+def said_by(one: Contribution) -> Said:
+    """Return what the data of a recording say, by a result that contains a prior.
 
     Notes
     -----
-    With the prior as the unit, the information of the result has the eigenvalues l >= 1; that of the data is l - 1. The
-    result lies y from the prior's centre; the data alone lie l / (l - 1) y from it.
+    With the prior as the unit, the information of the result has the eigenvalues l >= 1; that of the data is d = l - 1.
+    The result lies y from the prior's centre; the data alone lie l / d y from it. A row of the data with noise e moves
+    the result by sqrt(d) / l e; an error of the result is therefore one of l / sqrt(d) times its size in that row.
     """
+    prior, n = one.prior, one.prior.mean.size
     scale = np.sqrt(np.diag(prior.covariance))
     L = np.linalg.cholesky(prior.covariance / np.outer(scale, scale))
     whiten = np.linalg.inv(L) / scale
-    P = whiten @ result.covariance @ whiten.T
+    P = whiten @ one.filtered.covariance @ whiten.T
     inverse, V = np.linalg.eigh(0.5 * (P + P.T))
     information = 1.0 / np.maximum(inverse, 1e-15)
     kept = information - 1.0 > _LEAST_INFORMATION
-    data = information[kept] - 1.0
-    H = np.sqrt(data)[:, None] * (V[:, kept].T @ whiten)
-    y = V[:, kept].T @ (whiten @ (result.mean - prior.mean))
-    return Said(H, H @ prior.mean + information[kept] / np.sqrt(data) * y)
+    own, data = V[:, kept].T @ whiten, information[kept] - 1.0
+    H = np.hstack([np.sqrt(data)[:, None] * own, (information[kept] / np.sqrt(data))[:, None] * (own @ one.columns)])
+    b = np.sqrt(data) * (own @ prior.mean)
+    b = b + information[kept] / np.sqrt(data) * (own @ (one.filtered.mean - prior.mean))
+    noise = (information[kept] / np.sqrt(data))[:, None] * (own @ one.added @ own.T) * information[kept] / np.sqrt(data)
+    root = np.linalg.inv(np.linalg.cholesky(np.eye(b.size) + 0.5 * (noise + noise.T)))
+    back = scale[:, None] * L @ V[:, ~kept]
+    rest = V[:, ~kept].T @ whiten
+    excess = np.zeros((H.shape[1],) * 2)
+    excess[:n, :n] = back @ (rest @ one.added @ rest.T) @ back.T
+    return Said(root @ H, root @ b, excess)
 
 
 def fuse(
@@ -129,7 +175,7 @@ def fuse(
     -----
     Gauss-Newton; the dependence on the common parameters is at most bilinear.
     """
-    said = [without_prior(one.result, one.prior) for one in contributions]
+    said = [said_by(one) for one in contributions]
     whiten, centre = np.zeros((layout.degrees, layout.degrees)), start.copy()
     for part in layout:
         d, known = layout[part.name], prior[part.name]
@@ -150,35 +196,32 @@ def fuse(
         if np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < _SETTLED:
             break
     rest = _residual(layout, contributions, said, whiten, centre, x)
-    fitted = []
-    for one in contributions:
+    fitted, misfits = [], []
+    for one, own in zip(contributions, said, strict=True):
         J = _jacobian(layout, one.predict, x)
-        fitted.append(Gaussian(one.predict(x), J @ covariance @ J.T))
-    return Fused(layout, x, covariance, tuple(fitted), float(rest @ rest), rest.size - layout.degrees)
+        follows = Gaussian(one.predict(x), J @ covariance @ J.T)
+        misfits.append(_misfit(own, follows))
+        fitted.append(Gaussian(follows.mean, follows.covariance + own.excess))
+    return Fused(layout, x, covariance, tuple(fitted), float(rest @ rest), rest.size - layout.degrees, tuple(misfits))
 
 
-def difference(part: Gaussian, new: Gaussian, index: Indices) -> tuple[float, int]:
-    """Return chi-square, and its degrees of freedom, of what a recording says against what all of them say.
+def _misfit(said: Said, fitted: Gaussian) -> Misfit:
+    """Return what does not fit of a recording.
 
-    Parameters
-    ----------
-    part, new
-        The parameters by the recording alone, and as they follow from all.
-    index
-        The parameters that are compared. Directions that other recordings hardly contribute to do not count.
+    Directions that other recordings say little about do not count.
 
     Notes
     -----
-    What all say contains what the recording says; the difference of the two has the difference of the covariances.
+    What all say contains what the recording says: residuals r have the covariance 1 - H S H^T, with the covariance S of
+    what all say.
     """
-    P = part.covariance[np.ix_(index, index)]
-    scale = np.sqrt(np.diag(P))
-    whiten = np.linalg.inv(np.linalg.cholesky(P / np.outer(scale, scale))) / scale
-    D = whiten @ (P - new.covariance[np.ix_(index, index)]) @ whiten.T
-    share, V = np.linalg.eigh(0.5 * (D + D.T))
+    C = np.eye(said.b.size) - said.H @ fitted.covariance @ said.H.T
+    share, V = np.linalg.eigh(0.5 * (C + C.T))
     kept = share > _LEAST_SHARE
-    along = V[:, kept].T @ (whiten @ (part.mean - new.mean)[index])
-    return float(np.sum(along**2 / share[kept])), int(kept.sum())
+    along = V[:, kept].T @ (said.b - said.H @ fitted.mean) / np.sqrt(share[kept])
+    if along.size == 0:
+        return Misfit(0.0, 0, 0.0)
+    return Misfit(float(along @ along), along.size, float(np.max(np.abs(along))))
 
 
 def _residual(

@@ -28,6 +28,7 @@ from kreisel.errors import KreiselError, SettingsError, unknown_name
 from kreisel.estimation.consistency import normalised_bounds
 from kreisel.filtering.observability import observability
 from kreisel.geometry.rotation import Array, log
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
@@ -37,6 +38,17 @@ from kreisel.recording.recording import DataWarning, Recording
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 _LEVEL = 0.01
 """Probability that recordings which agree are taken for recordings that differ."""
+
+_COVERED = 0.5
+"""Factor for a difference in a single direction, in its standard deviations: it is then two of them."""
+
+_BETTER = 0.4
+"""Share of a factor that is left where something that was held to be common is not."""
+
+_ADVICE = {
+    "offsets": "leave out --same offsets", "mount": "leave out --same mount", "robot": "--own robot",
+    "site": "--own site", "reference": "--own reference",
+}  # fmt: skip
 
 MAX_FACTOR = 3.0
 """Largest factor on deviations by which differences between recordings are covered."""
@@ -71,13 +83,30 @@ def calibrate_joint(
     if unknown:
         raise SettingsError(unknown_name("thing in common", unknown[0], SHARED))
     named = tuple(names) or tuple(recording.name for recording in recordings)
+    _check_different(recordings, named)
     alone = _Alone(recordings, named, replace(settings or CalibrationSettings(), partial=True), progress, together)
     outcomes, left_out = alone.outcomes()
     if len(outcomes) < 2:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out)
         few = "give two or more recordings of one device" if len(recordings) < 2 else "fewer than two can be used"
         raise SettingsError(f"{few}{f' ({reasons})' if reasons else ''}")
-    return _brought_together(tuple(named[i] for i in outcomes), tuple(outcomes.values()), left_out, tuple(common))
+    # b is the body of a reference that has orientations, where there is one
+    order = sorted(outcomes, key=lambda i: outcomes[i].problem.reference.quaternions is None)
+    return _brought_together(tuple(named[i] for i in order), tuple(outcomes[i] for i in order), left_out, tuple(common))
+
+
+def _check_different(recordings: Sequence[Recording], names: Sequence[str]) -> None:
+    """Check that no recording is given twice.
+
+    Raises
+    ------
+    SettingsError
+        If two of them have the same readings; they would count as independent.
+    """
+    for k, one in enumerate(recordings):
+        for i, other in enumerate(recordings[:k]):
+            if one.imu.rates.shape == other.imu.rates.shape and np.array_equal(one.imu.rates, other.imu.rates):
+                raise SettingsError(f"{names[i]} and {names[k]} have the same readings: give each recording once")
 
 
 @dataclass(frozen=True)
@@ -94,7 +123,9 @@ class _Alone:
         """Return the accepted ones by number, and names and reasons of the others."""
         outcomes, left_out = self._calibrated(range(len(self.recordings)), self.settings)
         wanted = _effects(outcomes.values())
-        other = [i for i, one in outcomes.items() if _effects([one]) != wanted]
+        if any(one.preparation.readings.warmth is None for one in outcomes.values()):
+            wanted -= set(OF_TEMPERATURE)  # a recording without temperatures cannot show them
+        other = [i for i, one in outcomes.items() if not wanted <= _effects([one])]
         if other:
             settings = _with_effects(self.settings, wanted)
             again, refused = self._calibrated(other, settings)
@@ -148,14 +179,16 @@ def _brought_together(
     shared = Sharing(outcomes, common)
     fused = fuse(shared.contributions(), shared.layout, shared.start(), shared.prior())
     repeated = repeatability([one.calibration for one in outcomes])
-    differing, factor = _difference(shared, fused, names)
+    differing, factor = _difference(fused, names)
+    remedy = _remedy(outcomes, names, common, factor) if differing else ""
     estimates = [shared.estimate(i, fused.parts[i], factor) for i in range(len(outcomes))]
     first, found = outcomes[0], estimates[0]
-    seen = [observability(one.problem, one.run) for one in estimates]
-    reasons = [*_reasons(differing, factor, common), *motion_reasons(seen[0])]
+    honest = estimates if factor == 1.0 else [shared.estimate(i, one, 1.0) for i, one in enumerate(fused.parts)]
+    seen = [observability(one.problem, one.run) for one in honest]
+    reasons = [*_reasons(differing, factor, remedy), *motion_reasons(seen[0])]
     causes = max((one.verdict.causes for one in outcomes), key=lambda found: found[0].weight if found else 0.0)
     verdict = Verdict(not reasons, tuple(reasons), seen[0].unobservable, causes)
-    warnings = _warnings(names, outcomes, left_out, differing, factor)
+    warnings = _warnings(names, outcomes, left_out, differing, factor, remedy)
     seconds = sum(one.calibration.estimator.filter_seconds for one in outcomes if one.calibration.estimator is not None)
     judged = [Judged(one, _pooled(outcomes), verdict, seconds) for one in seen]
     own = [assemble(o.recording, e, j, ()) for o, e, j in zip(outcomes, estimates, judged, strict=True)]
@@ -171,38 +204,59 @@ def _brought_together(
     return Joint(calibration, names, outcomes, repeated, warnings)
 
 
-def _difference(shared: Sharing, fused: Fused, names: Sequence[str]) -> tuple[tuple[str, ...], float]:
-    """Return where a recording differs from all of them by more than by chance, and the factor that covers this."""
-    compared = [row for row in shared.differences(fused) if row[3] > 0]
+def _difference(fused: Fused, names: Sequence[str]) -> tuple[tuple[str, ...], float]:
+    """Return the recordings that differ from all of them by more than by chance, and the factor that covers this.
+
+    Both by the sum of squares of a recording, and by that of a single direction.
+    """
+    tests = 2 * len(names)
     differing, worst = [], 1.0
-    for i, group, chi_square, degrees in compared:
-        ratio = chi_square / degrees
-        if ratio > normalised_bounds(np.array([degrees]), 1.0 - 2.0 * _LEVEL / len(compared))[1]:
-            differing.append(f"{group_named(group).path} of {names[i]}")
-            worst = max(worst, float(ratio**0.5))
+    for i, misfit in enumerate(fused.misfits):
+        if misfit.degrees == 0:
+            continue
+        ratio = misfit.chi_square / misfit.degrees
+        whole = ratio > _bound(misfit.degrees, tests)
+        if whole or misfit.largest**2 > _bound(1, tests * misfit.degrees):
+            differing.append(f"{names[i]} (by {misfit.largest:.1f} in one direction)")
+            worst = max(worst, float(ratio**0.5) if whole else 1.0, _COVERED * misfit.largest)
     return tuple(differing), worst
 
 
-def _reasons(differing: tuple[str, ...], factor: float, common: Collection[str]) -> list[str]:
+def _bound(degrees: int, tests: int) -> float:
+    """Return the normalised chi-square that one of so many tests exceeds by chance with the probability `_LEVEL`."""
+    return normalised_bounds(np.array([degrees]), 1.0 - 2.0 * _LEVEL / tests)[1]
+
+
+def _remedy(outcomes: tuple[Outcome, ...], names: tuple[str, ...], common: tuple[str, ...], factor: float) -> str:
+    """Return the likeliest cause of differences covered by a factor, such as what recordings do not have in common."""
+    factors = {}
+    for word in (word for word in common if word in _ADVICE):
+        other = Sharing(outcomes, [one for one in common if one != word])
+        factors[word] = _difference(fuse(other.contributions(), other.layout, other.start(), other.prior()), names)[1]
+    best = min(factors, key=lambda word: factors[word], default=None)
+    if best is not None and factors[best] < max(1.0, _BETTER * factor):
+        return f"they agree if {best} is each recording's own: {_ADVICE[best]}"
+    return "they are not of the same device, or one of them is wrong"
+
+
+def _reasons(differing: tuple[str, ...], factor: float, remedy: str) -> list[str]:
     if factor <= MAX_FACTOR:
         return []
-    stated = [word for word in ("offsets", "mount") if word in common]
-    advice = f"; {' and '.join(stated)} are stated to be the same: leave out --same" if stated else ""
     return [
-        f"the recordings differ by {factor:.1f} times their standard deviations in {', '.join(differing)}: "
-        f"they are not of the same device, or one of them is wrong{advice}"
+        f"recordings differ from the others by more than {MAX_FACTOR:g} times their standard deviations explain: "
+        f"{', '.join(differing)}; {remedy}"
     ]
 
 
 def _warnings(
     names: tuple[str, ...], outcomes: tuple[Outcome, ...], left_out: tuple[tuple[str, str], ...],
-    differing: tuple[str, ...], factor: float,
+    differing: tuple[str, ...], factor: float, remedy: str,
 ) -> tuple[DataWarning, ...]:  # fmt: skip
     out = [DataWarning(name, f"not used; {reason}") for name, reason in left_out]
     if differing:
         message = (
-            f"recordings differ by more than their standard deviations in {', '.join(differing)}; all were "
-            f"multiplied by {factor:.2f}"
+            f"recordings differ from the others by more than by chance: {', '.join(differing)}; standard deviations "
+            f"were multiplied by {factor:.2f}; {remedy}"
         )
         out.append(DataWarning("differences", message))
     for name, one in zip(names, outcomes, strict=True):

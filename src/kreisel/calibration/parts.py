@@ -238,7 +238,7 @@ class JointFacts:
     chi_square, degrees
         Of what the recordings say of common parameters, and the number expected.
     factor, differing
-        Factor on standard deviations, and the parameters of recordings that differ from all by more than by chance.
+        Factor on standard deviations, and the recordings that differ from the others by more than by chance.
     """
 
     common: tuple[str, ...]

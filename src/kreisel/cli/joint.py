@@ -57,7 +57,8 @@ def calibrate_together(
 def names_of(paths: list[Path]) -> list[str]:
     """Return a name for each path, all different."""
     names = [path.resolve().name for path in paths]
-    return [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    longer = [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    return [f"{name} ({i + 1})" if longer.count(name) > 1 else name for i, name in enumerate(longer)]
 
 
 def _save(joint: Joint, output: Path) -> None:

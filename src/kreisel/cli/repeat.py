@@ -122,6 +122,7 @@ def _document(found: tuple[Repeated, ...], runs: list[str], left_out: list[str])
 
 
 def _print(found: tuple[Repeated, ...], runs: list[str], facts: list[str]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     from kreisel.cli.tables import wide_console
@@ -133,7 +134,7 @@ def _print(found: tuple[Repeated, ...], runs: list[str], facts: list[str]) -> No
         for name in (COLUMNS[0], *COLUMNS[shown]):
             table.add_column(name, justify="left" if name in ("quantity", "run") else "right")
         for row in rows:
-            table.add_row(row[0], *row[shown])
+            table.add_row(*map(escape, (row[0], *row[shown])))
         out.print(table)
     for fact in facts:
         out.print(fact, markup=False)

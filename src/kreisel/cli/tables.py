@@ -7,6 +7,7 @@ from math import isnan
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     for i, name in enumerate(columns):
         table.add_column(name, justify="left" if i < text else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     wide_console().print(table)
 
 

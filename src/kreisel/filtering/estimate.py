@@ -27,7 +27,8 @@ class Estimate:
     all effects beyond the usual ones, found or not; `walks` the groups that walk, and what that gains in
     log-likelihood; `contradicted` the offsets whose stated prior had to be widened, with their scores; `stated` the
     problem as it was stated. `common` are columns of the belief's covariance, (degrees, k): errors of unit variance
-    that other recordings of the same robot share.
+    that other recordings of the same robot share. `filtered` is the belief before deviations were made larger: the
+    information of the data and of the prior.
     """
 
     problem: Problem
@@ -42,6 +43,7 @@ class Estimate:
     contradicted: Mapping[str, float] = field(default_factory=dict)
     stated: Problem | None = None
     common: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    filtered: Belief | None = None
 
 
 def without_passing(found: Estimate) -> Estimate:
@@ -53,11 +55,14 @@ def without_passing(found: Estimate) -> Estimate:
     smaller = without(layout, PASSING_GROUPS)
     kept = np.concatenate([np.r_[layout[part.name]] for part in smaller])
     stored = np.concatenate([np.r_[layout.stored(part.name)] for part in smaller])
-    history = run.history
+    history, filtered = run.history, found.filtered
+    if filtered is not None:
+        filtered = Belief(filtered.mean[stored], triangularise(filtered.factor[kept]))
     return replace(
         found,
         problem=replace(problem, layout=smaller),
         common=found.common[kept] if found.common.size else found.common,
+        filtered=filtered,
         run=replace(
             run,
             belief=Belief(run.belief.mean[stored], triangularise(run.belief.factor[kept])),

@@ -178,6 +178,7 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
         walks,
         contradicted,
         problem,
+        filtered=run.belief,
     )
 
 

@@ -26,6 +26,7 @@ from kreisel.simulation.effects import (
     DeviceEffects,
     OffsetChange,
     Slip,
+    at_mean_temperature,
     draw_effects,
     draw_slip,
     offset_change,
@@ -151,9 +152,10 @@ def simulate(
     actual = kinematics.with_placement_errors(nominal, own.placement)
     gravity, earth = _site(cell, streams.site)
     sway, grade = draw_sway(streams.sway, cell.errors), GRADES[cell.imu.grade]
+    drawn, effects = draw_sensors(streams.sensor, cell.imu, grade), draw_effects(streams.effects, cell.imu, grade)
     device = _Device(
-        draw_sensors(streams.sensor, cell.imu, grade),
-        draw_effects(streams.effects, cell.imu, grade),
+        drawn if cell.run == 0 else at_mean_temperature(drawn, effects, cell.imu, cell.seconds),
+        effects,
         draw_slip(streams.slip, cell.imu, min(cell.seconds, planned.seconds)),
     )
     say("move the IMU", 0.2)

@@ -115,6 +115,21 @@ def temperature_of(imu: Imu, t: Array) -> Array | None:
     return np.asarray(25.0 + imu.temperature_rise * (1.0 - np.exp(-t / imu.warm_up_time)))
 
 
+def at_mean_temperature(
+    sensors: SensorParameters, effects: DeviceEffects, imu: Imu, seconds: float
+) -> SensorParameters:
+    """Return the sensors, drawn at 25 degrees, at the mean temperature of a recording, where `warmth` is zero."""
+    temperature = temperature_of(imu, np.linspace(0.0, seconds, 10_000))
+    if temperature is None:
+        return sensors
+    above = float(temperature.mean()) - 25.0
+    gyro, gyro_scale, accel, accel_scale = (above * one for one in effects.temperature)
+    k_w, k_a = sensors.k_w.copy(), sensors.k_a.copy()
+    k_w[0], k_a[0] = (k_w[0] + gyro) / (1.0 + gyro_scale), (k_a[0] + accel) / (1.0 + accel_scale)
+    K_omega, K_a = sensors.K_omega * (1.0 + gyro_scale), sensors.K_a * (1.0 + accel_scale)
+    return replace(sensors, K_omega=K_omega, k_w=k_w, K_a=K_a, k_a=k_a)
+
+
 def draw_slip(rng: np.random.Generator, imu: Imu, seconds: float) -> Slip | None:
     """Return the turn in the mount, or None."""
     axis, time = rng.normal(size=3), middle(rng, seconds)
