@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import RecordingError, SynchronizationError
+from kreisel.geometry.rotation import Mask
 from kreisel.inertial.readings import Readings
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.settings import CalibrationSettings
@@ -34,8 +35,14 @@ _MIN_COMMON_SHARE = 0.7
 _ROUNDS_WITHOUT_ATTITUDE = 4
 _ROUNDS_OF_LOSSES = 3
 
-_LEAST_SURE = 0.7
+_LEAST_SURE = 0.3
 """Share of the poses that must not depend on where samples were lost."""
+
+_BURST, _MOST_IN_BURST = 0.5, 6
+"""s, and samples lost in that time: of more of them it is not known how they lie."""
+
+_MOST_LOST = 0.007
+"""Share of the samples that may be put back: more of them explain a clock of any rate."""
 
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
@@ -131,6 +138,8 @@ def _without_losses(
         missing = find_lost_samples(imu, readings, reference, fit)
         if missing is None:
             break
+        if missing.most_within(_BURST) > _MOST_IN_BURST:
+            return None
         warnings = (missing.warning(imu),) if found is None else found.warnings
         imu = missing.put_back(imu)
         sure &= missing.sure_poses(reference)
@@ -139,9 +148,22 @@ def _without_losses(
         found = _Mended(replace(recording, imu=imu), reference, correlation, readings, fit, warnings)
     if found is None or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
         return None
-    if np.mean(sure) < _LEAST_SURE:
+    share = 1.0 - recording.imu.stamps_ns.size / (1.0 + float(imu.seconds[-1]) / imu.interval)
+    if np.mean(sure) < _LEAST_SURE or share > _MOST_LOST:
         return None
-    return replace(found, reference=replace(reference, doubtful=~sure))
+    broken = replace(recording, imu=_broken_behind(imu, reference, found.fit.clock, ~sure))
+    reference = replace(reference, doubtful=~sure)
+    return replace(found, recording=broken, reference=reference, readings=readings_of(broken, noise))
+
+
+def _broken_behind(imu: ImuSamples, reference: ReferencePoses, clock: Clock, doubtful: Mask) -> ImuSamples:
+    """Return the readings with a new start of navigation wherever it is not known when samples were lost.
+
+    The rotation in between depends on that: it must not be compared with the reference's.
+    """
+    ends = np.flatnonzero(doubtful & ~np.append(doubtful[1:], False))
+    behind = imu.stamps_ns[0] + np.round(1e9 * clock.imu_time(reference.seconds[ends])).astype(np.int64)
+    return replace(imu, broken_ns=np.unique(np.concatenate([imu.broken_ns, behind])))
 
 
 def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:

@@ -24,7 +24,7 @@ _EVEN, _EVEN_SHARE = 2e-3, 0.999
 _STEP = 0.04
 """Least time between two poses that are used, s."""
 
-_PER_PLACE, _PER_SAMPLE, _PER_DRIFT = 16.0, 2.0, 12.0
+_PER_PLACE, _PER_SAMPLE, _PER_DRIFT = 8.0, 8.0, 12.0
 """Price in chi-square of a place with lost samples, of each sample lost there, and of a small change of the clocks."""
 
 _PARTS = 4
@@ -87,6 +87,12 @@ class LostSamples:
                 speed = np.linalg.norm(np.gradient(values * signs, tau, axis=0), axis=1)
                 moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
         return np.asarray(~(inside & moving))
+
+    def most_within(self, seconds: float) -> int:
+        """Return the largest number of samples lost within some seconds."""
+        total = np.concatenate([[0], np.cumsum(self.counts)])
+        ends = np.searchsorted(self.places, self.places + seconds / (1e-9 * self.interval_ns), side="right")
+        return int(np.max(total[ends] - total[:-1]))
 
     def put_back(self, imu: ImuSamples) -> ImuSamples:
         """Return the readings with later stamps behind lost samples."""
