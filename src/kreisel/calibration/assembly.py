@@ -156,7 +156,9 @@ def _timing(recording: Recording, found: Estimate) -> Timing:
     p = found.run.parameters
     offset, skew = (float(_deviation_of(found, group)[0]) for group in ("time_offset", "time_skew"))
     first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
-    return Timing(float(p.clock.offset(*first)), float(p.skew), offset, skew or None)
+    own = 1.0 + recording.imu.stretch  # seconds by the stamps as recorded
+    start = Clock(own * p.start)
+    return Timing(start.offset(*first), own * (1.0 + p.skew) - 1.0, own * offset, own * skew or None)
 
 
 def _alignment(found: Estimate) -> Alignment:
@@ -282,7 +284,8 @@ def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
     if "time_offset" in layout:
         # from the first pose's IMU time to the offset between stamps, as in the result
         first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
-        table[:, 1 + layout["time_offset"].start] += Clock(0.0).offset(*first)
+        column, own = 1 + layout["time_offset"].start, 1.0 + recording.imu.stretch
+        table[:, column] = own * table[:, column] + Clock(0.0).offset(*first)
     table[-1, 1 + n :] = run.belief.standard_deviation[:n]
     table[:, 1 + n :][:, found.problem.fixed_places[:n]] = 0.0
     return table

@@ -90,7 +90,7 @@ def run_calibration(
     known = _known_scores(preparation, settings, problem, given, progress)
     verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
-    calibration = assemble(recording, found, Judged(seen, facts, verdict, seconds), warnings)
+    calibration = assemble(preparation.recording, found, Judged(seen, facts, verdict, seconds), warnings)
     return Outcome(
         recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
     )

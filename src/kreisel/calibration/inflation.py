@@ -44,6 +44,11 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         belief = replace(belief, factor=triangularise(np.hstack([belief.factor, repeats])))
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
+    if problem.noise.time_base_sd > 0.0 and "gyro_cross_coupling" in problem.layout:
+        column = np.zeros((problem.layout.degrees, 1))
+        column[problem.layout["gyro_cross_coupling"], 0] = run.parameters.sensors.K_omega.ravel()
+        column *= problem.noise.time_base_sd
+        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, column])))
     factor = series_factor(found)
     if factor > 1.0:
         belief, common = replace(belief, factor=factor * belief.factor), factor * common

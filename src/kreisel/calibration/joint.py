@@ -191,13 +191,13 @@ def _brought_together(
     warnings = _warnings(names, outcomes, left_out, differing, factor, remedy)
     seconds = sum(one.calibration.estimator.filter_seconds for one in outcomes if one.calibration.estimator is not None)
     judged = [Judged(one, _pooled(outcomes), verdict, seconds) for one in seen]
-    own = [assemble(o.recording, e, j, ()) for o, e, j in zip(outcomes, estimates, judged, strict=True)]
+    own = [assemble(o.preparation.recording, e, j, ()) for o, e, j in zip(outcomes, estimates, judged, strict=True)]
     facts = JointFacts(
         common,
         tuple(_own(shared, fused, factor, *each) for each in zip(range(len(names)), names, own, strict=True)),
         left_out, fused.chi_square, fused.degrees, factor, differing,
     )  # fmt: skip
-    result = assemble(first.recording, found, judged[0], warnings)
+    result = assemble(first.preparation.recording, found, judged[0], warnings)
     calibration = replace(
         result, joint=facts, recording=_all(result, names, outcomes), estimates=_course(shared, factor, outcomes)
     )

@@ -108,6 +108,8 @@ class AssumedNoise:
         Effect of an arm's geometric errors on its reported poses, where they are not estimated.
     lateness
         Delay that all stamps of the IMU or the reference may have in common, s.
+    time_base_sd
+        Relative deviation of the IMU's seconds from true ones.
     """
 
     reference: ReferenceNoise
@@ -122,6 +124,7 @@ class AssumedNoise:
     frame_sd: tuple[float, float] = (0.0, 0.0)
     pose_error: PoseError = PoseError()
     lateness: float = 0.0
+    time_base_sd: float = 0.0
 
     @property
     def coloured(self) -> ColouredNoise:

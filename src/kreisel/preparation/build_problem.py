@@ -186,6 +186,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         misstated=imu.misstated,
         frame_sd=frame_sd,
         pose_error=_pose_error(preparation.reference, frame_sd),
+        time_base_sd=preparation.time_base_sd,
         lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
     )
 

@@ -111,6 +111,7 @@ class Preparation:
     outside_standstill: OutsideStandstill | None
     robot: RobotModel | None
     warnings: tuple[DataWarning, ...]
+    time_base_sd: float = 0.0
 
     @property
     def joints(self) -> int:

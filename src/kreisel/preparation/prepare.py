@@ -22,6 +22,7 @@ from kreisel.preparation.reference_noise import assumed_noise, with_measured_jit
 from kreisel.preparation.restarts import with_parts_in_place
 from kreisel.preparation.robot import robot_model
 from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
+from kreisel.preparation.time_base import on_reference_clock, time_base_deviation, time_base_warning
 from kreisel.progress import Together, one_by_one
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
@@ -74,6 +75,10 @@ def prepare_recording(
     if mended is not None:
         recording, correlation, readings, fit = mended.recording, mended.correlation, mended.readings, mended.fit
         imu, reference = recording.imu, mended.reference
+    if recording.settings.imu.time_base == "reference" and fit.skewed:
+        recording = on_reference_clock(recording, fit.clock)
+        imu, correlation = recording.imu, correlate(recording.imu, reference)
+        readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
@@ -84,6 +89,7 @@ def prepare_recording(
     warnings = (
         *set_clock,
         *(mended.warnings if mended is not None else ()),
+        *time_base_warning(recording, fit.clock),
         *_reference_warnings(reference),
         *_overlap_warning(imu, reference, fit.clock),
         *of_site,
@@ -94,7 +100,7 @@ def prepare_recording(
     )
     return Preparation(
         recording, reference, site, imu_noise, noise, readings, correlation, fit, accelerometers, stillness,
-        standstills, outside, robot, warnings,
+        standstills, outside, robot, warnings, time_base_deviation(recording, fit.clock),
     )  # fmt: skip
 
 

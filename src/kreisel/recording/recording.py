@@ -75,6 +75,8 @@ class ImuSamples:
         is compared.
     placed_sd
         How accurately the parts behind such places were put in place by the reference, s.
+    stretch
+        Seconds by its own stamps for one of these, less one: not zero where they were put onto the reference's clock.
     broken_ns : (k,)
         Stamps of samples that were left out because nobody knows what they should have been: the motion must not be
         bridged there.
@@ -90,6 +92,7 @@ class ImuSamples:
     broken_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     restarts_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     placed_sd: float = 0.0
+    stretch: float = 0.0
 
     @cached_property
     def usual_temperature(self) -> float | None:

@@ -35,6 +35,7 @@ class ImuTable(_Table):
     gyro_offset_sd: Annotated[float, _between(1e-10, 2.0)] | None = None
     accel_offset_sd: Annotated[float, _between(1e-8, 10.0)] | None = None
     grade: str | None = None
+    time_base: Literal["imu", "reference"] | None = None
 
     @field_validator("grade")
     @classmethod

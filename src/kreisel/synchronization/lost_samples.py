@@ -125,7 +125,7 @@ def find_lost_samples(
     straight line. A lost sample of the interval T changes d by w T and e by -T. The path of e is found by Viterbi's
     algorithm; each of its survivors has its own estimate of d by a Kalman filter, whose covariance is common to all.
     """
-    interval = _counted(imu.stamps_ns)
+    interval = counted_interval(imu.stamps_ns)
     if interval is None or reference.quaternions is None or not _suspicious(fit, 1e-9 * interval):
         return None
     T = 1e-9 * interval
@@ -139,7 +139,10 @@ def find_lost_samples(
             break
         seen = replace(seen, noise=factor * seen.noise)
     lost = found.lost
-    if lost[-1] == lost[0] or found.cost > _survivors(seen, T, 0.0, losses=False).cost - _LEAST_GAIN:
+    if lost[-1] == lost[0]:
+        return None
+    slower = replace(_difference(readings, reference, fit, losses=False), noise=seen.noise)
+    if found.cost > _survivors(slower, T, 0.0, losses=False).cost - _LEAST_GAIN:
         return None
     jumps = _survivors(seen, T, -fit.clock.skew, losses=True, turned_on=False)
     if found.cost > jumps.cost + _ALIKE:  # at rest the two are the same
@@ -166,7 +169,7 @@ def _unsure(seen: _Difference, T: float, at: Indices) -> Array:
     return out
 
 
-def _counted(stamps_ns: Stamps) -> int | None:
+def counted_interval(stamps_ns: Stamps) -> int | None:
     """Return the interval of counted stamps, ns, or None."""
     steps = np.diff(stamps_ns)
     usual = float(np.median(steps))
@@ -207,7 +210,8 @@ class _Difference:
     density: float
 
 
-def _difference(readings: Readings, reference: ReferencePoses, fit: RateFit) -> _Difference:
+def _difference(readings: Readings, reference: ReferencePoses, fit: RateFit, *, losses: bool = True) -> _Difference:
+    """Return the difference of the attitudes, by gyros as they are if samples were lost, or if a clock is slower."""
     assert reference.quaternions is not None  # noqa: S101 - for the type checker; the caller checked
     tau = reference.seconds
     t = fit.clock.imu_time(tau)
@@ -215,7 +219,7 @@ def _difference(readings: Readings, reference: ReferencePoses, fit: RateFit) -> 
     inside = np.flatnonzero((t > readings.stamps[4]) & (t < readings.stamps[-5]))[::every]
     tau, t, q = tau[inside], t[inside], reference.quaternions[inside]
     # losses made the preliminary matrix too large: the straight line takes them for a slower clock
-    K, b = (x * (1.0 + fit.clock.skew) for x in (fit.K_omega, fit.rate_at_zero))
+    K, b = (x * (1.0 + fit.clock.skew if losses else 1.0) for x in (fit.K_omega, fit.rate_at_zero))
     k = np.clip(np.searchsorted(readings.stamps, t), 1, readings.stamps.size - 1)
     width = max(1, round(0.02 / float(np.median(np.diff(readings.stamps[:1000])))))
     rate = (running_mean(readings.rates, width) if width > 2 else readings.rates)[k] @ K.T + b
