@@ -17,7 +17,7 @@ from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.settings import ColumnsTable, RecordingSettings, read_settings
+from kreisel.recording.settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
 from kreisel.units import ZERO_CELSIUS
 
 _DAY = 86_400 * 10**9
@@ -87,8 +87,10 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
         if getattr(own, key) is None:
             raise RecordingError(f"columns.imu.{key} is missing; name the columns of the IMU", file=tables.folder)
     sheet = tables.of(own.file, "imu")
-    rates, rate_unit = _vectors(sheet, parse_terms(str(own.rate), "rate"), "rate", 3)
-    forces, force_unit = _vectors(sheet, parse_terms(str(own.acceleration), "acceleration"), "acceleration", 3)
+    rate, acceleration = parse_terms(str(own.rate), "rate"), parse_terms(str(own.acceleration), "acceleration")
+    sheet.check_lengths(term.name for term in (*rate, *acceleration, *parse_time(str(own.time)).terms))
+    rates, rate_unit = _vectors(sheet, rate, "rate", 3)
+    forces, force_unit = _vectors(sheet, acceleration, "acceleration", 3)
     stamps, known, time_unit = _stamps(sheet, parse_time(str(own.time)))
     keep = known & ~np.isnan(np.hstack([rates, forces])).all(axis=1)
     temperature = None
@@ -116,6 +118,7 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
     if time is None:
         raise RecordingError("columns.reference.time is missing; name the column of the stamps", file=tables.folder)
     stamps, known, time_unit = _stamps(sheet, parse_time(time))
+    sheet.check_lengths(term.name for term in (*_pose_terms(own), *parse_time(time).terms))
     parts: list[Array] = []
     positions, quaternions, unit = None, None, None
     if own.position is not None:
@@ -152,6 +155,12 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
     )
 
 
+def _pose_terms(own: ReferenceColumns) -> list[Term]:
+    """Return the columns of the poses."""
+    position = [] if own.position is None else list(parse_terms(own.position, "length"))
+    return position if own.orientation is None else [*position, *parse_orientation(own.orientation)[1]]
+
+
 def _where_new(values: Array, keep: NDArray[np.bool_], sheet: Sheet, warnings: list[DataWarning]) -> NDArray[np.bool_]:
     """Return the rows with new poses, where a common table repeats each pose until the next one."""
     rows = np.flatnonzero(keep)
@@ -179,6 +188,7 @@ def _joints(tables: _Tables, columns: ColumnsTable) -> JointAngles | None:
     if time is None:
         raise RecordingError("columns.joints.time is missing; name the column of the stamps", file=tables.folder)
     terms = parse_terms(own.angles, "angle")
+    sheet.check_lengths(term.name for term in (*terms, *parse_time(time).terms))
     angles, unit = _vectors(sheet, terms, "angle", len(terms))
     stamps, known, time_unit = _stamps(sheet, parse_time(time))
     keep = known & ~np.isnan(angles).all(axis=1)

@@ -7,7 +7,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,13 +38,30 @@ _POINT = re.compile(r"\d\.\d|^\s*-?\.\d")
 class Sheet:
     """A table: names, units (None where none is stated) and columns, each (n,) of numbers or of text.
 
-    Numbers that are missing are NaN. Columns without a name are called #1, #2, …
+    Numbers that are missing are NaN. Columns without a name are called #1, #2, … `lengths` are those of separate
+    arrays, before they were filled up to the longest.
     """
 
     source: Path
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     columns: tuple[NDArray[Any], ...]
+    lengths: tuple[int, ...] = ()
+
+    def check_lengths(self, names: Iterable[str]) -> None:
+        """Check that arrays that belong together have as many values; shorter ones were filled up at their end.
+
+        Raises
+        ------
+        RecordingError
+            If they do not: nobody knows which values belong together.
+        """
+        found = {name: self.lengths[self.place(name)] for name in names} if self.lengths else {}
+        if len(set(found.values())) > 1:
+            sizes = ", ".join(f"{name} has {size}" for name, size in found.items())
+            raise RecordingError(
+                f"arrays that belong together have different numbers of values: {sizes}", file=self.source
+            )
 
     @property
     def rows(self) -> int:
@@ -139,7 +156,8 @@ def _from_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> Sheet:
     if rows < 2 or not columns:
         raise RecordingError("holds no columns of numbers", file=path)
     names, units, _ = zip(*columns, strict=True)
-    return Sheet(path, names, units, tuple(_padded(column, rows) for *_, column in columns))
+    lengths = tuple(int(column.size) for *_, column in columns)
+    return Sheet(path, names, units, tuple(_padded(column, rows) for *_, column in columns), lengths)
 
 
 def _padded(column: NDArray[Any], rows: int) -> NDArray[Any]:

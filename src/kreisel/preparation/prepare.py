@@ -26,6 +26,7 @@ from kreisel.preparation.time_base import on_reference_clock, time_base_deviatio
 from kreisel.progress import Together, one_by_one
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.clock_jump import ClockJump, find_clock_jump
 from kreisel.synchronization.conventions import check_conventions
 from kreisel.synchronization.correlation import correlate, quietest_second
 from kreisel.synchronization.lost_samples import find_lost_samples
@@ -75,6 +76,14 @@ def prepare_recording(
     if mended is not None:
         recording, correlation, readings, fit = mended.recording, mended.correlation, mended.readings, mended.fit
         imu, reference = recording.imu, mended.reference
+    jump: ClockJump | None = None
+    while mended is None and (further := find_clock_jump(readings, reference, fit)) is not None:
+        if jump is not None and not jump.is_near(further):
+            break  # more than one
+        jump = further if jump is None else jump.and_further(further)
+        recording, reference = _without_jump(recording, reference, further, fit)
+        imu, correlation = recording.imu, correlate(recording.imu, reference)
+        readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
     if recording.settings.imu.time_base == "reference" and fit.skewed:
         recording = on_reference_clock(recording, fit.clock)
         imu, correlation = recording.imu, correlate(recording.imu, reference)
@@ -89,6 +98,7 @@ def prepare_recording(
     warnings = (
         *set_clock,
         *(mended.warnings if mended is not None else ()),
+        *([] if jump is None else [jump.warning()]),
         *time_base_warning(recording, fit.clock),
         *_reference_warnings(reference),
         *_overlap_warning(imu, reference, fit.clock),
@@ -160,6 +170,19 @@ def _without_losses(
     broken = replace(recording, imu=_broken_behind(imu, reference, found.fit.clock, ~sure))
     reference = replace(reference, doubtful=~sure)
     return replace(found, recording=broken, reference=reference, readings=readings_of(broken, noise))
+
+
+def _without_jump(
+    recording: Recording, reference: ReferencePoses, jump: ClockJump, fit: RateFit
+) -> tuple[Recording, ReferencePoses]:
+    """Return recording and reference without a jump of the clocks."""
+    moved, joints = jump.taken_out(reference), recording.joints
+    imu = _broken_behind(recording.imu, moved, fit.clock, jump.is_beside(moved))
+    return replace(
+        recording,
+        imu=replace(imu, placed_sd=jump.size_sd),
+        joints=None if joints is None else jump.taken_out_of_joints(joints, int(reference.stamps_ns[0])),
+    ), moved
 
 
 def _broken_behind(imu: ImuSamples, reference: ReferencePoses, clock: Clock, doubtful: Mask) -> ImuSamples:

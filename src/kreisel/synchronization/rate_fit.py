@@ -306,6 +306,21 @@ def _refine(
     )
 
 
+def turn_errors(
+    readings: Readings, tau: Array, q: Array, fit: RateFit, clocks: tuple[Clock, Clock]
+) -> tuple[Array, Array, Array]:
+    """Return the middles of the rotations (n,), and their squared residuals by the gyros and either of two clocks."""
+    rotations, found = _short(tau, q), []
+    for clock in clocks:
+        seen = _compare(
+            (_Integrated.of(part) for part in readings.chunks()), rotations, fit.K_omega, fit.rate_at_zero, clock
+        )
+        found.append(dict(zip(seen.tau.tolist(), np.sum(seen.residual**2, axis=1).tolist(), strict=True)))
+    middle = sorted(found[0].keys() & found[1].keys())
+    first, second = (np.array([errors[t] for t in middle]) for errors in found)
+    return np.array(middle), first, second
+
+
 def _clock_drift(seen: _Comparison) -> Array:
     """Return middle, shift and its standard deviation in a dozen parts of the recording, (k, 3)."""
     edges = np.linspace(seen.tau.min(), seen.tau.max() + 1e-9, CLOCK_DRIFT_PARTS + 1)

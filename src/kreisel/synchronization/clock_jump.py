@@ -1,0 +1,123 @@
+"""A jump of a clock during the recording, found by the rotations and taken out of the reference's stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Mask
+from kreisel.inertial.readings import Readings
+from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.rate_fit import turn_errors
+from kreisel.synchronization.results import RateFit
+
+LEAST = 4e-3
+"""s; smaller jumps are found by the filter, as a clock that walks."""
+
+_MIN_PARTS, _BETTER = 3, 0.15
+"""Parts of the recording on either side of a jump, and share of the sum of squares that it leaves at most."""
+
+_BESIDE = 0.5
+"""s; poses so near to the jump are not used: to which side they belong is not known well enough."""
+
+
+@dataclass(frozen=True)
+class ClockJump:
+    """A jump: reference seconds when it was, by how much the offset grew (s), and the deviation of that."""
+
+    tau: float
+    size: float
+    size_sd: float
+
+    def taken_out(self, reference: ReferencePoses) -> ReferencePoses:
+        """Return the poses, those behind the jump with stamps by the clock before it; poses near it are doubtful."""
+        kept, stamps = self._moved(reference.stamps_ns, reference.stamps_ns[0])
+        known = reference.doubtful
+        moved = replace(
+            reference,
+            stamps_ns=stamps,
+            positions=None if reference.positions is None else reference.positions[kept],
+            quaternions=None if reference.quaternions is None else reference.quaternions[kept],
+        )
+        return replace(moved, doubtful=self.is_beside(moved) if known is None else self.is_beside(moved) | known[kept])
+
+    def is_beside(self, reference: ReferencePoses) -> Mask:
+        """Return which poses are so near to the jump that it is not known to which side they belong."""
+        return np.abs(reference.seconds - self.tau) < _BESIDE
+
+    def is_near(self, further: ClockJump) -> bool:
+        """Return whether another jump is a correction of this one."""
+        return abs(further.tau - self.tau) < 2.0 * _BESIDE and abs(further.size) < 0.5 * abs(self.size)
+
+    def and_further(self, further: ClockJump) -> ClockJump:
+        """Return this jump with a correction of it."""
+        return ClockJump(self.tau, self.size + further.size, further.size_sd)
+
+    def taken_out_of_joints(self, joints: JointAngles, first_ns: int) -> JointAngles:
+        """Return the joint angles, which have the clock of the poses; `first_ns` is the stamp of the first pose."""
+        kept, stamps = self._moved(joints.stamps_ns, first_ns)
+        return replace(joints, stamps_ns=stamps, angles=joints.angles[kept])
+
+    def _moved(self, stamps_ns: Stamps, first_ns: int) -> tuple[Mask, Stamps]:
+        """Return which stamps are kept, and these by the clock before the jump: they must ascend."""
+        behind = (stamps_ns - first_ns) * 1e-9 > self.tau
+        moved = stamps_ns + np.where(behind, round(1e9 * self.size), 0)
+        last = moved[~behind].max(initial=np.iinfo(np.int64).min)
+        kept = ~behind | (moved > last)
+        return kept, moved[kept]
+
+    def warning(self) -> DataWarning:
+        """Return the warning about it."""
+        text = (
+            f"the clocks jumped by {1e3 * self.size:+.1f} +- {1e3 * self.size_sd:.1f} ms, {self.tau:.1f} s after the "
+            "first pose (a clock was set, or samples were lost); the stamps of the poses behind it were corrected"
+        )
+        return DataWarning("clocks", text)
+
+
+def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit) -> ClockJump | None:
+    """Return the one jump that explains why the clocks do not run evenly; None if there is none.
+
+    Notes
+    -----
+    The shifts of a dozen parts of the recording are fitted by a straight line and a step. The moment of the step is
+    that at which the rotations change from one clock to the other.
+    """
+    tau, shift, sd = fit.clock_drift.T
+    known = np.isfinite(shift) & np.isfinite(sd)
+    tau, shift, sd = tau[known], shift[known], np.maximum(sd[known], 1e-5)
+    if reference.quaternions is None or tau.size < 2 * _MIN_PARTS:
+        return None
+    even, _, _ = _fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
+    best = min(range(_MIN_PARTS, tau.size - _MIN_PARTS + 1), key=lambda k: _with_step(tau, shift, sd, k)[0])
+    left, x, deviation = _with_step(tau, shift, sd, best)
+    if left > _BETTER * even or abs(x[2]) < LEAST or abs(x[2]) < 10.0 * deviation[2]:
+        return None
+    before = Clock(fit.clock.start + x[0], fit.clock.skew + x[1])
+    after = replace(before, start=before.start + x[2])
+    # the part in which it jumped shows a mixture of both: look at its neighbours too
+    low, high = tau[max(best - 2, 0)], tau[min(best + 1, tau.size - 1)]
+    middle, by_first, by_second = turn_errors(readings, reference.seconds, reference.quaternions, fit, (before, after))
+    inside = (middle > low) & (middle < high)
+    order = np.argsort(middle[inside])
+    gain = np.cumsum((by_second - by_first)[inside][order])
+    at = float(middle[inside][order][int(np.argmax(gain))])
+    return ClockJump(at, float(x[2]) / (1.0 + before.skew), float(deviation[2]))
+
+
+def _with_step(tau: Array, shift: Array, sd: Array, k: int) -> tuple[float, Array, Array]:
+    """Return the fit of a line with a step before part k, which itself may be a mixture and does not count."""
+    columns = np.column_stack([np.ones(tau.size), tau, (np.arange(tau.size) >= k).astype(float)])
+    counts = np.arange(tau.size) != k - 1
+    return _fitted(columns[counts], shift[counts], sd[counts])
+
+
+def _fitted(columns: Array, shift: Array, sd: Array) -> tuple[float, Array, Array]:
+    """Return the mean square of what is left, the coefficients and their standard deviations."""
+    A, y = columns / sd[:, None], shift / sd
+    x, *_ = np.linalg.lstsq(A, y, rcond=None)
+    rest = y - A @ x
+    deviation = np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    return float(rest @ rest) / y.size, np.asarray(x), np.asarray(deviation)
