@@ -16,6 +16,7 @@ from kreisel.formats.rotation_forms import positions_of, quantity_of, quaternion
 from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
+from kreisel.recording.nanoseconds import in_nanoseconds
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
 from kreisel.units import ZERO_CELSIUS
@@ -258,10 +259,7 @@ def _in_nanoseconds(column: NDArray[Any], factor: float, sheet: Sheet, name: str
         raise RecordingError(f"column '{name}' is not a possible time in its unit; state the unit", file=sheet.source)
     if column.dtype.kind != "f" and factor == int(factor):
         return column.astype(np.int64) * int(factor), good
-    values = np.where(good, column, 0.0).astype(np.float64)
-    whole = np.floor(values)
-    ns = np.round(whole * factor) if factor != int(factor) else whole.astype(np.int64) * int(factor)
-    return ns.astype(np.int64) + np.round((values - whole) * factor).astype(np.int64), good
+    return in_nanoseconds(np.where(good, column, 0.0).astype(np.float64), factor), good
 
 
 def _of_dates(sheet: Sheet, name: str, column: NDArray[Any]) -> tuple[Stamps, NDArray[np.bool_]]:

@@ -20,6 +20,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.location import fault
+from kreisel.recording.nanoseconds import in_nanoseconds
 from kreisel.recording.recording import DataWarning, Stamps
 
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
@@ -343,9 +344,7 @@ def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
             f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
         )
         raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is not a possible time; {guess}", int(bad[0]))
-    whole = np.floor(stamps)
-    # in two parts, because seconds since 1970 times 1e9 have no digits left after the point
-    return whole.astype(np.int64) * int(factor) + np.round((stamps - whole) * factor).astype(np.int64)
+    return in_nanoseconds(stamps, factor)
 
 
 def _likely(stamps: Array) -> str:

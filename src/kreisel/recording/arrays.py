@@ -15,6 +15,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.recording.checks import check_streams
 from kreisel.recording.header import HeaderUnits
 from kreisel.recording.location import ARRAYS
+from kreisel.recording.nanoseconds import in_nanoseconds
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, what_is_wrong
 
@@ -151,9 +152,7 @@ def _stamps(values: ArrayLike, name: str) -> Stamps:
                 f"{name}: {stamps.dtype} resolves {resolved:.2g} s only, and the usual step is {step:.4g} s; give "
                 "float64, or nanoseconds as integers"
             )
-        stamps = stamps.astype(np.float64)
-        whole = np.floor(stamps)
-        return whole.astype(np.int64) * 10**9 + np.round((stamps - whole) * 1e9).astype(np.int64)
+        return in_nanoseconds(stamps.astype(np.float64), 1e9)
     if stamps.max() > 9e18 or stamps.min() < -9e18:
         raise RecordingError(f"{name}: integers are nanoseconds; {stamps.max()} does not fit 64 bits")
     whole = stamps.astype(np.int64)
