@@ -156,9 +156,9 @@ def _timing(recording: Recording, found: Estimate) -> Timing:
     p = found.run.parameters
     offset, skew = (float(_deviation_of(found, group)[0]) for group in ("time_offset", "time_skew"))
     first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
-    own = 1.0 + recording.imu.stretch  # seconds by the stamps as recorded
-    start = Clock(own * p.start)
-    return Timing(start.offset(*first), own * (1.0 + p.skew) - 1.0, own * offset, own * skew or None)
+    stretch = recording.imu.stretch  # seconds by the stamps as recorded
+    start, own = Clock((1.0 + stretch) * p.start), 1.0 + stretch
+    return Timing(start.offset(*first), float(p.skew) + stretch * (1.0 + p.skew), own * offset, own * skew or None)
 
 
 def _alignment(found: Estimate) -> Alignment:
