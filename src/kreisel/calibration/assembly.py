@@ -111,7 +111,7 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
         passes=found.passes,
         filter_seconds=judged.seconds,
         polynomial_order=settings.polynomial_order,
-        fixed=(*settings.fixed, *(name for name, _, deviation in settings.priors_given if deviation == 0.0)),
+        fixed=(*settings.fixed, *settings.fixed_parameters),
         held=problem.held,
         noise=FinalNoise(
             gyro_density,

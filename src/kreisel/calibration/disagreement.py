@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.belief import Belief, triangularise
+from kreisel.estimation.belief import with_errors
 from kreisel.filtering.estimate import Estimate
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
@@ -37,7 +37,7 @@ def with_larger_deviations(
     covariances with other groups, such as the robot's errors, stay: they are how these act on it.
     """
     layout, belief = found.problem.layout, found.run.belief
-    columns, told = [belief.factor], []
+    columns, told = [], []
     for group in SENSOR_GROUPS:
         if group not in layout or group in PASSING_GROUPS:
             continue
@@ -52,5 +52,5 @@ def with_larger_deviations(
     if not told:
         return found
     warning = DataWarning(subject, f"{words}: {', '.join(told)}")
-    belief = Belief(belief.mean, triangularise(np.hstack(columns)))
+    belief = with_errors(belief, np.hstack(columns))
     return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))

@@ -137,9 +137,7 @@ def said_by(one: Contribution) -> Said:
     the result by sqrt(d) / l e; an error of the result is therefore one of l / sqrt(d) times its size in that row.
     """
     prior, n = one.prior, one.prior.mean.size
-    scale = np.sqrt(np.diag(prior.covariance))
-    L = np.linalg.cholesky(prior.covariance / np.outer(scale, scale))
-    whiten = np.linalg.inv(L) / scale
+    root, whiten = _root(prior.covariance)
     P = whiten @ one.filtered.covariance @ whiten.T
     inverse, V = np.linalg.eigh(0.5 * (P + P.T))
     information = 1.0 / np.maximum(inverse, 1e-15)
@@ -149,12 +147,19 @@ def said_by(one: Contribution) -> Said:
     b = np.sqrt(data) * (own @ prior.mean)
     b = b + information[kept] / np.sqrt(data) * (own @ (one.filtered.mean - prior.mean))
     noise = (information[kept] / np.sqrt(data))[:, None] * (own @ one.added @ own.T) * information[kept] / np.sqrt(data)
-    root = np.linalg.inv(np.linalg.cholesky(np.eye(b.size) + 0.5 * (noise + noise.T)))
-    back = scale[:, None] * L @ V[:, ~kept]
+    unit = np.linalg.inv(np.linalg.cholesky(np.eye(b.size) + 0.5 * (noise + noise.T)))
+    back = root @ V[:, ~kept]
     rest = V[:, ~kept].T @ whiten
     excess = np.zeros((H.shape[1],) * 2)
     excess[:n, :n] = back @ (rest @ one.added @ rest.T) @ back.T
-    return Said(root @ H, root @ b, excess)
+    return Said(unit @ H, unit @ b, excess)
+
+
+def _root(P: Array) -> tuple[Array, Array]:
+    """Return the lower triangular root of a covariance matrix, and its inverse, by its correlations."""
+    scale = np.sqrt(np.diag(P))
+    L = np.linalg.cholesky(P / np.outer(scale, scale))
+    return scale[:, None] * L, np.linalg.inv(L) / scale
 
 
 def fuse(
@@ -179,9 +184,7 @@ def fuse(
     whiten, centre = np.zeros((layout.degrees, layout.degrees)), start.copy()
     for part in layout:
         d, known = layout[part.name], prior[part.name]
-        scale = np.sqrt(np.diag(known.covariance))
-        factor = np.linalg.cholesky(known.covariance / np.outer(scale, scale))
-        whiten[d, d] = np.linalg.inv(factor) / scale
+        whiten[d, d] = _root(known.covariance)[1]
         if not part.rotation:
             centre[layout.stored(part.name)] = known.mean
     x = start.copy()

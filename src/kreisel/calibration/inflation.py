@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
-from kreisel.estimation.belief import inflate_variance, triangularise
+from kreisel.estimation.belief import inflate_variance, with_errors
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import further_pass
@@ -37,18 +37,18 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     belief, warnings, common = run.belief, list(found.warnings), found.common
     if max(problem.noise.frame_sd) > 0.0:
         common = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
-        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, common])))
+        belief = with_errors(belief, common)
         warnings.append(_frame_warning(problem))
     repeats = repeatability_columns(problem, run.parameters)
     if repeats.any():
-        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, repeats])))
+        belief = with_errors(belief, repeats)
     if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
         belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
     if problem.noise.time_base_sd > 0.0 and "gyro_cross_coupling" in problem.layout:
         column = np.zeros((problem.layout.degrees, 1))
         column[problem.layout["gyro_cross_coupling"], 0] = run.parameters.sensors.K_omega.ravel()
         column *= problem.noise.time_base_sd
-        belief = replace(belief, factor=triangularise(np.hstack([belief.factor, column])))
+        belief = with_errors(belief, column)
     factor = series_factor(found)
     if factor > 1.0:
         belief, common = replace(belief, factor=factor * belief.factor), factor * common
@@ -84,7 +84,7 @@ def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Esti
     i = layout["gravity"].start
     P = belief.covariance
     column = share * (there - here) * P[:, [i]] / P[i, i]
-    belief = replace(belief, factor=triangularise(np.hstack([belief.factor, column])))
+    belief = with_errors(belief, column)
     message = (
         f"the stated latitude of {check.stated_deg:.4g} deg is doubtful: the Earth's rotation in the gyros' readings "
         f"gives {check.found_deg:.1f} +- {check.deviation_deg:.1g} deg. Standard deviations of the accelerometers' "

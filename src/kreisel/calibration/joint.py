@@ -22,14 +22,13 @@ from kreisel.calibration.parts import (
 )
 from kreisel.calibration.repeatability import repeatability
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.sharing import DEFAULT, SHARED, Sharing, shift_of, turn_of
+from kreisel.calibration.sharing import DEFAULT, SHARED, Sharing, shift_of, turn_of, values_of
 from kreisel.calibration.verdict import motion_reasons
 from kreisel.errors import KreiselError, SettingsError, unknown_name
 from kreisel.estimation.consistency import normalised_bounds
 from kreisel.filtering.observability import observability
 from kreisel.geometry.rotation import Array, log
 from kreisel.inertial.effects import OF_TEMPERATURE
-from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.progress import Progress, Together, one_by_one
@@ -190,7 +189,8 @@ def _brought_together(
     verdict = Verdict(not reasons, tuple(reasons), seen[0].unobservable, causes)
     warnings = _warnings(names, outcomes, left_out, differing, factor, remedy)
     seconds = sum(one.calibration.estimator.filter_seconds for one in outcomes if one.calibration.estimator is not None)
-    judged = [Judged(one, _pooled(outcomes), verdict, seconds) for one in seen]
+    consistency = _pooled(outcomes)
+    judged = [Judged(one, consistency, verdict, seconds) for one in seen]
     own = [assemble(o.preparation.recording, e, j, ()) for o, e, j in zip(outcomes, estimates, judged, strict=True)]
     facts = JointFacts(
         common,
@@ -321,10 +321,6 @@ def _course(shared: Sharing, factor: float, outcomes: Sequence[Outcome]) -> Arra
         seconds += float(one.recording.imu.seconds[-1])
         fused = fuse(contributions[:count], shared.layout, start, prior)
         found = shared.estimate(0, fused.parts[0], factor)
-        n = len(found.problem.parameter_names)
-        mean = np.zeros(n)
-        for group in found.problem.groups:
-            if not group_named(group).rotation:
-                mean[found.problem.layout[group]] = found.run.parameters.stored(group)
-        rows.append(np.concatenate([[seconds], mean, found.run.belief.standard_deviation[:n]]))
+        values = values_of(found)
+        rows.append(np.concatenate([[seconds], values, found.run.belief.standard_deviation[: values.size]]))
     return np.array(rows)

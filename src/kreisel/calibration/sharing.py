@@ -82,11 +82,7 @@ class Sharing:
         P[:n, :n] = found.run.belief.covariance[:n, :n]
         if k:
             P[:n, n:], P[n:, :n] = columns[:n], columns[:n].T
-        mean = np.zeros(n + k)
-        for group in found.problem.groups:
-            if not group_named(group).rotation:
-                mean[found.problem.layout[group]] = found.run.parameters.stored(group)
-        return Gaussian(mean, P)
+        return Gaussian(np.append(values_of(found), np.zeros(k)), P)
 
     def _index(self, i: int) -> Array:
         """Return the places of the shared numbers in a recording's result."""
@@ -176,6 +172,15 @@ class Sharing:
         step, covariance = conditioned(whole, self._index(i), self._part(i), part)
         run = result_moved(found.problem, found.run, step[:n], factor**2 * covariance[:n, :n])
         return replace(found, run=run)
+
+
+def values_of(found: Estimate) -> Array:
+    """Return the values of the estimated parameters, (n,); zero for rotations."""
+    out = np.zeros(len(found.problem.parameter_names))
+    for group in found.problem.groups:
+        if not group_named(group).rotation:
+            out[found.problem.layout[group]] = found.run.parameters.stored(group)
+    return out
 
 
 def turn_of(i: int) -> str:

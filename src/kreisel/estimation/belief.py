@@ -48,6 +48,11 @@ def triangularise(columns: Array) -> Array:
     return rows[:n].T.copy()
 
 
+def with_errors(belief: Belief, columns: Array) -> Belief:
+    """Return the belief with independent errors added, one of unit variance for each of the columns (degrees, k)."""
+    return replace(belief, factor=triangularise(np.hstack([belief.factor, columns])))
+
+
 def inflate_variance(layout: StateLayout, belief: Belief, name: str, deviation: float) -> Belief:
     """Return the belief with the square of a deviation added to a part's variances."""
     upper = belief.factor.T.copy()

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import EstimationError
-from kreisel.estimation.belief import Belief, triangularise
+from kreisel.estimation.belief import Belief, with_errors
 from kreisel.estimation.consistency import gate_bounds
 from kreisel.filtering.attenuation import false_information, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
@@ -161,7 +161,7 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
     run, found = passes.run, passes.problem
     scaled = factor * run.belief.factor
     undecided = np.zeros((len(scaled), 0)) if last is None else last.undecided()
-    widened = replace(run, belief=Belief(run.belief.mean, triangularise(np.hstack([scaled, undecided]))))
+    widened = replace(run, belief=with_errors(Belief(run.belief.mean, scaled), undecided))
     included = tuple(g for g in found.groups if g not in problem.groups)
     effects = considered(last, found, widened, included)
     before = problem.noise.offset_walk

@@ -134,7 +134,7 @@ class Problem:
     @property
     def fixed_places(self) -> Mask:
         """Which of them are single parameters that the user fixed, (n,)."""
-        return np.isin(self.parameter_names, [name for name, _, sd in self.settings.priors_given if sd == 0.0])
+        return np.isin(self.parameter_names, self.settings.fixed_parameters)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

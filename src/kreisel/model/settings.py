@@ -147,6 +147,11 @@ class CalibrationSettings:
         """What is known of single parameters: name, value, standard deviation."""
         return self.priors if isinstance(self.priors, tuple) else ()
 
+    @property
+    def fixed_parameters(self) -> tuple[str, ...]:
+        """Names of single parameters that are fixed."""
+        return tuple(name for name, _, deviation in self.priors_given if deviation == 0.0)
+
     def _check_groups(self) -> None:
         values: dict[str, Any] = {group: shaped(group, value, self.polynomial_order) for group, value in self.held_at}
         if isinstance(self.fixed, Mapping):

@@ -82,12 +82,12 @@ def prepare_recording(
             break  # more than one
         jump = further if jump is None else jump.and_further(further)
         recording, reference = _without_jump(recording, reference, further, fit)
-        imu, correlation = recording.imu, correlate(recording.imu, reference)
-        readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
+        imu = recording.imu
+        correlation, readings, fit = _compared(recording, reference, imu_noise, together)
     if recording.settings.imu.time_base == "reference" and fit.skewed:
         recording = on_reference_clock(recording, fit.clock)
-        imu, correlation = recording.imu, correlate(recording.imu, reference)
-        readings, fit = _fitted(recording, reference, imu_noise, correlation, together)
+        imu = recording.imu
+        correlation, readings, fit = _compared(recording, reference, imu_noise, together)
     site, of_site = site_of(recording)
     noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
@@ -128,6 +128,14 @@ def _fitted(
     return readings, fit
 
 
+def _compared(
+    recording: Recording, reference: ReferencePoses, noise: ImuNoise, together: Together
+) -> tuple[Correlation, Readings, RateFit]:
+    """Return correlation, readings and fit of a recording whose stamps have changed."""
+    correlation = correlate(recording.imu, reference)
+    return correlation, *_fitted(recording, reference, noise, correlation, together)
+
+
 @dataclass(frozen=True)
 class _Mended:
     """A recording with lost samples put back, and what follows from it."""
@@ -159,8 +167,7 @@ def _without_losses(
         warnings = (missing.warning(imu),) if found is None else found.warnings
         imu = missing.put_back(imu)
         sure &= missing.sure_poses(reference)
-        correlation = correlate(imu, reference)
-        readings, fit = _fitted(replace(recording, imu=imu), reference, noise, correlation, together)
+        correlation, readings, fit = _compared(replace(recording, imu=imu), reference, noise, together)
         found = _Mended(replace(recording, imu=imu), reference, correlation, readings, fit, warnings)
     if found is None or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
         return None
@@ -186,9 +193,10 @@ def _without_jump(
 
 
 def _broken_behind(imu: ImuSamples, reference: ReferencePoses, clock: Clock, doubtful: Mask) -> ImuSamples:
-    """Return the readings with a new start of navigation wherever it is not known when samples were lost.
+    """Return the readings with a new start of navigation behind doubtful poses.
 
-    The rotation in between depends on that: it must not be compared with the reference's.
+    The rotation in between depends on when samples were lost, or a clock jumped: it must not be compared with the
+    reference's.
     """
     ends = np.flatnonzero(doubtful & ~np.append(doubtful[1:], False))
     behind = imu.stamps_ns[0] + np.round(1e9 * clock.imu_time(reference.seconds[ends])).astype(np.int64)
