@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.calibration.axes import device_triads
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.parts import (
     Alignment,
@@ -17,6 +18,7 @@ from kreisel.calibration.parts import (
     Measured,
     RecordingFacts,
     RobotErrors,
+    StatedNoise,
     Timing,
     Verdict,
 )
@@ -37,6 +39,7 @@ from kreisel.model.parameters import (
 )
 from kreisel.model.problem import Problem
 from kreisel.model.robot import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
+from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.synchronization.clock import Clock
@@ -73,11 +76,13 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tu
         considered=found.considered,
     )
     n = len(judged.observability.names)
+    names, covariance = judged.observability.names, _covariance(found, n)
+    parts = replace(parts, triads=device_triads(parts.sensors, parts.sensor_sd, names, covariance))
     robot = problem.robot
     return Calibration(
         **vars(parts),
-        names=judged.observability.names,
-        covariance=_covariance(found, n),
+        names=names,
+        covariance=covariance,
         prior_deviation=judged.observability.prior,
         estimates=_estimates(recording, found, n),
         robot_urdf=None if robot is None else calibrated_urdf(robot.arm, run.parameters.robot.placement),
@@ -85,7 +90,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tu
 
 
 def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
-    imu, reference = recording.imu, problem.reference
+    imu, reference, stated = recording.imu, problem.reference, noise_stated(recording)
     return RecordingFacts(
         name=recording.name,
         reference=reference.name,
@@ -95,6 +100,11 @@ def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[Dat
         duration_s=float(imu.seconds[-1]),
         warnings=tuple(str(warning) for warning in warnings),
         temperature_c=imu.usual_temperature,
+        noise=None if stated is None else StatedNoise(stated[0], **stated[1]),
+        device=recording.settings.device.model_dump(exclude_none=True),
+        certificate=recording.settings.certificate.model_dump(exclude_none=True),
+        digest=recording.sha256,
+        begin_ns=int(imu.stamps_ns[0]),
     )
 
 

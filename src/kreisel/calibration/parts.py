@@ -20,6 +20,46 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class DeviceTriad:
+    """The device's own part of a calibration, in a frame s of its own; see `calibration.axes`.
+
+    Attributes
+    ----------
+    gyro_matrix, accel_matrix : (3, 3)
+        K from readings to axes of s.
+    lever_arms : (3, 3)
+        Row j is the position of accelerometer j in s, m.
+    rotation : (3, 3)
+        C_bs: turns a vector from s to b.
+    rotation_vector : (3,)
+        The same rotation, with its deviation, rad.
+    position : (3,)
+        Origin of s in b, m.
+    """
+
+    gyro_matrix: Measured
+    accel_matrix: Measured
+    lever_arms: Measured
+    rotation: Array
+    rotation_vector: Measured
+    position: Measured
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """The IMU's noise as stated, SI, and where: densities of white noise, and of random walks of the offsets.
+
+    Entries are None where nothing is stated.
+    """
+
+    source: str
+    gyro_density: float | None
+    accel_density: float | None
+    gyro_walk: float | None
+    accel_walk: float | None
+
+
+@dataclass(frozen=True)
 class Timing:
     """How the clocks relate: t_imu = t_ref + offset + skew (t_ref - first t_ref), s and 1.
 
@@ -46,7 +86,21 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RecordingFacts:
-    """The recording that was used; its mean temperature, degrees Celsius, where it was recorded."""
+    """The recording that was used.
+
+    Attributes
+    ----------
+    temperature_c
+        Its mean temperature, degrees Celsius, where it was recorded.
+    noise
+        The IMU's, as stated.
+    device, certificate
+        What `[device]` and `[certificate]` of recording.toml state, by key.
+    digest
+        SHA-256 of its data; see `recording.digest`.
+    begin_ns
+        The IMU's first stamp.
+    """
 
     name: str
     reference: str
@@ -56,6 +110,11 @@ class RecordingFacts:
     duration_s: float
     warnings: tuple[str, ...] = ()
     temperature_c: float | None = None
+    noise: StatedNoise | None = None
+    device: Mapping[str, str] = field(default_factory=dict)
+    certificate: Mapping[str, str] = field(default_factory=dict)
+    digest: str | None = None
+    begin_ns: int | None = None
 
 
 @dataclass(frozen=True)
@@ -276,6 +335,10 @@ class CalibrationParts:
         Effects beyond the usual ones, whether or not the data show them.
     joint
         Where the calibration is one from several recordings.
+    axes
+        The axes that `sensors` turns readings into; see `calibration.axes`.
+    triads
+        The device's own part, with the mounting split off, by choice of axes; of a calibration in axes of the tool.
     """
 
     sensors: SensorParameters
@@ -292,3 +355,5 @@ class CalibrationParts:
     others: Mapping[str, Measured] = field(default_factory=dict)
     considered: tuple[Considered, ...] = ()
     joint: JointFacts | None = None
+    axes: str = "tool"
+    triads: Mapping[str, DeviceTriad] = field(default_factory=dict)

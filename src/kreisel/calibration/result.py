@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,15 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.arguments import elapsed_seconds, triads
+from kreisel.calibration.axes import NAMES, check_axes, device_triads, expressed, with_vector
+from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.effects import follows_temperature
-from kreisel.inertial.sensor_model import correct_specific_force
-from kreisel.inertial.strapdown import prepare, rate_coefficients
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result; all of them belong to one recording."""
@@ -92,10 +93,46 @@ class Calibration(CalibrationParts):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         warmth = self._warmth(temperatures, len(raw))
-        signal = prepare(seconds, raw, a, applied=self.sensors.effects, warmth=warmth)
-        rate = rate_coefficients(self.sensors)
-        omega, alpha = (part.T @ rate for part in (signal.samples.rates, signal.samples.slopes))
-        return omega, correct_specific_force(signal.accelerations, omega, alpha, self.sensors, self.size_effect)
+        out = corrected(Block(seconds, raw, a, warmth), self.sensors, self.size_effect)
+        return out.rates, out.forces
+
+    def in_axes(self, axes: str) -> Calibration:
+        """Return the calibration in other axes: those of the tool, or of the device itself, without its mounting.
+
+        Parameters
+        ----------
+        axes
+            See `calibration.axes.AXES`. The mounting is in `triads[axes]`.
+
+        Raises
+        ------
+        SettingsError
+            If the axes do not exist, if this calibration is in other axes than the tool's already, or, for `nominal`, if
+            the mounting is far from right angles.
+
+        Notes
+        -----
+        K = C_bs T: deviations and covariance follow by differences. The history in `estimates` is left out.
+        """
+        check_axes(axes)
+        if axes == self.axes:
+            return self
+        if self.axes != "tool":
+            raise SettingsError(f"this calibration is in axes '{self.axes}' already; take the one in axes of the tool")
+        found, names, P, unpack = expressed(self.sensors, self.sensor_sd, self.names, self.covariance, axes)
+        deviation = with_vector(self.sensor_sd, np.sqrt(np.maximum(np.diag(P)[: len(NAMES)], 0.0)))
+        prior = dict(zip(self.names, self.prior_deviation, strict=True))
+        return replace(
+            self,
+            sensors=found.sensors,
+            sensor_sd=deviation,
+            derived=derive(found.sensors, P, unpack),
+            names=names,
+            covariance=P,
+            prior_deviation=np.array([prior.get(name, np.nan) for name in names]),
+            estimates=np.zeros((0, 1 + 2 * len(names))),
+            axes=axes,
+        )
 
     def _warmth(self, temperatures: ArrayLike | None, count: int) -> Array | None:
         """Return the temperatures (n,) above that of the parameters; None where they have no effect."""
@@ -161,8 +198,10 @@ class Calibration(CalibrationParts):
         with np.load(extra) as data:
             names = tuple(str(name) for name in data["names"])
             estimates = np.zeros((0, 1 + 2 * len(names)))
-            return cls(**values, names=names, covariance=data["covariance"], prior_deviation=data["prior_deviation"],
-                       estimates=estimates)  # fmt: skip
+            covariance, prior = data["covariance"], data["prior_deviation"]
+        if not parts.triads and parts.axes == "tool":
+            values["triads"] = device_triads(parts.sensors, parts.sensor_sd, names, covariance)
+        return cls(**values, names=names, covariance=covariance, prior_deviation=prior, estimates=estimates)
 
 
 def _read_parts(file: Path) -> CalibrationParts:

@@ -18,6 +18,7 @@ from kreisel.calibration.parts import (
     CalibrationParts,
     Cause,
     Consistency,
+    DeviceTriad,
     EstimatorFacts,
     FinalNoise,
     JointFacts,
@@ -25,6 +26,7 @@ from kreisel.calibration.parts import (
     Measured,
     RecordingFacts,
     RobotErrors,
+    StatedNoise,
     Timing,
     Verdict,
 )
@@ -73,6 +75,9 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
         document["robot"] = _robot_table(parts.robot)
     document |= {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
     document["considered"] = [_effect_table(effect) for effect in parts.considered]
+    document["axes"] = parts.axes
+    if parts.triads:
+        document["device_axes"] = {axes: _triad_table(triad) for axes, triad in parts.triads.items()}
     return document if parts.joint is None else document | {"joint": _joint_table(parts.joint)}
 
 
@@ -104,6 +109,8 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         others=others,
         considered=tuple(_effect(table) for table in document.get("considered", ())),
         joint=_joint(document["joint"]) if "joint" in document else None,
+        axes=str(document.get("axes", "tool")),
+        triads={axes: _triad(table) for axes, table in _table(document, "device_axes").items()},
     )
 
 
@@ -191,6 +198,42 @@ def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Mea
     return out
 
 
+# The device's own part
+
+
+def _triad_table(triad: DeviceTriad) -> dict[str, Any]:
+    def tables(of: str) -> dict[str, Any]:
+        return {
+            "gyroscope": {"cross_coupling": _plain(getattr(triad.gyro_matrix, of))},
+            "accelerometer": {
+                "cross_coupling": _plain(getattr(triad.accel_matrix, of)),
+                "lever_arms": _plain(getattr(triad.lever_arms, of)),
+            },
+            "mounting": {
+                "rotation_vector": _plain(getattr(triad.rotation_vector, of)),
+                "position": _plain(getattr(triad.position, of)),
+            },
+        }
+
+    table = tables("value")
+    table["mounting"] = {"rotation": _plain(triad.rotation), **table["mounting"]}
+    return table | {"standard_deviation": tables("deviation")}
+
+
+def _triad(table: Mapping[str, Any]) -> DeviceTriad:
+    def measured(part: str, name: str, shape: tuple[int, ...]) -> Measured:
+        return Measured(_array(table[part][name], shape), _array(table["standard_deviation"][part][name], shape))
+
+    return DeviceTriad(
+        gyro_matrix=measured("gyroscope", "cross_coupling", (3, 3)),
+        accel_matrix=measured("accelerometer", "cross_coupling", (3, 3)),
+        lever_arms=measured("accelerometer", "lever_arms", (3, 3)),
+        rotation=_array(table["mounting"]["rotation"], (3, 3)),
+        rotation_vector=measured("mounting", "rotation_vector", (3,)),
+        position=measured("mounting", "position", (3,)),
+    )
+
+
 # Recording and estimator
 
 
@@ -204,6 +247,9 @@ def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
         "reference_poses": facts.reference_poses,
         "duration_s": _rounded(facts.duration_s),
         **temperature,
+        **({} if facts.noise is None else {"noise": _noise_table(facts.noise)}),
+        **{name: dict(table) for name, table in _texts_of(facts).items() if table},
+        **({} if facts.digest is None else {"sha256": facts.digest, "begin_ns": facts.begin_ns}),
         "findings": list(facts.warnings),
     }
 
@@ -218,7 +264,30 @@ def _recording(table: Mapping[str, Any]) -> RecordingFacts:
         _number(table["duration_s"]),
         tuple(str(warning) for warning in table.get("findings", ())),
         None if table.get("temperature_c") is None else _number(table["temperature_c"]),
+        None if table.get("noise") is None else _stated_noise(table["noise"]),
+        **{name: _texts(_table(table, name)) for name in ("device", "certificate")},
+        digest=None if table.get("sha256") is None else str(table["sha256"]),
+        begin_ns=None if table.get("begin_ns") is None else int(table["begin_ns"]),
     )
+
+
+def _texts_of(facts: RecordingFacts) -> dict[str, Mapping[str, str]]:
+    return {"device": facts.device, "certificate": facts.certificate}
+
+
+def _texts(table: Mapping[str, Any]) -> dict[str, str]:
+    return {str(key): str(value) for key, value in table.items()}
+
+
+_STATED = ("gyro_density", "accel_density", "gyro_walk", "accel_walk")
+
+
+def _noise_table(noise: StatedNoise) -> dict[str, Any]:
+    return {"source": noise.source, **{name: _rounded(getattr(noise, name)) for name in _STATED}}
+
+
+def _stated_noise(table: Mapping[str, Any]) -> StatedNoise:
+    return StatedNoise(str(table["source"]), *(_optional(table.get(name)) for name in _STATED))
 
 
 _NOISE = (

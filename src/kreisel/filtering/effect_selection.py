@@ -291,6 +291,7 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
         readings.rates[thinned],
         readings.accelerations[thinned],
         np.zeros_like,  # derivatives are zero on average
+        np.zeros_like,
         np.zeros(readings.stamps[thinned].size) if readings.warmth is None else readings.warmth[thinned],
     )
     for group in groups:

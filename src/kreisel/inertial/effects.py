@@ -16,9 +16,6 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices
 
-_UNCORRELATED = 0.52161
-"""Share of the fourth difference for which `RawReadings.accel_curvatures` is so, at equal sampling intervals."""
-
 
 @dataclass(frozen=True)
 class RawReadings:
@@ -30,8 +27,8 @@ class RawReadings:
         Seconds, ascending.
     rates, accelerations : (n, 3)
         rad/s and m/s^2.
-    derivative
-        Returns the time derivative of values (n, 3).
+    derivative, second_derivative
+        Return time derivatives of values (n, 3).
     warmth : (n,)
         Temperature above that of the parameters, K; zero where it was not recorded.
     """
@@ -40,6 +37,7 @@ class RawReadings:
     rates: Array
     accelerations: Array
     derivative: Callable[[Array], Array]
+    second_derivative: Callable[[Array], Array]
     warmth: Array
 
     @cached_property
@@ -49,14 +47,8 @@ class RawReadings:
 
     @cached_property
     def accel_curvatures(self) -> Array:
-        """Second time derivative of the accelerometers' readings, (n, 3).
-
-        Its noise, integrated between two updates, is not correlated with that of the integrated readings. Otherwise
-        the smoothing would be estimated by how much of that noise it takes away.
-        """
-        sharp = self.derivative(self.accel_slopes)
-        around = np.pad(sharp, ((2, 2), (0, 0)), mode="edge")
-        return np.asarray(sharp - _UNCORRELATED * np.diff(around, n=4, axis=0))
+        """Second time derivative of the accelerometers' readings, (n, 3)."""
+        return self.second_derivative(self.accelerations)
 
 
 @dataclass(frozen=True)

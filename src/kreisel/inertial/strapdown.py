@@ -18,6 +18,9 @@ from kreisel.inertial.sensor_model import SensorParameters
 NOISE_STEP = 0.02
 """Seconds of readings whose noise is added up in one step."""
 
+_UNCORRELATED = 0.52161
+"""Share of the fourth difference for which the second derivative of `raw_readings` is so, at equal intervals."""
+
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -140,7 +143,11 @@ def prepare(
 def raw_readings(
     stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None, warmth: Array | None = None
 ) -> RawReadings:
-    """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps."""
+    """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps.
+
+    The noise of the second derivative, integrated between two updates, is not correlated with that of the integrated
+    readings. Otherwise the smoothing would be estimated by how much of that noise it takes away.
+    """
     if first is None:
         first = np.clip(np.arange(stamps.size) - 2, 0, stamps.size - 5).astype(np.int64)
 
@@ -150,9 +157,13 @@ def raw_readings(
         quadrature.differentiate(np.ascontiguousarray(stamps, dtype=float), first, values, out)
         return out
 
-    return RawReadings(
-        stamps, rates, accelerations, derivative, np.zeros(stamps.size) if warmth is None else np.asarray(warmth)
-    )
+    def second_derivative(values: Array) -> Array:
+        sharp = derivative(derivative(values))
+        around = np.pad(sharp, ((2, 2), (0, 0)), mode="edge")
+        return np.asarray(sharp - _UNCORRELATED * np.diff(around, n=4, axis=0))
+
+    warmth = np.zeros(stamps.size) if warmth is None else np.asarray(warmth)
+    return RawReadings(stamps, rates, accelerations, derivative, second_derivative, warmth)
 
 
 def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:

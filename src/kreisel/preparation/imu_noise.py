@@ -93,6 +93,29 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
     )
 
 
+def noise_stated(recording: Recording) -> tuple[str, dict[str, float | None]] | None:
+    """Return what is stated of the IMU's noise, and where; None if nothing is.
+
+    The figures are `gyro_density`, `accel_density`, `gyro_walk` and `accel_walk`, SI.
+    """
+    table, grade = recording.settings.imu, recording.settings.imu.grade
+    sources = []
+    if table.gyro_noise_density is not None or table.accel_noise_density is not None:
+        sources.append("recording.toml")
+    if grade is not None:
+        sources.append(f"grade {grade}")
+    if recording.datasheet is not None:
+        sources.append("sensor.yaml")
+    if not sources:
+        return None
+    own = {name: _stated(recording, name) for name in _SENSORS}
+    walks = grade is not None or recording.datasheet is not None
+    figures: dict[str, float | None] = {f"{name}_density": stated.density for name, stated in own.items()}
+    return ", ".join(sources), figures | {
+        f"{name}_walk": stated.walk if walks else None for name, stated in own.items()
+    }
+
+
 def _stated(recording: Recording, name: Literal["gyro", "accel"]) -> _Stated:
     """Return what settings, grade and data sheet state of one kind of sensors."""
     table, sheet, known = recording.settings.imu, recording.datasheet, GRADES.get(recording.settings.imu.grade or "")

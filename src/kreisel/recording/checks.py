@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from kreisel.recording.digest import digest
 from kreisel.recording.imu_checks import check_imu
 from kreisel.recording.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.recording.pose_checks import check_poses, stamped_poses
@@ -35,6 +36,7 @@ def check_streams(recording: Recording) -> Recording:
     RecordingError
         For the first fault that would make results wrong.
     """
+    recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
     imu, sampling = regularly_sampled(with_restarts(recording.imu, moved=recording.reference is not None))
     reference, joints = recording.reference, recording.joints
     check_stamps(imu.stamps_ns, imu.source, "IMU")

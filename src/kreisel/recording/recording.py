@@ -192,7 +192,11 @@ class Datasheet:
 
 @dataclass(frozen=True)
 class Recording:
-    """All data of one run of the cell; `urdf` is the text of the robot's description."""
+    """All data of one run of the cell.
+
+    `urdf` is the text of the robot's description, `sha256` the fingerprint of the data as they were read; see
+    `recording.digest`.
+    """
 
     path: Path
     imu: ImuSamples
@@ -202,6 +206,7 @@ class Recording:
     warnings: tuple[DataWarning, ...] = ()
     datasheet: Datasheet | None = None
     urdf: str | None = None
+    sha256: str | None = None
 
     @classmethod
     def from_arrays(

@@ -73,6 +73,33 @@ class RobotTable(_Table):
     angle_sd: Annotated[float, _between(0.0, 0.3)] | None = None
 
 
+Text = Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class DeviceTable(_Table):
+    """The device that is calibrated, for reports, certificates and the history of a unit."""
+
+    maker: Text | None = None
+    type: Text | None = None
+    serial_number: Text | None = None
+
+
+class CertificateTable(_Table):
+    """What a certificate says beyond the result."""
+
+    number: Text | None = None
+    customer: Text | None = None
+    laboratory: Text | None = None
+    operator: Text | None = None
+    place: Text | None = None
+    date: Text | None = None
+    temperature: Text | None = None
+    reference: Text | None = None
+    traceability: Text | None = None
+    procedure: Text | None = None
+    remarks: Text | None = None
+
+
 class ImuColumns(_Table):
     """Where the IMU's readings stand in a table of another shape; see `formats.mapping`."""
 
@@ -119,6 +146,8 @@ class RecordingSettings(_Table):
     site: SiteTable = SiteTable()
     reference: ReferenceTable = ReferenceTable()
     robot: RobotTable = RobotTable()
+    device: DeviceTable = DeviceTable()
+    certificate: CertificateTable = CertificateTable()
     columns: ColumnsTable | None = None
     fixed: dict[str, str] = {}
     prior: dict[str, str] = {}
@@ -151,6 +180,8 @@ _TABLES: dict[str, type[BaseModel]] = {
     "site": SiteTable,
     "reference": ReferenceTable,
     "robot": RobotTable,
+    "device": DeviceTable,
+    "certificate": CertificateTable,
     "columns": ColumnsTable,
 }
 

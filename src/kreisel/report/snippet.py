@@ -21,13 +21,14 @@ def snippet(sensors: SensorParameters, form: SizeEffect, temperature: float | No
     warm = follows_temperature(sensors.others)
     lines = [
         "import numpy as np",
+        *_DERIVATIVE,
         *([f"warmth = (T - {temperature or 0.0:.2f})[:, None]  # T (n,): the sensor's temperature, degC"] * warm),
         f"K_w, k_w = {_values(sensors.K_omega)}, {_values(sensors.k_w[0])}",
         f"K_a, k_a = {_values(sensors.K_a)}, {_values(sensors.k_a[0])}",
         f"r = {_values(sensors.lever_arms)}  # row j: position of accelerometer j in b, m",
         f"w, a = {', '.join(_without_effects(sensors))}",
         "omega = (w + k_w) @ K_w.T  # (n, 3), rad/s",
-        "alpha = np.gradient(omega, t, axis=0)",
+        "alpha = derivative(omega, 1)",
     ]
     if form is not SizeEffect.COMPLETED:
         return "\n".join([*lines, f"# size effect '{form.value}': use kreisel's Calibration.correct"])
@@ -41,6 +42,15 @@ def snippet(sensors: SensorParameters, form: SizeEffect, temperature: float | No
     )
 
 
+_DERIVATIVE = (
+    "def derivative(x, order):  # of the cubic closest to the seven samples around each; t has no gaps",
+    "    k = np.clip(np.arange(len(t)) - 3, 0, len(t) - 7)[:, None] + np.arange(7)",
+    "    u, s = t[k] - t[:, None], np.ptp(t[k], axis=1)[:, None]",
+    "    weights = np.linalg.pinv((u / s)[..., None] ** np.arange(4))[:, order] * order / s**order",
+    "    return np.einsum('nk,nkj->nj', weights, x[k])",
+)
+"""As `inertial.slopes`, for orders 1 and 2."""
+
 _EFFECT_FORMULAS = {
     "gyro_g_sensitivity": "accelerations @ {matrix}.T",
     "gyro_g_squared": "accelerations**2 @ {matrix}.T",
@@ -48,8 +58,8 @@ _EFFECT_FORMULAS = {
     "gyro_temperature": "{value} * warmth",
     "gyro_scale_temperature": "{value} * rates * warmth",
     "accel_asymmetry": "{value} * np.abs(accelerations)",
-    "accel_delay": "{value} * np.gradient(accelerations, t, axis=0)",
-    "accel_smoothing": "-{value} * np.gradient(np.gradient(accelerations, t, axis=0), t, axis=0)",
+    "accel_delay": "{value} * derivative(accelerations, 1)",
+    "accel_smoothing": "-{value} * derivative(accelerations, 2)",
     "accel_temperature": "{value} * warmth",
     "accel_scale_temperature": "{value} * accelerations * warmth",
 }
