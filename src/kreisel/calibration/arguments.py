@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import follows_temperature
+from kreisel.inertial.sensor_model import SensorParameters
 
 _MIN_SAMPLES = 6
 """Least number of samples; rates are differentiated and integrated over them."""
@@ -18,13 +22,15 @@ _MIN_STEP = 1e-6
 """Seconds between samples; below it, integers cannot be stamps of an IMU in nanoseconds."""
 
 
-def triads(values: ArrayLike, name: str) -> Array:
+def triads(values: ArrayLike, name: str, least: int = _MIN_SAMPLES) -> Array:
     """Return readings of three axes (n, 3) as float64.
 
     Parameters
     ----------
     name
         Name of the argument, for messages.
+    least
+        Least number of samples.
 
     Raises
     ------
@@ -35,8 +41,8 @@ def triads(values: ArrayLike, name: str) -> Array:
         out = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{name}: not an array of numbers ({error}); expected the shape (n, 3)") from error
-    if out.ndim != 2 or out.shape[1] != 3 or len(out) < _MIN_SAMPLES:
-        raise RecordingError(f"{name}: got the shape {out.shape}, expected (n, 3) with n = {_MIN_SAMPLES} or more")
+    if out.ndim != 2 or out.shape[1] != 3 or len(out) < least:
+        raise RecordingError(f"{name}: got the shape {out.shape}, expected (n, 3) with n = {least} or more")
     _check_finite(out, name)
     return out
 
@@ -76,12 +82,7 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
     if not whole:
         stamps = stamps.astype(float)
         _check_finite(stamps, name)
-    back = np.flatnonzero(stamps[1:] <= stamps[:-1])  # a difference of unsigned integers would overflow
-    if back.size:
-        k = int(back[0])
-        raise RecordingError(
-            f"{name}[{k + 1}] = {stamps[k + 1]} does not follow {name}[{k}] = {stamps[k]}; expected ascending stamps"
-        )
+    check_ascending(stamps, name)
     seconds = (stamps - stamps[0]) * 1e-9 if whole else stamps - stamps[0]
     step = float(np.median(np.diff(seconds)))
     if whole and step < _MIN_STEP:
@@ -92,3 +93,39 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
         guess = "they look like nanoseconds: give those as integers" if step > 1e3 else "give seconds"
         raise RecordingError(f"{name}: floats are seconds, but the usual step is {step:.4g} s; {guess}")
     return np.asarray(seconds)
+
+
+def check_ascending(stamps: NDArray[Any], name: str) -> None:
+    """Raise an error unless stamps ascend.
+
+    Raises
+    ------
+    RecordingError
+        With the first pair that does not.
+    """
+    back = np.flatnonzero(stamps[1:] <= stamps[:-1])  # a difference of unsigned integers would overflow
+    if back.size:
+        k = int(back[0])
+        raise RecordingError(
+            f"{name}[{k + 1}] = {stamps[k + 1]} does not follow {name}[{k}] = {stamps[k]}; expected ascending stamps"
+        )
+
+
+def warmth_of(
+    temperatures: ArrayLike | None, count: int, sensors: SensorParameters, temperature_c: float | None
+) -> Array | None:
+    """Return temperatures (count,) above that of the parameters, K; None where the calibration has none.
+
+    Raises
+    ------
+    RecordingError
+        If it needs them and they are missing, of another shape or not finite.
+    """
+    if not follows_temperature(sensors.effects):
+        return None
+    if temperatures is None or temperature_c is None:
+        raise RecordingError("temperatures: this calibration has temperature coefficients; give the sensor's, degC")
+    found = np.asarray(temperatures, dtype=float)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise RecordingError(f"temperatures: got the shape {found.shape}, expected ({count},) of finite numbers")
+    return found - temperature_c

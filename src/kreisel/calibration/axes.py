@@ -1,7 +1,7 @@
 """The axes a calibration is given in: those of the tool, or the device's own, with the mounting split off.
 
-K contains the mounting: it turns readings into the axes of the body b of the reference. Once the device leaves the tool,
-only its own part is of use: K_a = C_bs T_a, with C_bs the rotation from the device's frame s to b, and T_a upper
+K contains the mounting: it turns readings into the axes of the body b of the reference. Once the device leaves the
+tool, only its own part is of use: K_a = C_bs T_a, with C_bs the rotation from the device's frame s to b, and T_a upper
 triangular. Then z of s is along the sensitive axis z, and y in the plane of the sensitive axes y and z.
 """
 
@@ -26,7 +26,8 @@ AXES = {
     "the accelerometers",
     "gyro": "z along the sensitive axis of gyro z, y in the plane of those of y and z; origin in the middle of the "
     "accelerometers",
-    "nominal": "axes of b, turned by the right angles nearest to the mounting; origin in the middle of the accelerometers",
+    "nominal": "axes of b, turned by the right angles nearest to the mounting; origin in the middle of the "
+    "accelerometers",
 }
 """Choices of axes, and what they mean."""
 
@@ -122,7 +123,7 @@ def frame_of(p: SensorParameters, axes: str) -> tuple[Array, Array]:
 
 
 def turned(p: SensorParameters, C: Array, origin: Array) -> SensorParameters:
-    """Return the parameters for another frame, of rotation C and with its origin there: both as seen from the present."""
+    """Return the parameters for another frame, of rotation C and with an origin, both as seen from the present one."""
     return replace(p, K_omega=C.T @ p.K_omega, K_a=C.T @ p.K_a, lever_arms=(p.lever_arms - origin) @ C)
 
 

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from kreisel.calibration.arguments import elapsed_seconds, triads
+from kreisel.calibration.arguments import elapsed_seconds, triads, warmth_of
 from kreisel.calibration.axes import NAMES, check_axes, device_triads, expressed, with_vector
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
+from kreisel.calibration.stream import CorrectedStream
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, corrected
-from kreisel.inertial.effects import follows_temperature
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result; all of them belong to one recording."""
@@ -92,7 +92,7 @@ class Calibration(CalibrationParts):
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
-        warmth = self._warmth(temperatures, len(raw))
+        warmth = warmth_of(temperatures, len(raw), self.sensors, self._temperature)
         out = corrected(Block(seconds, raw, a, warmth), self.sensors, self.size_effect)
         return out.rates, out.forces
 
@@ -107,8 +107,8 @@ class Calibration(CalibrationParts):
         Raises
         ------
         SettingsError
-            If the axes do not exist, if this calibration is in other axes than the tool's already, or, for `nominal`, if
-            the mounting is far from right angles.
+            If the axes do not exist, if this calibration is in other axes than the tool's already, or, for `nominal`,
+            if the mounting is far from right angles.
 
         Notes
         -----
@@ -134,16 +134,13 @@ class Calibration(CalibrationParts):
             axes=axes,
         )
 
-    def _warmth(self, temperatures: ArrayLike | None, count: int) -> Array | None:
-        """Return the temperatures (n,) above that of the parameters; None where they have no effect."""
-        if not follows_temperature(self.sensors.effects):
-            return None
-        if temperatures is None or self.recording is None or self.recording.temperature_c is None:
-            raise RecordingError("temperatures: this calibration has temperature coefficients; give the sensor's, degC")
-        found = np.asarray(temperatures, dtype=float)
-        if found.shape != (count,) or not np.isfinite(found).all():
-            raise RecordingError(f"temperatures: got the shape {found.shape}, expected ({count},) of finite numbers")
-        return found - self.recording.temperature_c
+    def stream(self) -> CorrectedStream:
+        """Return an object that corrects readings as they come; see `calibration.stream`."""
+        return CorrectedStream(self.sensors, self.size_effect, self._temperature)
+
+    @property
+    def _temperature(self) -> float | None:
+        return None if self.recording is None else self.recording.temperature_c
 
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.

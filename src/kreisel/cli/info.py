@@ -59,6 +59,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "imu": {
             "samples": int(imu.stamps_ns.size),
+            "sha256 of all data": recording.sha256,
             "duration s": float(imu.seconds[-1]),
             "rate Hz": 1.0 / imu.interval,
             "stamp jitter us": float(np.std(steps[steps < 1.6 * imu.interval]) * 1e6),

@@ -15,6 +15,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from kreisel.cli import (  # noqa: E402 - after the environment is set
+    apply,
     calibrate,
     convert,
     demo,
@@ -45,6 +46,7 @@ app = typer.Typer(
 )
 app.command("calibrate")(calibrate.calibrate)
 app.command("info")(info.info)
+app.command("apply")(apply.apply)
 app.command("repeat")(repeat.repeat)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)

@@ -150,7 +150,7 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
 
 
 def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
-    return recording_of(_read(path), reference, imu)
+    return recording_of(read_contents(path), reference, imu)
 
 
 def recording_of(
@@ -194,7 +194,14 @@ def _notes(contents: Contents) -> list[DataWarning]:
 # Files -> messages
 
 
-def _read(path: Path) -> Contents:
+def read_contents(path: Path) -> Contents:
+    """Return the contents of a bag of any kind: messages of types that a recording uses.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
     if not path.exists():
         raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
     if path.is_file() and path.suffix.lower() == ".mcap":

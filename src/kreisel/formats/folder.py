@@ -84,17 +84,17 @@ def _read_imu(folder: Path, warnings: list[DataWarning]) -> ImuSamples:
             file=table.source,
             line=1,
         )
-    gyro, accel = _imu_columns(table)
+    gyro, accel = imu_columns(table)
     rates = table.take(gyro, "rate")
     accelerations = table.take(accel, "acceleration")
     units = _header_units(table, rate=gyro, acceleration=accel)
     _note_conversion(table, {"rate": gyro, "acceleration": accel}, warnings)
     return ImuSamples(
-        table.stamps_ns, rates, accelerations, table.source, units, temperature=_temperature(table, warnings)
+        table.stamps_ns, rates, accelerations, table.source, units, temperature=temperature_of(table, warnings)
     )
 
 
-def _temperature(table: Table, warnings: list[DataWarning]) -> Array | None:
+def temperature_of(table: Table, warnings: list[DataWarning]) -> Array | None:
     """Return the sensor's temperature in degrees Celsius, (n,), from a column named after it; None without one."""
     found = [c for c in table.columns[7:] if re.match(r"(imu_?|sensor_?|gyro_?)?temp", c.name.lower())]
     if not found:
@@ -112,7 +112,7 @@ def _header_units(table: Table, **groups: list[Column]) -> HeaderUnits:
     return HeaderUnits(table.columns[0].unit, **stated)
 
 
-def _imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
+def imu_columns(table: Table) -> tuple[list[Column], list[Column]]:
     """Return the columns of rates and of accelerations: two to seven, unless their names say otherwise.
 
     Raises

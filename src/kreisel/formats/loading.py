@@ -43,12 +43,12 @@ def load(
     path = Path(path)
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
-    mapped = _mapped(path, columns)
+    mapped = mapped_recording(path, columns)
     if mapped is not None:
         recording = mapped
     elif is_folder(path):
         recording = load_folder(path, reference, imu or "imu0", together)
-    elif _is_bag(path):
+    elif is_bag(path):
         from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
 
         recording = load_bag(path, reference, imu)
@@ -62,7 +62,7 @@ def load(
     return check_streams(recording)
 
 
-def _mapped(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording | None:
+def mapped_recording(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording | None:
     """Return the recording in tables of another shape, or None where the path is no such thing.
 
     Raises
@@ -74,7 +74,7 @@ def _mapped(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording
         given: list[str] | dict[str, str] = dict(columns)
     else:
         given = [columns] if isinstance(columns, str) else list(columns)
-    usual = is_folder(path) or _is_bag(path)
+    usual = is_folder(path) or is_bag(path)
     if usual and not given and not (path / "recording.toml").is_file():
         return None
     from kreisel.formats.mapped import load_mapped, settings_beside, tables_in
@@ -93,7 +93,7 @@ def _mapped(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording
     return load_mapped(path, settings, merged(settings.columns, given))
 
 
-def _is_bag(path: Path) -> bool:
+def is_bag(path: Path) -> bool:
     """Return whether it is a bag; so is a folder that a stopped recorder left without metadata.yaml."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file() or any(path.glob("*.mcap"))

@@ -130,23 +130,23 @@ def read_table(path: Path, what: str) -> Table:
             header = head.decode()
             if not header.strip():
                 break
-            columns, comma = _parse_header(header, path), header.rstrip().endswith(",")
+            columns, comma = parse_header(header, path), header.rstrip().endswith(",")
             line += 1
         if comma:
             body = re.sub(rb",[ \t]*$", b"", body, flags=re.MULTILINE)
         if body.strip():
             lines = body.count(b"\n") + 1
             if rows is None:
-                whole = _time_unit(columns, path) == "ns"
+                whole = time_unit(columns, path) == "ns"
                 rows = _Rows(round(1.02 * path.stat().st_size / len(body) * lines) + 16, len(columns), whole)
-            rows.read(body, lines, partial(_parse_rows, body, columns, path, line))
+            rows.read(body, lines, partial(parse_rows, body, columns, path, line))
     if not columns:
         raise RecordingError(f"is empty; expected {what} as CSV with a header line", file=path)
     if rows is None:
         raise RecordingError(f"has a header but no rows; expected {what}: record again", file=path)
     values = rows.values[: rows.count]
-    unit = _time_unit(columns, path)
-    stamps = rows.stamps[: rows.count] if rows.whole else _in_nanoseconds(values[:, 0], unit, path)
+    unit = time_unit(columns, path)
+    stamps = rows.stamps[: rows.count] if rows.whole else stamps_in_nanoseconds(values[:, 0], unit, path)
     return Table(path, columns, stamps, values, tuple(warnings))
 
 
@@ -276,7 +276,14 @@ def _instead(path: Path) -> str:
     return "is not a regular file" if path.exists() else "no such file"
 
 
-def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
+def parse_header(header: str, path: Path) -> tuple[Column, ...]:
+    """Return the columns that a header line names.
+
+    Raises
+    ------
+    RecordingError
+        If it is no header, or is divided by other marks than commas.
+    """
     first = header.split(",")[0].strip()
     if re.fullmatch(r"[-+0-9.eE]+", first):
         raise RecordingError(
@@ -311,7 +318,14 @@ def _parse_header(header: str, path: Path) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _time_unit(columns: tuple[Column, ...], path: Path) -> str:
+def time_unit(columns: tuple[Column, ...], path: Path) -> str:
+    """Return the unit of the stamps in the first column; nanoseconds where the header states none.
+
+    Raises
+    ------
+    RecordingError
+        If it is no unit of time.
+    """
     unit = columns[0].unit or "ns"
     if unit not in UNITS["time"]:
         raise RecordingError(
@@ -322,9 +336,15 @@ def _time_unit(columns: tuple[Column, ...], path: Path) -> str:
     return unit
 
 
-def _parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) -> NDArray[Any]:
-    """Return rows with comments or unusual numbers, (n,) structured; `line` is the line of the first in the file."""
-    stamp_type = "i8" if _time_unit(columns, path) == "ns" else "f8"
+def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) -> NDArray[Any]:
+    """Return rows with comments or unusual numbers, (n,) structured; `line` is the line of the first in the file.
+
+    Raises
+    ------
+    RecordingError
+        For the first row that cannot be read.
+    """
+    stamp_type = "i8" if time_unit(columns, path) == "ns" else "f8"
     dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
     # a StringIO would keep four bytes a character and be read three times slower
     text = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8")
@@ -336,7 +356,14 @@ def _parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int)
         raise _bad_row(body.decode(), columns, stamp_type, path, error, line) from error
 
 
-def _in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
+def stamps_in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
+    """Return stamps in a unit as nanoseconds.
+
+    Raises
+    ------
+    RecordingError
+        If one is not a possible time.
+    """
     factor = UNITS["time"][unit]
     bad = np.flatnonzero(~(np.abs(stamps) < _MAX_STAMP / factor))
     if bad.size:

@@ -157,9 +157,18 @@ def _folder_name(name: str) -> str:
     return f"pose_{name}" if name.startswith(("imu", "cam", "joint")) else name
 
 
+def write_imu_table(path: Path, stamps: Stamps, rates: Array, accelerations: Array) -> None:
+    """Write readings (n, 3) each, rad/s and m/s^2, as a table in a file of its own."""
+    _write_rows(path, _IMU_HEADER, stamps, np.hstack([rates, accelerations]))
+
+
 def _write_table(folder: Path, header: str, stamps: Stamps, values: Array) -> None:
     folder.mkdir(parents=True)
-    with (folder / "data.csv").open("w", encoding="utf-8", newline="\n") as file:
+    _write_rows(folder / "data.csv", header, stamps, values)
+
+
+def _write_rows(path: Path, header: str, stamps: Stamps, values: Array) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{header}\n")
         # repr gives the fewest digits that are read back as the same number; of a whole list at once it is fast
         for start in range(0, stamps.size, _ROWS):

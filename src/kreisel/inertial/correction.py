@@ -83,8 +83,8 @@ class Correction:
 
     Notes
     -----
-    A sample is returned when the three behind it have come; the first ones of a run, when seven have. Nothing is returned
-    until `slopes.USUAL` intervals have told the usual one.
+    A sample is returned when the three behind it have come; the first ones of a run, when seven have. Nothing is
+    returned until `slopes.USUAL` intervals have told the usual one.
     """
 
     def __init__(self, sensors: SensorParameters, form: SizeEffect) -> None:

@@ -1,8 +1,9 @@
 """Derivatives of sampled readings: of the cubic closest to the seven samples around each.
 
-The cubic averages the noise that a difference of two samples multiplies: the slope of white noise of deviation s, sampled
-every h seconds, has a deviation of 0.51 s / h. It is exact for motions that are cubics in time; of one of frequency f it
-misses a share of 0.208 (2 pi f h)^4. It needs three samples on either side, so that a stream is late by three samples.
+The cubic averages the noise that a difference of two samples multiplies: the slope of white noise of deviation s,
+sampled every h seconds, has a deviation of 0.51 s / h. It is exact for motions that are cubics in time; of one of
+frequency f it misses a share of 0.208 (2 pi f h)^4. It needs three samples on either side, so that a stream is late by
+three samples.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ REACH = SAMPLES // 2
 DEGREE = 3
 
 LONGEST_GAP = 0.05
-"""Seconds between two samples, and at least five usual intervals, beyond which no cubic reaches from one to the other."""
+"""Seconds between two samples, and at least five usual intervals, beyond which no cubic reaches across."""
 
 USUAL = 100
 """Intervals at the beginning whose median is the usual one."""
@@ -77,7 +78,8 @@ def local_cubics(stamps: Array, usual: float) -> LocalCubics:
 
     Notes
     -----
-    Polynomials that are orthogonal on the samples, by their three-term recurrence: p_(k+1) = (u - a_k) p_k - b_k p_(k-1).
+    Polynomials that are orthogonal on the samples, by their three-term recurrence: p_(k+1) = (u - a_k) p_k - b_k
+    p_(k-1).
     """
     n = stamps.size
     edges = np.concatenate([[0], run_starts(stamps, usual), [n]])

@@ -1,5 +1,7 @@
 """Readings corrected: against the truth of a motion in closed form, and block by block against all at once."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -48,7 +50,7 @@ def test_any_split_of_a_stream_gives_the_same_samples(cuts, gap_at):
     want = corrected(raw, SENSORS, SizeEffect.COMPLETED)
     stream = Correction(SENSORS, SizeEffect.COMPLETED)
     edges = [0, *sorted(cuts), len(raw)]
-    parts = [stream.push(raw.part(a, b)) for a, b in zip(edges, edges[1:], strict=False)] + [stream.close()]
+    parts = [stream.push(raw.part(a, b)) for a, b in pairwise(edges)] + [stream.close()]
     for name in ("stamps", "rates", "forces"):
         np.testing.assert_allclose(np.concatenate([getattr(p, name) for p in parts]), getattr(want, name), atol=1e-10)
 

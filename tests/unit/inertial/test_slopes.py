@@ -1,4 +1,4 @@
-"""Derivatives of local cubics: against polynomials, SciPy's filter and the closed forms of their noise and their error."""
+"""Derivatives of local cubics: against polynomials, SciPy's filter and closed forms of noise and error."""
 
 import numpy as np
 import pytest

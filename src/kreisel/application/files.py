@@ -1,0 +1,167 @@
+"""A calibration applied to a file or folder of readings: the same kind comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from kreisel.application.tables import CorrectedTable
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.formats.folder import is_folder
+from kreisel.formats.loading import is_bag, mapped_recording
+from kreisel.formats.write import write_imu_table
+from kreisel.geometry.rotation import Array
+from kreisel.progress import StepProgress
+from kreisel.recording.recording import DataWarning, ImuSamples
+
+_BLOCK = 1 << 20
+
+TOPIC = "/imu/data_calibrated"
+"""Topic of corrected readings in bags, beside the raw ones."""
+
+
+@dataclass(frozen=True)
+class Applied:
+    """What was written: the file or folder, the number of samples, and what to know about them."""
+
+    path: Path
+    samples: int
+    warnings: tuple[str, ...] = ()
+
+
+def check_usable(calibration: Calibration, *, force: bool) -> None:
+    """Raise an error for a rejected calibration.
+
+    Raises
+    ------
+    SettingsError
+        Unless `force` is set.
+    """
+    if not calibration.accepted and not force:
+        reason = calibration.verdict.reasons[0] if calibration.verdict.reasons else "no reason is in the file"
+        raise SettingsError(f"this calibration was rejected ({reason}); --force uses it nevertheless")
+
+
+def apply_to_file(
+    calibration: Calibration,
+    raw: Path,
+    out: Path,
+    *,
+    imu: str | None = None,
+    columns: Iterable[str] = (),
+    topic: str = TOPIC,
+    progress: StepProgress | None = None,
+) -> Applied:
+    """Write angular rate and specific force of the readings in a file or folder.
+
+    Parameters
+    ----------
+    raw
+        A table (.csv), a recording folder, an .mcap file, a ROS 1 or ROS 2 bag, or a table of another shape.
+    out
+        A .csv file for any of them; a folder for a recording folder; for a bag or an .mcap file one of the same kind,
+        a copy with a further topic.
+    imu
+        The IMU's folder or topic, where there are several.
+    columns
+        Which columns of a table of another shape hold what.
+    topic
+        Name of the further topic.
+
+    Raises
+    ------
+    RecordingError
+        If the readings cannot be read, or what is to be written exists.
+    """
+    if not raw.exists():
+        raise RecordingError("no such file or folder; give a table, a folder, an .mcap file or a bag", file=raw)
+    if out.exists():
+        raise RecordingError("exists already; delete it, or give another name", file=out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    columns = list(columns)
+    if is_bag(raw) and out.suffix.lower() != ".csv":
+        return _to_bag(calibration, raw, out, imu, topic)
+    mapped = mapped_recording(raw, columns) if columns or not _is_usual_table(raw) else None
+    if is_bag(raw) or mapped is not None:
+        samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
+        return _to_table(calibration, samples, out, warnings)
+    table = raw
+    if raw.is_dir():
+        table = (raw if (raw / "imu0").is_dir() else raw / "mav0") / (imu or "imu0") / "data.csv"
+        out = out if out.suffix.lower() == ".csv" else out / (imu or "imu0") / "data.csv"
+    return _table_to_table(calibration, table, out, progress)
+
+
+def _is_usual_table(raw: Path) -> bool:
+    """Return whether it is a recording folder, or a table with the columns of one."""
+    from kreisel.formats.imu_lines import ImuLines
+
+    if raw.is_dir():
+        return is_folder(raw)
+    if is_bag(raw):
+        return True
+    with raw.open("rb") as file:
+        try:
+            ImuLines(raw).feed(file.read(_BLOCK))
+        except RecordingError:
+            return False
+    return True
+
+
+def _table_to_table(calibration: Calibration, table: Path, out: Path, progress: StepProgress | None) -> Applied:
+    if not table.is_file():
+        raise RecordingError("no such file; expected IMU readings there", file=table)
+    corrected, size = CorrectedTable(calibration, table), max(table.stat().st_size, 1)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_name(f"{out.name}.partial")
+    try:
+        with table.open("rb") as source, partial.open("wb") as target:
+            while data := source.read(_BLOCK):
+                target.write(corrected.feed(data))
+                if progress is not None:
+                    progress(source.tell() / size)
+            rest, cut = corrected.close()
+            target.write(rest)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    partial.replace(out)
+    warnings = () if cut is None else (f"{table}: the last line has no end ('{cut[-40:]}') and was left out",)
+    return Applied(out, corrected.rows, warnings)
+
+
+def _samples_of(raw: Path, imu: str | None) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
+    from kreisel.formats.bag_copy import imu_messages
+
+    found = imu_messages(raw, imu)
+    return found.samples, found.warnings
+
+
+def _to_table(calibration: Calibration, raw: ImuSamples, out: Path, warnings: Iterable[DataWarning]) -> Applied:
+    table = out if out.suffix.lower() == ".csv" else out / "imu0" / "data.csv"
+    omega, f = _corrected(calibration, raw)
+    table.parent.mkdir(parents=True, exist_ok=True)
+    write_imu_table(table, raw.stamps_ns, omega, f)
+    return Applied(table, len(omega), tuple(map(str, warnings)))
+
+
+def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array]:
+    try:
+        return calibration.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+    except RecordingError as error:
+        raise RecordingError(error.message, file=raw.source) from error
+
+
+def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, topic: str) -> Applied:
+    from kreisel.formats.bag_copy import copy_with_topic, imu_messages
+
+    kind = raw.suffix.lower() if raw.is_file() and raw.suffix.lower() in (".mcap", ".bag") else ""
+    if out.suffix.lower() != kind and not (kind == "" and out.suffix.lower() not in (".mcap", ".bag", ".db3")):
+        wanted = f"a name that ends in {kind}" if kind else "a folder (a ROS 2 bag)"
+        raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
+    found = imu_messages(raw, imu)
+    omega, f = _corrected(calibration, found.samples)
+    copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
+    return Applied(out, len(omega), tuple(map(str, found.warnings)))

@@ -1,0 +1,84 @@
+"""A calibration applied to a table of readings, line by line."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError
+from kreisel.formats.imu_lines import ImuLines
+from kreisel.geometry.rotation import Array
+
+HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+"""Columns of what is written; in front of it the stamps as they were read, behind it the other columns."""
+
+
+class CorrectedTable:
+    """A table of raw readings to one of angular rates and specific forces, as bytes, row by row.
+
+    Parameters
+    ----------
+    calibration
+        It says in which axes.
+    source
+        The file, or a name of the stream, for messages.
+
+    Attributes
+    ----------
+    rows
+        Number of rows returned so far.
+    """
+
+    def __init__(self, calibration: Calibration, source: Path) -> None:
+        self._lines, self._stream = ImuLines(source), calibration.stream()
+        self._waiting: deque[tuple[str, str]] = deque()
+        self._source, self._header_written = source, False
+        self.rows = 0
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the rows that are complete after more bytes of the raw table; the header comes first.
+
+        Raises
+        ------
+        RecordingError
+            If a line cannot be read.
+        """
+        found = self._lines.feed(data)
+        out = self._header()
+        if found is None:
+            return out
+        self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
+        try:
+            done = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
+        except RecordingError as error:
+            raise RecordingError(error.message, file=self._source) from error
+        return out + self._written(done)
+
+    def close(self) -> tuple[bytes, str | None]:
+        """Return the last rows, and the text of a last line without an end, which was left out.
+
+        Raises
+        ------
+        RecordingError
+            If the table was empty.
+        """
+        left = self._lines.close()
+        return self._written(self._stream.close()), left
+
+    def _header(self) -> bytes:
+        if self._header_written or self._lines.header is None:
+            return b""
+        self._header_written = True
+        first, others = self._lines.header
+        return f"{first},{HEADER}{others}\n".encode()
+
+    def _written(self, done: tuple[NDArray[np.int64], Array, Array]) -> bytes:
+        _, omega, f = done
+        self.rows += len(omega)
+        texts = [self._waiting.popleft() for _ in range(len(omega))]
+        rows = zip(texts, np.hstack([omega, f]).tolist(), strict=True)
+        return "".join(f"{stamp},{','.join(map(repr, row))}{others}\n" for (stamp, others), row in rows).encode()

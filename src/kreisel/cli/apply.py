@@ -1,0 +1,155 @@
+"""`kreisel apply`: correct raw readings by a calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kreisel.calibration.result import Calibration
+
+    Write = Callable[[bytes], None]
+
+_STREAM = "-"
+
+
+def apply(
+    calibration: Path = typer.Argument(..., help="Result folder, or its calibration.yaml."),
+    raw: str = typer.Argument(
+        ...,
+        help="Raw readings: a table, a recording folder, an .mcap file, a bag, - for a table on standard input, or the "
+        "address of a device (csv://127.0.0.1:4000).",
+    ),
+    output: str = typer.Option(
+        ..., "-o", "--output", help="What to write: the same kind, or a .csv file; - for standard output."
+    ),
+    axes: str = typer.Option("tool", help="Axes of what is written: tool, or the device's own: imu, gyro or nominal."),
+    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    columns: list[str] = typer.Option(
+        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
+    topic: str = typer.Option("/imu/data_calibrated", help="Topic of corrected readings in the copy of a bag."),
+    seconds: float | None = typer.Option(None, min=0.1, help="End after so many seconds; for devices."),
+    force: bool = typer.Option(False, "--force", help="Use a calibration that was rejected."),
+) -> None:
+    """Write true angular rate and specific force of raw readings.
+
+    Derivatives for lever arms are those of the cubic closest to seven samples: a stream is late by three samples.
+    """
+    from kreisel.application.files import apply_to_file, check_usable
+    from kreisel.calibration.result import Calibration
+    from kreisel.cli.progress import progress_bar
+    from kreisel.errors import SettingsError
+    from kreisel.progress import of_step
+
+    found = Calibration.load(calibration)
+    check_usable(found, force=force)
+    chosen = found.in_axes(axes)
+    _tell(chosen)
+    if raw == _STREAM or "://" in raw:
+        if columns or imu:
+            raise SettingsError("--map and --imu are for files; a stream has the columns of a recording's table")
+        _apply_to_stream(chosen, raw, output, seconds)
+        return
+    if output == _STREAM:
+        _apply_to_pipe(chosen, Path(raw))
+        return
+    with progress_bar() as show:
+        done = apply_to_file(
+            chosen, Path(raw), Path(output), imu=imu, columns=columns, topic=topic, progress=of_step(show, "apply")
+        )
+    for warning in done.warnings:
+        typer.echo(f"· {warning}", err=True)
+    typer.echo(f"written: {done.path}, {done.samples} samples", err=True)
+
+
+def _tell(calibration: Calibration) -> None:
+    """Say on standard error which axes are used, and what must not be relied on."""
+    from kreisel.calibration.axes import AXES
+
+    typer.echo(f"axes {calibration.axes}: {AXES[calibration.axes]}", err=True)
+    lost = calibration.verdict.unobservable
+    if lost:
+        more = f" and {len(lost) - 4} more" if len(lost) > 4 else ""
+        typer.echo(f"· not observable, do not rely on {', '.join(lost[:4])}{more}", err=True)
+
+
+def _apply_to_pipe(calibration: Calibration, raw: Path) -> None:
+    """Write a table to standard output."""
+    import sys
+
+    from kreisel.application.tables import CorrectedTable
+
+    table = CorrectedTable(calibration, raw)
+    with raw.open("rb") as file:
+        while data := file.read(1 << 20):
+            sys.stdout.buffer.write(table.feed(data))
+    sys.stdout.buffer.write(table.close()[0])
+
+
+def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: float | None) -> None:
+    """Correct what comes on standard input or from a device; every row is written at once."""
+    import sys
+    from contextlib import ExitStack
+
+    with ExitStack() as stack:
+        file = sys.stdout.buffer if output == _STREAM else stack.enter_context(Path(output).open("xb"))
+
+        def write(rows: bytes) -> None:
+            file.write(rows)
+            file.flush()
+
+        if raw == _STREAM:
+            _from_standard_input(calibration, write)
+        else:
+            _from_device(calibration, raw, write, seconds)
+
+
+def _from_standard_input(calibration: Calibration, write: Write) -> None:
+    import os
+    import sys
+
+    from kreisel.application.tables import CorrectedTable
+
+    table = CorrectedTable(calibration, Path("standard input"))
+    descriptor = sys.stdin.fileno()
+    try:
+        while data := os.read(descriptor, 1 << 16):
+            if rows := table.feed(data):
+                write(rows)
+    except KeyboardInterrupt:
+        pass
+    rest, cut = table.close()
+    write(rest)
+    if cut is not None:
+        typer.echo(f"· the last line had no end and was left out: {cut[-40:]}", err=True)
+
+
+def _from_device(calibration: Calibration, address: str, write: Write, seconds: float | None) -> None:
+    import asyncio
+    import signal
+    from contextlib import suppress
+
+    from kreisel.application.device import correct_events
+    from kreisel.devices.address import IMUS, parse_address
+    from kreisel.devices.opening import events
+
+    async def run() -> None:
+        work = asyncio.ensure_future(
+            correct_events(
+                calibration, events(parse_address(address, IMUS)), write, lambda text: typer.echo(f"· {text}", err=True)
+            )
+        )
+        loop = asyncio.get_running_loop()
+        for name in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(name, work.cancel)
+        if seconds is not None:
+            loop.call_later(seconds, work.cancel)
+        with suppress(asyncio.CancelledError):
+            await work
+
+    asyncio.run(run())

@@ -1,0 +1,133 @@
+"""Tables of IMU readings line by line, as they come from a file or through a pipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.formats.folder import imu_columns, temperature_of
+from kreisel.formats.table import Column, Table, parse_header, parse_rows, stamps_in_nanoseconds, time_unit
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import DataWarning, Stamps
+
+_EXPECTED = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+_LONGEST = 1 << 16  # bytes of a line
+
+
+@dataclass(frozen=True)
+class ImuRows:
+    """Some rows of a table of readings.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+    rates, accelerations : (n, 3)
+        rad/s and m/s^2.
+    temperature : (n,) or None
+        Degrees Celsius.
+    stamp_texts, others
+        The stamps as they were written, and what stood behind the readings, with its comma.
+    """
+
+    stamps_ns: Stamps
+    rates: Array
+    accelerations: Array
+    temperature: Array | None
+    stamp_texts: list[str]
+    others: list[str]
+
+
+class ImuLines:
+    """A table of readings whose bytes come one block after the other.
+
+    Parameters
+    ----------
+    source
+        The file, or a name of the stream, for messages.
+
+    Attributes
+    ----------
+    header
+        Header of the stamps, and that of columns behind the readings with its comma; None before it came.
+    """
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+        self._columns: tuple[Column, ...] = ()
+        self._left = b""
+        self._line = 1
+        self.header: tuple[str, str] | None = None
+
+    def feed(self, data: bytes) -> ImuRows | None:
+        """Return the rows that are complete after more bytes; None where there are none.
+
+        Raises
+        ------
+        RecordingError
+            If the header or a row cannot be read; it names the line.
+        """
+        data = self._left + data
+        cut = data.rfind(b"\n") + 1
+        self._left = data[cut:]
+        if len(self._left) > _LONGEST:
+            raise self._fault(f"a line of more than {_LONGEST} bytes; expected one row of numbers in each")
+        return self._rows(data[:cut]) if cut else None
+
+    def close(self) -> str | None:
+        """Return the text of a last line that has no end, which is left out; None where there is none.
+
+        Raises
+        ------
+        RecordingError
+            If there was no header.
+        """
+        if not self._columns:
+            raise self._fault(f"is empty; expected IMU readings as CSV with the header {_EXPECTED}")
+        return self._left.decode(errors="replace").strip() or None
+
+    def _rows(self, text: bytes) -> ImuRows | None:
+        begin, self._line = self._line, self._line + text.count(b"\n")
+        try:
+            lines = text.decode("utf-8-sig" if begin == 1 else "utf-8")
+        except UnicodeDecodeError as error:
+            raise self._fault(f"not UTF-8 text (byte {error.start} of these lines)", begin) from error
+        lines = lines.replace("\r\n", "\n")
+        if not self._columns:
+            head, _, lines = lines.partition("\n")
+            begin += 1
+            self._columns = parse_header(head, self._source)
+            if len(self._columns) < 7:
+                raise self._fault(f"{len(self._columns)} columns, expected 7 or more: {_EXPECTED}", 1)
+            cells = head.strip().split(",")
+            self.header = cells[0], "".join(f",{cell}" for cell in cells[7:])
+        rows = [line for line in lines.split("\n") if line.strip() and not line.startswith("#")]
+        if not rows:
+            return None
+        found = parse_rows("\n".join(lines.split("\n")).encode(), self._columns, self._source, begin)
+        values = found.view(np.float64).reshape(len(found), len(self._columns))
+        unit = time_unit(self._columns, self._source)
+        stamps = found["stamp"] if unit == "ns" else stamps_in_nanoseconds(values[:, 0], unit, self._source)
+        notes: list[DataWarning] = []
+        table = Table(self._source, self._columns, np.ascontiguousarray(stamps), values, ())
+        gyro, accel = imu_columns(table)
+        parts = [row.split(",", 7) for row in rows]
+        return ImuRows(
+            table.stamps_ns,
+            self._finite(table.take(gyro, "rate"), begin),
+            self._finite(table.take(accel, "acceleration"), begin),
+            temperature_of(table, notes),
+            [part[0].strip() for part in parts],
+            [f",{part[7].strip()}" if len(part) > 7 else "" for part in parts],
+        )
+
+    def _finite(self, values: Array, begin: int) -> Array:
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if bad.size:
+            raise self._fault("a reading is not a finite number; repair or delete the row", begin + int(bad[0]))
+        return values
+
+    def _fault(self, message: str, line: int | None = None) -> RecordingError:
+        return RecordingError(message, file=self._source, line=line)
