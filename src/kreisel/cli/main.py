@@ -19,6 +19,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     calibrate,
     convert,
     demo,
+    export,
     info,
     krl,
     record,
@@ -47,6 +48,7 @@ app = typer.Typer(
 app.command("calibrate")(calibrate.calibrate)
 app.command("info")(info.info)
 app.command("apply")(apply.apply)
+app.command("export")(export.export)
 app.command("repeat")(repeat.repeat)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)

@@ -1,0 +1,87 @@
+"""`kreisel export`: a calibration in the format of another program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.calibration.result import Calibration
+    from kreisel.exchange.noise import ExportNoise
+
+
+def export(
+    calibration: Path = typer.Argument(..., help="Result folder, its calibration.yaml, or with --from another's file."),
+    to: str = typer.Option(..., "--to", help="kalibr, openvins, ros, px4, ardupilot, imu_tk, c, rust, matlab or json."),
+    output: Path = typer.Option(..., "-o", "--output", help="File to write."),
+    axes: str = typer.Option("imu", help="Axes: the device's own (imu, gyro, nominal), or tool."),
+    source: str | None = typer.Option(None, "--from", help="Read another program's file: kalibr, openvins or px4."),
+    name: str = typer.Option("imu", help="Name of functions in source code."),
+    grade: str | None = typer.Option(None, help="Grade whose noise figures are written, such as fog-mems."),
+    at_rest: Path | None = typer.Option(
+        None, help="Recording of the device at rest, an hour or more: noise by its Allan deviation."
+    ),
+    rate: float | None = typer.Option(
+        None, min=0.1, help="Samples a second in use; by default those of the recording."
+    ),
+    topic: str = typer.Option("/imu/data_raw", help="Topic that Kalibr or OpenVINS reads."),
+    instance: int = typer.Option(0, min=0, max=3, help="Number of the sensor in an autopilot."),
+    force: bool = typer.Option(False, "--force", help="Use a calibration that was rejected, and replace the file."),
+) -> None:
+    """Write a calibration for Kalibr, OpenVINS, ROS, PX4, ArduPilot, imu_tk, C, Rust, MATLAB, or as JSON.
+
+    What the format cannot hold is told, with its size.
+    """
+    from kreisel.application.files import check_usable
+    from kreisel.calibration.axes import AXES
+    from kreisel.calibration.result import Calibration
+    from kreisel.errors import RecordingError
+    from kreisel.exchange.exported import Wanted
+    from kreisel.exchange.registry import read_from, target_named
+
+    target = target_named(to)
+    found = Calibration.load(calibration) if source is None else read_from(source, calibration)
+    check_usable(found, force=force)
+    chosen = found.in_axes(axes)
+    facts = chosen.recording
+    wanted = Wanted(
+        chosen,
+        _noise(found, grade, at_rest, wanted=target.noise),
+        name,
+        rate or (None if facts is None or not facts.imu_rate_hz else facts.imu_rate_hz),
+        topic,
+        instance,
+    )
+    done = target.export(wanted)
+    files = {output.with_name(f"{output.stem}{part}{output.suffix}"): text for part, text in done.files.items()}
+    for path in files:
+        if path.exists() and not force:
+            raise RecordingError("exists already; delete it, give another name, or --force", file=path)
+    for path, text in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+    typer.echo(f"axes {chosen.axes}: {AXES[chosen.axes]}")
+    if chosen.verdict.unobservable:
+        typer.echo(f"· not observable, do not rely on: {', '.join(chosen.verdict.unobservable)}")
+    for text in done.lost:
+        typer.echo(f"· not held: {text}")
+    for note in done.notes:
+        typer.echo(f"· {note}")
+    for path in files:
+        typer.echo(f"written: {path}, {target.what}")
+
+
+def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, wanted: bool) -> ExportNoise:
+    from kreisel.errors import SettingsError
+    from kreisel.exchange.noise import noise_of
+
+    if not wanted and (grade is not None or at_rest is not None):
+        raise SettingsError("--grade and --at-rest are for formats with noise figures: kalibr and openvins")
+    resting = None
+    if at_rest is not None:
+        from kreisel.formats.loading import load
+
+        resting = load(at_rest).imu
+    return noise_of(calibration, grade, resting)

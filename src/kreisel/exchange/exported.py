@@ -1,0 +1,57 @@
+"""What an export writes, and what it is given besides the calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from kreisel.calibration.result import Calibration
+from kreisel.exchange.noise import ExportNoise
+from kreisel.inertial.sensor_model import SensorParameters
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is exported.
+
+    Attributes
+    ----------
+    calibration
+        In the axes it is exported in.
+    noise
+        The IMU's noise; formats that hold it raise an error where figures are missing.
+    name
+        Of functions and constants in source code.
+    rate_hz, topic
+        Of the readings in use; for formats that name them.
+    instance
+        Number of the sensor in an autopilot, from 0.
+    """
+
+    calibration: Calibration
+    noise: ExportNoise = field(default_factory=ExportNoise)
+    name: str = "imu"
+    rate_hz: float | None = None
+    topic: str = "/imu/data_raw"
+    instance: int = 0
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The result of an export.
+
+    Attributes
+    ----------
+    files
+        Texts by what is put between the stem and the suffix of the file's name; "" for a single file.
+    held
+        The model that a reader of the files applies, in axes of the export.
+    lost
+        What the format does not hold, with its size.
+    notes
+        What must be known to use them.
+    """
+
+    files: dict[str, str]
+    held: SensorParameters
+    lost: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,269 @@
+"""Kalibr's imu.yaml: written, and read.
+
+Kalibr's models turn true values into readings, in a frame i in which M of the accelerometers is lower triangular:
+
+    a = M (C_i_b f + ...) + b,    w = M_w C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b
+
+with b = -k_0 added last, in raw units. Source: IccSensors.py of ethz-asl/kalibr.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from kreisel.calibration.axes import turned
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError
+from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.imported import imported
+from kreisel.exchange.losses import RATE, losses, without_effects_of
+from kreisel.files import MAX_YAML, read_text
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.units import MG
+
+MODELS = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
+
+
+@dataclass(frozen=True)
+class KalibrModel:
+    """The matrices of Kalibr's models, in its frame i.
+
+    Attributes
+    ----------
+    M_a, M_w : (3, 3)
+        Lower triangular.
+    C_gyro_i : (3, 3)
+        From i to the gyros' frame.
+    A : (3, 3)
+        Gyro readings per specific force in the gyros' frame, rad/s per m/s^2.
+    arms : (3, 3)
+        Rows rx_i, ry_i, rz_i, m; rx_i is zero.
+    bias_w, bias_a : (3,)
+        What is added last. Kalibr's files do not hold it.
+    """
+
+    M_a: Array
+    M_w: Array
+    C_gyro_i: Array
+    A: Array
+    arms: Array
+    bias_w: Array
+    bias_a: Array
+
+
+def lower_triangular(S: Array) -> tuple[Array, Array]:
+    """Return a lower triangular matrix with a positive diagonal and an orthogonal one (3, 3) whose product is S."""
+    Q, R = np.linalg.qr(S.T)
+    signs = np.where(np.diag(R) < 0.0, -1.0, 1.0)
+    return np.tril((R * signs[:, None]).T), (Q * signs).T
+
+
+def inverse(matrix: Array) -> Array:
+    """Return the inverse of a matrix (3, 3)."""
+    return np.asarray(np.linalg.inv(matrix), dtype=float)
+
+
+def kalibr_model(p: SensorParameters) -> tuple[KalibrModel, Array, Array]:
+    """Return the model of parameters, the rotation C_ib (3, 3) into i from their frame, and the origin of i in it, m.
+
+    Notes
+    -----
+    Gyro readings that respond to raw accelerations, w' + G a', respond to the specific force by -G K_a^-1, and their
+    bias contains G k_a0.
+    """
+    M_a, C_ib = lower_triangular(inverse(p.K_a))
+    if np.linalg.det(C_ib) < 0.0:  # a left-handed triad: its last axis counts downward
+        M_a, C_ib = M_a * [1.0, 1.0, -1.0], C_ib * [[1.0], [1.0], [-1.0]]
+    origin = p.lever_arms[0]
+    q = turned(p, C_ib.T, origin)
+    M_w, C_gyro_i = lower_triangular(inverse(q.K_omega))
+    if np.linalg.det(C_gyro_i) < 0.0:
+        M_w, C_gyro_i = M_w * [1.0, 1.0, -1.0], C_gyro_i * [[1.0], [1.0], [-1.0]]
+    G = np.asarray(p.others.get("gyro_g_sensitivity", np.zeros(9)), dtype=float).reshape(3, 3)
+    A = -G @ M_a @ C_gyro_i.T
+    model = KalibrModel(M_a, M_w, C_gyro_i, A, q.lever_arms, -p.k_w[0] + G @ p.k_a[0], -p.k_a[0])
+    return model, C_ib, origin
+
+
+def parameters_of(model: KalibrModel) -> SensorParameters:
+    """Return the parameters of a model, in its frame i."""
+    G = -model.A @ model.C_gyro_i @ inverse(model.M_a)
+    return SensorParameters(
+        K_omega=inverse(model.M_w @ model.C_gyro_i),
+        k_w=-(model.bias_w - G @ -model.bias_a)[None],
+        K_a=inverse(model.M_a),
+        k_a=-model.bias_a[None],
+        lever_arms=model.arms,
+        others={"gyro_g_sensitivity": G.ravel()} if np.any(G) else {},
+    )
+
+
+def export(wanted: Wanted) -> Exported:
+    """Return Kalibr's imu.yaml of a calibration, as Kalibr writes it.
+
+    Raises
+    ------
+    SettingsError
+        If noise figures are missing.
+    """
+    calibration, noise = wanted.calibration, wanted.noise.complete()
+    full = calibration.sensors
+    model, C_ib, origin = kalibr_model(full)
+    in_i = turned(full, C_ib.T, origin)
+    held = replace(without_effects_of(in_i), k_w=np.zeros((1, 3)), k_a=np.zeros((1, 3)), others=_sensitivity(full))
+    lost = _with_coupling(losses(in_i, held), model)
+    T_i_b = np.eye(4)
+    if calibration.axes == "tool":
+        T_i_b[:3, :3], T_i_b[:3, 3] = C_ib, -C_ib @ origin
+    table = {
+        "T_i_b": T_i_b.tolist(),
+        "accelerometer_noise_density": noise.figures["accel_density"],
+        "accelerometer_random_walk": noise.figures["accel_walk"],
+        "accelerometers": {
+            "M": model.M_a.tolist(),
+            **{f"r{axis}_i": row for axis, row in zip("xyz", model.arms.tolist(), strict=True)},
+        },
+        "gyroscope_noise_density": noise.figures["gyro_density"],
+        "gyroscope_random_walk": noise.figures["gyro_walk"],
+        "gyroscopes": {"A": model.A.tolist(), "C_gyro_i": model.C_gyro_i.tolist(), "M": model.M_w.tolist()},
+        "model": MODELS[2],
+        "rostopic": wanted.topic,
+        "time_offset": -calibration.timing.offset if calibration.axes == "tool" else 0.0,
+        "update_rate": wanted.rate_hz,
+    }
+    head = _comments(calibration, model, noise.sources, lost)
+    return Exported({"": head + dumped({"imu0": table})}, held, lost)
+
+
+def _sensitivity(p: SensorParameters) -> dict[str, Array]:
+    return {group: value for group, value in p.others.items() if group == "gyro_g_sensitivity"}
+
+
+def _with_coupling(lost: tuple[str, ...], model: KalibrModel) -> tuple[str, ...]:
+    """Add what Kalibr's size effect leaves out: its positions act on components in i, not along sensitive axes."""
+    error = 0.0
+    for j in range(3):
+        for k in range(j):
+            error += abs(model.M_a[j, k]) * float(np.linalg.norm(model.arms[j] - model.arms[k])) * RATE**2
+    if error < 1e-3 * MG:
+        return lost
+    return (*lost, f"the size effect along axes that are not orthogonal: {error / MG:.2g} mg at 100 deg/s")
+
+
+def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, str], lost: tuple[str, ...]) -> str:
+    def listed(values: Array) -> str:
+        return ", ".join(f"{x:.9g}" for x in values)
+
+    frames = (
+        [
+            "T_i_b: from b, the body whose pose the reference gave, to i: p_i = T_i_b p_b. (Kalibr's own b is imu0.)",
+            "time_offset: t_reference = t_imu + time_offset, as Kalibr's t_imu0 = t_imu1 + time_offset. Kalibr's",
+            "timeshift_cam_imu has the other sign: t_imu = t_cam + shift.",
+        ]
+        if calibration.axes == "tool"
+        else [
+            "T_i_b: identity, because this is imu0, to which Kalibr's b belongs. time_offset: 0 for the same reason.",
+            "Frame i: x along the sensitive axis of accelerometer x, y in the plane of those of x and y; origin at",
+            "accelerometer x.",
+        ]
+    )
+    lines = [
+        f"{_device(calibration)}, by kreisel, as Kalibr writes its results. Direction: true to measured.",
+        "a = M C_i_b f + b, w = M C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b, with these biases b, which the format",
+        f"does not hold: gyroscope [{listed(model.bias_w)}] rad/s, accelerometer [{listed(model.bias_a)}] m/s^2.",
+        *frames,
+        *(f"{name}: {source}" for name, source in sources.items()),
+        *(f"Not held: {text}" for text in lost),
+    ]
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _device(calibration: Calibration) -> str:
+    facts = calibration.recording
+    if facts is None:
+        return "IMU"
+    words = [facts.device.get(key, "") for key in ("maker", "type", "serial_number")]
+    return " ".join(word for word in words if word) or facts.name
+
+
+def dumped(document: dict[str, Any]) -> str:
+    """Return a document as YAML, lists of numbers on one line."""
+    yaml, stream = YAML(), StringIO()
+    yaml.default_flow_style = None
+    yaml.width = 4096
+    yaml.dump(document, stream)
+    return stream.getvalue()
+
+
+def read(path: Path) -> Calibration:
+    """Return the calibration in Kalibr's imu.yaml, in the axes and with the origin of its frame i.
+
+    Raises
+    ------
+    RecordingError
+        If it is no such file, or holds no matrices.
+    """
+    table = imu_table(path)
+    name = table.get("model")
+    if name not in MODELS[1:]:
+        raise RecordingError(
+            f"model is '{name}', expected {MODELS[1]} or {MODELS[2]}: others hold no calibration", file=path
+        )
+    try:
+        gyro, accel = table["gyroscopes"], table["accelerometers"]
+        arms = [accel.get(f"r{axis}_i", [0.0, 0.0, 0.0]) for axis in "xyz"]
+        model = KalibrModel(
+            M_a=matrix_of(accel["M"]),
+            M_w=matrix_of(gyro["M"]),
+            C_gyro_i=matrix_of(gyro["C_gyro_i"]),
+            A=matrix_of(gyro["A"]),
+            arms=matrix_of(arms),
+            bias_w=np.zeros(3),
+            bias_a=np.zeros(3),
+        )
+        return imported(path, parameters_of(model), float(table.get("update_rate") or 0.0), "Kalibr; without biases")
+    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise RecordingError(f"not a result of Kalibr: {error}", file=path) from error
+
+
+def imu_table(path: Path) -> dict[str, Any]:
+    """Return the first IMU's table in a YAML file of Kalibr or OpenVINS.
+
+    Raises
+    ------
+    RecordingError
+        If there is none.
+    """
+    try:
+        lines = read_text(path, MAX_YAML).splitlines()
+        text = "\n".join(line for line in lines if not line.startswith("%"))
+        content = YAML(typ="safe").load(text)
+    except (OSError, UnicodeDecodeError, YAMLError, RecursionError) as error:
+        raise RecordingError(f"not a YAML file that can be read: {str(error).splitlines()[0]}", file=path) from error
+    if isinstance(content, dict) and isinstance(content.get("imu0"), dict):
+        content = content["imu0"]
+    if not isinstance(content, dict) or not {"model", "gyroscope_noise_density", "Tw"} & set(content):
+        raise RecordingError("holds no IMU: expected imu0 with model, gyroscopes and accelerometers", file=path)
+    return content
+
+
+def matrix_of(rows: Any) -> Array:
+    """Return rows of numbers as a matrix (3, 3).
+
+    Raises
+    ------
+    ValueError
+        If they are something else.
+    """
+    out = np.array(rows, dtype=float)
+    if out.shape != (3, 3) or not np.isfinite(out).all():
+        raise ValueError(f"got {str(rows)[:60]}, expected three rows of three numbers")
+    return out
