@@ -17,6 +17,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 from kreisel.cli import (  # noqa: E402 - after the environment is set
     apply,
     calibrate,
+    certificate,
     convert,
     demo,
     export,
@@ -49,6 +50,9 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("info")(info.info)
 app.command("apply")(apply.apply)
 app.command("export")(export.export)
+app.command("certificate")(certificate.certificate)
+app.command("verify")(certificate.verify)
+app.command("key")(certificate.key)
 app.command("repeat")(repeat.repeat)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)

@@ -1,0 +1,1 @@
+"""Certificates of calibrations: one page, in HTML and PDF, in German and English, signed."""

@@ -1,0 +1,228 @@
+"""What a certificate says of a calibration."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+
+import numpy as np
+
+from kreisel._version import __version__
+from kreisel.calibration.limits import COVERAGE, Judged, Limits, judged
+from kreisel.calibration.result import Calibration
+from kreisel.certificate.words import LANGUAGES, number, words
+from kreisel.errors import SettingsError, unknown_name
+from kreisel.model.groups import REGISTRY
+from kreisel.recording.settings import CertificateTable, DeviceTable
+
+FIELDS = (*DeviceTable.model_fields, *CertificateTable.model_fields)
+"""Keys of `[device]` and `[certificate]`, and of --field."""
+
+_EPOCH = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1e9
+"""ns; earlier stamps are no dates."""
+
+_LEFT_OUT = frozenset({"mounting_rotation_deg"})
+"""Quantities that are not the device's."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A quantity: title, unit, three values, limit and decision as texts."""
+
+    title: str
+    unit: str
+    values: tuple[str, ...]
+    limit: str = ""
+    decision: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate, ready to be set.
+
+    Attributes
+    ----------
+    language, words
+        One of `LANGUAGES`, and its words.
+    facts
+        Pairs of title and text, in their order.
+    axes, pairs, effects
+        Rows of the results.
+    notes
+        Sentences below the results.
+    digest
+        Fingerprint of the data.
+    """
+
+    language: str
+    words: Mapping[str, str]
+    facts: tuple[tuple[str, str], ...]
+    axes: tuple[Row, ...]
+    pairs: tuple[Row, ...]
+    effects: tuple[Row, ...]
+    notes: tuple[str, ...]
+    digest: str
+    with_limits: bool
+
+
+def fields_of(calibration: Calibration, given: Mapping[str, str]) -> dict[str, str]:
+    """Return the fields that recording.toml states, and those given in their place.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown field; the known ones are listed.
+    """
+    for key, value in given.items():
+        if key not in FIELDS:
+            raise SettingsError(unknown_name("field", key, FIELDS))
+        if not 0 < len(value) <= 500:
+            raise SettingsError(f"--field {key}: expected 1 to 500 characters, got {len(value)}")
+    facts = calibration.recording
+    stated = {} if facts is None else {**facts.device, **facts.certificate}
+    return {**stated, **given}
+
+
+def certificate_of(
+    calibration: Calibration, fields: Mapping[str, str], limits: Limits | None, language: str, today: date
+) -> Certificate:
+    """Return the certificate of a calibration.
+
+    Raises
+    ------
+    SettingsError
+        If the calibration was rejected, or the language is unknown.
+    """
+    if language not in LANGUAGES:
+        raise SettingsError(unknown_name("language", language, LANGUAGES))
+    if not calibration.accepted:
+        raise SettingsError("this calibration was rejected, and a rejected one gets no certificate; see its report")
+    own = words(language)
+    found = [one for one in judged(calibration, limits) if one.quantity.name not in _LEFT_OUT]
+    rows = {kind: [_row(one, own, language) for one in found if one.quantity.of == kind] for kind in ("axes", "pairs")}
+    consistency = calibration.consistency
+    notes = [own["uncertainty"], own["contributions"]]
+    if limits is not None:
+        source = own["of_grade"].format(name=limits.grade) if limits.grade else limits.file
+        notes.append(own["rule"].format(source=source))
+    if not all(one.observable for one in found):
+        notes.append(own["not_observable"])
+    if np.isfinite(consistency.nis_path):
+        path, still = (
+            number(f"{x:.2f}", language) if np.isfinite(x) else "–"
+            for x in (consistency.nis_path, consistency.nis_standstill)
+        )
+        notes.append(own["consistency"].format(path=path, still=still) + ".")
+    return Certificate(
+        language,
+        own,
+        tuple(_facts(calibration, fields, own, language, today)),
+        tuple(rows["axes"]),
+        tuple(rows["pairs"]),
+        tuple(_effects(calibration, language)),
+        tuple(notes),
+        "" if calibration.recording is None else calibration.recording.digest or "",
+        limits is not None,
+    )
+
+
+def _facts(
+    calibration: Calibration, fields: Mapping[str, str], own: Mapping[str, str], language: str, today: date
+) -> list[tuple[str, str]]:
+    recording = calibration.recording
+    nothing = own["not_stated"]
+    out = [(own["object"], own["imu"])]
+    out += [(own[key], fields.get(key, nothing)) for key in ("maker", "type", "serial_number")]
+    out += [(own[key], fields[key]) for key in ("customer", "laboratory") if key in fields]
+    out += [(own[key], fields.get(key, nothing)) for key in ("operator", "place")]
+    out += [(own["date"], fields.get("date") or _begin(calibration) or nothing), (own["issued"], today.isoformat())]
+    temperature = fields.get("temperature")
+    if temperature is None and recording is not None and recording.temperature_c is not None:
+        temperature = f"{number(f'{recording.temperature_c:.1f}', language)} °C"
+    out.append((own["temperature"], temperature or nothing))
+    seen = "" if recording is None else own["poses_of"].format(
+        poses=recording.reference_poses, name=recording.reference, seconds=recording.duration_s)  # fmt: skip
+    stated = fields.get("reference")
+    out.append((own["reference"], "; ".join(text for text in (stated, seen) if text) or nothing))
+    out.append((own["traceability"], fields.get("traceability", own["no_traceability"])))
+    out.append((own["procedure"], fields.get("procedure", own["usual_procedure"])))
+    if "remarks" in fields:
+        out.append((own["remarks"], fields["remarks"]))
+    if "number" in fields:
+        out.insert(0, (own["number"], fields["number"]))
+    return [*out, (own["software"], f"kreisel {__version__}")]
+
+
+def _begin(calibration: Calibration) -> str | None:
+    """Return the date of the IMU's first stamp, UTC, where it is a date at all."""
+    begin = None if calibration.recording is None else calibration.recording.begin_ns
+    if begin is None or begin < _EPOCH:
+        return None
+    return datetime.fromtimestamp(begin * 1e-9, tz=UTC).date().isoformat()
+
+
+def _row(one: Judged, own: Mapping[str, str], language: str) -> Row:
+    mark = "" if one.observable else "*"
+    return Row(
+        own[one.quantity.name],
+        one.quantity.unit,
+        tuple(_pair(x, u, language) + mark for x, u in zip(one.values, one.uncertainties, strict=True)),
+        "" if one.limit is None else f"± {number(f'{one.limit:.3g}', language)}",
+        "" if one.decision is None else own[one.decision.value],
+        "" if one.decision is None else one.decision.name.lower(),
+    )
+
+
+def _pair(value: float, uncertainty: float, language: str) -> str:
+    """Return value and expanded uncertainty, both to two digits of the uncertainty (GUM 7.2.6)."""
+    if not math.isfinite(value):
+        return "–"
+    if not (math.isfinite(uncertainty) and uncertainty > 0.0):
+        return number(f"{value:.4g}".replace("-", "−"), language)
+    digits = 1 - math.floor(math.log10(uncertainty))
+    rounded = round(uncertainty, digits)
+    places = max(0, digits)
+    value = round(value, digits)
+    return number(f"{value:.{places}f} ± {rounded:.{places}f}".replace("-", "−"), language)
+
+
+def _effects(calibration: Calibration, language: str) -> list[Row]:
+    """Return the effects beyond offset and matrix that were estimated, in the units of the report."""
+    document = calibration.document
+    deviations = dict(zip(calibration.names, np.sqrt(np.diag(calibration.covariance)), strict=True))
+    out = []
+    for group in REGISTRY:
+        if not group.is_sensor or group.passing or group.name in _LINEAR:
+            continue
+        names = [name for name in calibration.names if re.match(rf"{re.escape(group.path)}(\W|$)", name)]
+        size = 3 if len(names) >= 3 else 1
+        for start in range(0, len(names), size):
+            part = names[start : start + size]
+            texts = tuple(
+                _pair(_value(document, name) / group.size, COVERAGE * float(deviations[name]) / group.size, language)
+                for name in part
+            )
+            title = part[0] if size == 1 else re.sub(r"(\[|,)\d+\]$", "", part[0])
+            out.append(Row(title, group.unit, texts + ("",) * (3 - len(texts))))
+    return out
+
+
+_LINEAR = frozenset({"gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms"})
+
+
+def _value(document: Mapping[str, object], name: str) -> float:
+    """Return the number at a parameter's name, such as `gyroscope.polynomial.2[0]`."""
+    path, _, indices = name.partition("[")
+    here: object = document
+    for key in path.split("."):
+        if not isinstance(here, Mapping):
+            return math.nan
+        here = here.get(key, here.get(int(key)) if key.isdigit() else None)
+    flat = np.asarray(here, dtype=float)
+    if not indices:
+        return float(flat.ravel()[0]) if flat.size else math.nan
+    return float(flat[tuple(int(i) for i in indices.rstrip("]").split(","))])

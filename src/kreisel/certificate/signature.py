@@ -1,0 +1,119 @@
+"""Signatures of files in the format of minisign: any program for it verifies them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from kreisel.errors import LibraryError, RecordingError
+
+SUFFIX = ".minisig"
+
+
+def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
+    """Write the signature of a file beside it, and return its path.
+
+    Parameters
+    ----------
+    key, password
+        Secret key of minisign; None for one that is not encrypted.
+    comment
+        One line that is signed, too.
+
+    Raises
+    ------
+    RecordingError
+        If the key cannot be read, or the password is wrong or missing.
+    """
+    minisign = _library()
+    try:
+        secret = minisign.SecretKey.from_file(key)
+        if secret.is_encrypted():
+            if password is None:
+                raise RecordingError(
+                    "is encrypted: its password is asked for, or taken from KREISEL_KEY_PASSWORD", file=key
+                )
+            secret.decrypt(password)
+        signature = secret.sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=key) from error
+    except (minisign.Error, ValueError) as error:
+        raise RecordingError(f"cannot sign with it: {error}; is it a secret key of minisign?", file=key) from error
+    out = path.with_name(path.name + SUFFIX)
+    out.write_bytes(bytes(signature))
+    return out
+
+
+def is_encrypted(key: Path) -> bool:
+    """Return whether a secret key needs a password.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    minisign = _library()
+    try:
+        return bool(minisign.SecretKey.from_file(key).is_encrypted())
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=key) from error
+    except (minisign.Error, ValueError) as error:
+        raise RecordingError(f"not a secret key of minisign: {error}", file=key) from error
+
+
+def verify(path: Path, public_key: Path) -> str:
+    """Return the signed comment of a file whose signature is beside it and right.
+
+    Raises
+    ------
+    RecordingError
+        If the signature is missing or wrong, or a file cannot be read.
+    """
+    minisign = _library()
+    beside = path.with_name(path.name + SUFFIX)
+    for file in (path, beside, public_key):
+        if not file.is_file():
+            raise RecordingError("no such file", file=file)
+    try:
+        public = minisign.PublicKey.from_file(public_key)
+        signature = minisign.Signature.from_file(beside)
+    except (minisign.Error, ValueError, OSError) as error:
+        raise RecordingError(f"cannot be read: {error}", file=beside) from error
+    try:
+        public.verify(path.read_bytes(), signature)
+    except (minisign.Error, ValueError) as error:
+        raise RecordingError(
+            f"the signature is wrong ({error}): the file was changed, or signed with another key than {public_key}",
+            file=path,
+        ) from error
+    return str(signature.trusted_comment)
+
+
+def new_keys(stem: Path, password: str | None) -> tuple[Path, Path]:
+    """Write a new pair of keys, STEM.key and STEM.pub, and return their paths.
+
+    Raises
+    ------
+    RecordingError
+        If one exists already.
+    """
+    minisign = _library()
+    paths = stem.with_name(stem.name + ".key"), stem.with_name(stem.name + ".pub")
+    for path in paths:
+        if path.exists():
+            raise RecordingError("exists already; give another name", file=path)
+    pair = minisign.KeyPair.generate()
+    if password:
+        pair.secret_key.encrypt(password)
+    paths[0].touch(mode=0o600)
+    paths[0].write_bytes(bytes(pair.secret_key))
+    paths[1].write_bytes(bytes(pair.public_key))
+    return paths
+
+
+def _library() -> Any:
+    try:
+        import minisign
+    except ImportError as error:
+        raise LibraryError("signatures need py-minisign: pip install 'kreisel[certificate]'") from error
+    return minisign

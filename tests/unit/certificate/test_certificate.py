@@ -1,0 +1,167 @@
+"""Certificates: what they say, in both languages; one page of PDF; signatures, also by another program."""
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.limits import limits_of_grade
+from kreisel.calibration.parts import Verdict
+from kreisel.calibration.result import Calibration
+from kreisel.certificate.content import certificate_of, fields_of
+from kreisel.certificate.page import html, pdf
+from kreisel.certificate.signature import new_keys, sign, verify
+from kreisel.certificate.words import LANGUAGES, words
+from kreisel.errors import RecordingError, SettingsError
+
+from ..calibration.example import calibration
+
+TODAY = date(2026, 11, 23)
+
+
+def device(**more) -> Calibration:
+    own = calibration().in_axes("imu")
+    assert own.recording is not None
+    facts = replace(
+        own.recording, digest="ab" * 32, begin_ns=1_790_000_000_000_000_000, temperature_c=24.56,
+        device={"maker": "Müller & Söhne <b>", "serial_number": "0042"},
+    )  # fmt: skip
+    return replace(own, recording=facts, **more)
+
+
+def page(language: str = "en", **fields: str) -> str:
+    own = device()
+    return html(certificate_of(own, fields_of(own, fields), limits_of_grade("consumer-mems"), language, TODAY))
+
+
+def test_languages_have_the_same_words():
+    assert words("en").keys() == words("de").keys()
+    for key, text in words("en").items():
+        assert re.findall(r"\{\w+", text) == re.findall(r"\{\w+", words("de")[key]), key
+
+
+def test_values_are_rounded_to_two_digits_of_the_expanded_uncertainty():
+    own = device()
+    bias = own.derived["accel_bias_mg"]
+    U = 2.0 * bias.deviation[0]
+    assert 1.0 > U > 0.1  # mg: two digits behind the point
+    text = f"{bias.value[0]:.2f} ± {U:.2f}".replace("-", "−")
+    assert text in page()
+    assert text.replace(".", ",") in page("de")
+
+
+def test_fields_come_from_the_recording_and_the_command_line():
+    text = page(serial_number="7", operator="A. B.")
+    assert "Müller &amp; Söhne &lt;b&gt;" in text
+    assert ">7<" in text
+    assert "0042" not in text
+    assert "2026-09-21" in text  # of the first stamp
+    assert "24.6 °C" in text
+    assert "24,6 °C" in page("de")
+    assert "does not claim traceability" in text
+    assert "does not claim" not in page(traceability="PTB 1234")
+    with pytest.raises(SettingsError, match="unknown field 'serial'; known are: customer, date"):
+        fields_of(device(), {"serial": "1"})
+    with pytest.raises(SettingsError, match="expected 1 to 500 characters"):
+        fields_of(device(), {"maker": "x" * 501})
+
+
+def test_stamps_that_are_no_dates_give_none():
+    own = device()
+    assert own.recording is not None
+    early = replace(own, recording=replace(own.recording, begin_ns=1_000_000_000))
+    found = dict(certificate_of(early, {}, None, "en", TODAY).facts)
+    assert found["Date of calibration"] == "not stated"
+
+
+def test_what_is_not_observable_has_a_mark_and_no_decision():
+    own = device(verdict=Verdict(True, (), ("accelerometer.offset[1]",)))
+    found = certificate_of(own, {}, limits_of_grade("consumer-mems"), "en", TODAY)
+    row = next(row for row in found.axes if row.title == "Accelerometer bias")
+    assert all(value.endswith("*") for value in row.values)
+    assert row.decision == "no decision"
+    assert any(note.startswith("* not, or not fully, observable") for note in found.notes)
+
+
+def test_effects_are_listed_with_their_uncertainties():
+    found = certificate_of(device(), {}, None, "en", TODAY)
+    assert [row.title for row in found.effects] == ["gyroscope.polynomial.2"]
+    assert all("±" in value for value in found.effects[0].values)
+
+
+def test_a_rejected_result_gets_none():
+    with pytest.raises(SettingsError, match="a rejected one gets no certificate"):
+        certificate_of(device(verdict=Verdict(False, ("no",))), {}, None, "en", TODAY)
+    with pytest.raises(SettingsError, match="unknown language 'fr'"):
+        certificate_of(device(), {}, None, "fr", TODAY)
+
+
+def test_the_page_needs_nothing_else():
+    text = page()
+    assert "default-src 'none'" in text
+    assert not re.search(r"(src|href)=|url\(", text)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_pdf_has_one_page_also_with_long_fields(language):
+    pytest.importorskip("weasyprint", exc_type=OSError)
+    long = dict.fromkeys(("customer", "laboratory", "operator", "place", "traceability", "remarks"), "Lorem ipsum " * 8)
+    content = pdf(page(language, **long))
+    assert content.startswith(b"%PDF-")
+    if shutil.which("pdfinfo"):
+        facts = subprocess.run(["pdfinfo", "-"], input=content, capture_output=True, check=True).stdout.decode()
+        assert re.search(r"Pages:\s+1\n", facts)
+        assert "A4" in facts
+    if shutil.which("pdftotext"):
+        text = subprocess.run(["pdftotext", "-layout", "-", "-"], input=content, capture_output=True, check=True).stdout
+        assert words(language)["title"] in text.decode()
+        assert "ab" * 32 in text.decode().replace("\n", "")
+
+
+def test_signatures(tmp_path):
+    secret, public = new_keys(tmp_path / "lab", "abc")
+    assert secret.stat().st_mode & 0o077 == 0
+    file = tmp_path / "c.pdf"
+    file.write_bytes(b"a certificate")
+    sign(file, secret, "abc", "c.pdf of\n2026")
+    assert verify(file, public) == "c.pdf of 2026"
+    other = new_keys(tmp_path / "other", None)[1]
+    with pytest.raises(RecordingError, match="the signature is wrong"):
+        verify(file, other)
+    file.write_bytes(b"another one")
+    with pytest.raises(RecordingError, match="the signature is wrong"):
+        verify(file, public)
+    with pytest.raises(RecordingError, match="cannot sign with it"):
+        sign(file, secret, "wrong", "")
+    with pytest.raises(RecordingError, match="is encrypted"):
+        sign(file, secret, None, "")
+    with pytest.raises(RecordingError, match="is it a secret key"):
+        sign(file, public, None, "")
+    (tmp_path / "c.pdf.minisig").unlink()
+    with pytest.raises(RecordingError, match=r"c\.pdf\.minisig: no such file"):
+        verify(file, public)
+    with pytest.raises(RecordingError, match="exists already"):
+        new_keys(tmp_path / "lab", None)
+
+
+def test_the_program_minisign_verifies_them(tmp_path):
+    program = shutil.which("minisign")
+    if program is None:
+        pytest.skip("no minisign")
+    secret, public = new_keys(tmp_path / "lab", None)
+    file = tmp_path / "c.pdf"
+    file.write_bytes(b"a certificate")
+    sign(file, secret, None, "hello")
+    done = subprocess.run([program, "-V", "-p", public, "-m", file], capture_output=True, text=True, check=True)
+    assert "hello" in done.stdout
+
+
+def test_the_example_has_derived_quantities():
+    own = calibration().in_axes("imu")
+    again = derive(own.sensors, np.zeros((33, 33)), lambda change: own.sensors)
+    np.testing.assert_allclose(own.derived["accel_bias_mg"].value, again["accel_bias_mg"].value)
