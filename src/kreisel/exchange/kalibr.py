@@ -1,109 +1,27 @@
-"""Kalibr's imu.yaml: written, and read.
-
-Kalibr's models turn true values into readings, in a frame i in which M of the accelerometers is lower triangular:
-
-    a = M (C_i_b f + ...) + b,    w = M_w C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b
-
-with b = -k_0 added last, in raw units. Source: IccSensors.py of ethz-asl/kalibr.
-"""
+"""Kalibr's imu.yaml: written, and read. The model is in `kalibr_model`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.axes import turned
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, Wanted
 from kreisel.exchange.imported import imported
+from kreisel.exchange.kalibr_model import KalibrModel, imu_table, kalibr_model, matrix_of, parameters_of
 from kreisel.exchange.losses import RATE, losses, without_effects_of
-from kreisel.files import MAX_YAML, read_text
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import MG
 
 MODELS = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
-
-
-@dataclass(frozen=True)
-class KalibrModel:
-    """The matrices of Kalibr's models, in its frame i.
-
-    Attributes
-    ----------
-    M_a, M_w : (3, 3)
-        Lower triangular.
-    C_gyro_i : (3, 3)
-        From i to the gyros' frame.
-    A : (3, 3)
-        Gyro readings per specific force in the gyros' frame, rad/s per m/s^2.
-    arms : (3, 3)
-        Rows rx_i, ry_i, rz_i, m; rx_i is zero.
-    bias_w, bias_a : (3,)
-        What is added last. Kalibr's files do not hold it.
-    """
-
-    M_a: Array
-    M_w: Array
-    C_gyro_i: Array
-    A: Array
-    arms: Array
-    bias_w: Array
-    bias_a: Array
-
-
-def lower_triangular(S: Array) -> tuple[Array, Array]:
-    """Return a lower triangular matrix with a positive diagonal and an orthogonal one (3, 3) whose product is S."""
-    Q, R = np.linalg.qr(S.T)
-    signs = np.where(np.diag(R) < 0.0, -1.0, 1.0)
-    return np.tril((R * signs[:, None]).T), (Q * signs).T
-
-
-def inverse(matrix: Array) -> Array:
-    """Return the inverse of a matrix (3, 3)."""
-    return np.asarray(np.linalg.inv(matrix), dtype=float)
-
-
-def kalibr_model(p: SensorParameters) -> tuple[KalibrModel, Array, Array]:
-    """Return the model of parameters, the rotation C_ib (3, 3) into i from their frame, and the origin of i in it, m.
-
-    Notes
-    -----
-    Gyro readings that respond to raw accelerations, w' + G a', respond to the specific force by -G K_a^-1, and their
-    bias contains G k_a0.
-    """
-    M_a, C_ib = lower_triangular(inverse(p.K_a))
-    if np.linalg.det(C_ib) < 0.0:  # a left-handed triad: its last axis counts downward
-        M_a, C_ib = M_a * [1.0, 1.0, -1.0], C_ib * [[1.0], [1.0], [-1.0]]
-    origin = p.lever_arms[0]
-    q = turned(p, C_ib.T, origin)
-    M_w, C_gyro_i = lower_triangular(inverse(q.K_omega))
-    if np.linalg.det(C_gyro_i) < 0.0:
-        M_w, C_gyro_i = M_w * [1.0, 1.0, -1.0], C_gyro_i * [[1.0], [1.0], [-1.0]]
-    G = np.asarray(p.others.get("gyro_g_sensitivity", np.zeros(9)), dtype=float).reshape(3, 3)
-    A = -G @ M_a @ C_gyro_i.T
-    model = KalibrModel(M_a, M_w, C_gyro_i, A, q.lever_arms, -p.k_w[0] + G @ p.k_a[0], -p.k_a[0])
-    return model, C_ib, origin
-
-
-def parameters_of(model: KalibrModel) -> SensorParameters:
-    """Return the parameters of a model, in its frame i."""
-    G = -model.A @ model.C_gyro_i @ inverse(model.M_a)
-    return SensorParameters(
-        K_omega=inverse(model.M_w @ model.C_gyro_i),
-        k_w=-(model.bias_w - G @ -model.bias_a)[None],
-        K_a=inverse(model.M_a),
-        k_a=-model.bias_a[None],
-        lever_arms=model.arms,
-        others={"gyro_g_sensitivity": G.ravel()} if np.any(G) else {},
-    )
 
 
 def export(wanted: Wanted) -> Exported:
@@ -232,38 +150,3 @@ def read(path: Path) -> Calibration:
         return imported(path, parameters_of(model), float(table.get("update_rate") or 0.0), "Kalibr; without biases")
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise RecordingError(f"not a result of Kalibr: {error}", file=path) from error
-
-
-def imu_table(path: Path) -> dict[str, Any]:
-    """Return the first IMU's table in a YAML file of Kalibr or OpenVINS.
-
-    Raises
-    ------
-    RecordingError
-        If there is none.
-    """
-    try:
-        lines = read_text(path, MAX_YAML).splitlines()
-        text = "\n".join(line for line in lines if not line.startswith("%"))
-        content = YAML(typ="safe").load(text)
-    except (OSError, UnicodeDecodeError, YAMLError, RecursionError) as error:
-        raise RecordingError(f"not a YAML file that can be read: {str(error).splitlines()[0]}", file=path) from error
-    if isinstance(content, dict) and isinstance(content.get("imu0"), dict):
-        content = content["imu0"]
-    if not isinstance(content, dict) or not {"model", "gyroscope_noise_density", "Tw"} & set(content):
-        raise RecordingError("holds no IMU: expected imu0 with model, gyroscopes and accelerometers", file=path)
-    return content
-
-
-def matrix_of(rows: Any) -> Array:
-    """Return rows of numbers as a matrix (3, 3).
-
-    Raises
-    ------
-    ValueError
-        If they are something else.
-    """
-    out = np.array(rows, dtype=float)
-    if out.shape != (3, 3) or not np.isfinite(out).all():
-        raise ValueError(f"got {str(rows)[:60]}, expected three rows of three numbers")
-    return out

@@ -20,7 +20,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, Wanted
 from kreisel.exchange.imported import imported
-from kreisel.exchange.kalibr import KalibrModel, imu_table, inverse, kalibr_model, matrix_of, parameters_of
+from kreisel.exchange.kalibr_model import KalibrModel, imu_table, inverse, kalibr_model, matrix_of, parameters_of
 from kreisel.exchange.losses import losses, without_effects_of
 
 
