@@ -23,7 +23,6 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 SOURCES = Path("src/kernels")
 PACKAGE = Path("src/kreisel/_kernels")
-PLOTS = Path("src/kreisel/report/plotly.min.js")
 FLAGS = (
     "-std=c++17", "-O3", "-funroll-loops", "-fPIC", "-fvisibility=hidden",
     "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math",
@@ -124,14 +123,6 @@ def compile_library(root: Path, out: Path, target: str | None = None, *, sanitiz
         aside.replace(out)
 
 
-def copy_plots_script(out: Path) -> None:
-    """Write the script of the package `plotly`; a report needs nothing else of it."""
-    spec = importlib.util.find_spec("plotly")
-    if spec is None or spec.origin is None:
-        raise SystemExit("kreisel: the build needs the package `plotly`: `pip install plotly`, and try again.")
-    shutil.copyfile(Path(spec.origin).parent / "package_data" / "plotly.min.js", out)
-
-
 class LibraryHook(BuildHookInterface[Any]):
     """What hatchling calls before it builds a wheel, or installs the package from a checkout."""
 
@@ -152,8 +143,6 @@ class LibraryHook(BuildHookInterface[Any]):
         root = Path(self.root)
         out = root / (PACKAGE if name is None else Path("build", name)) / target.file
         compile_library(root, out, name)
-        copy_plots_script(root / PLOTS)
-        build_data["artifacts"].append(str(PLOTS))
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{target.tag}"
         build_data["force_include"][str(out)] = f"kreisel/_kernels/{target.file}"

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from plotly.subplots import make_subplots
+from numpy.typing import ArrayLike
 
 from kreisel.estimation.state import StateLayout
 from kreisel.filtering.filter_pass import run_filter
@@ -25,6 +25,10 @@ from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
+from kreisel.report import plots
+from kreisel.report.plots import Figure
+from kreisel.report.template import fill
+from kreisel.report.thinning import Curve
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 from kreisel.study.dask import dask_map
@@ -119,15 +123,23 @@ def main() -> None:
     print(f"efficiency of two: {rates[1] / rates[0] / 2:.2f}")
     print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
 
-    figure = make_subplots(cols=2, subplot_titles=("filter against duration", "filter against states"))
-    figure.add_scatter(x=minutes, y=seconds, mode="lines+markers", name=f"exponent {exponent:.2f}", row=1, col=1)
-    figure.add_scatter(x=states, y=multiples, mode="lines+markers", name=f"exponent {growth:.2f}", row=1, col=2)
-    figure.update_xaxes(type="log", title="minutes at 400 Hz", row=1, col=1)
-    figure.update_yaxes(type="log", title="seconds a pass", row=1, col=1)
-    figure.update_xaxes(title="states", row=1, col=2)
-    figure.update_yaxes(title="strapdown passes", rangemode="tozero", row=1, col=2)
+    figures = [
+        _figure(
+            "duration", "Filter against duration", "minutes at 400 Hz", "seconds a pass", minutes, seconds, exponent
+        ),
+        _figure("states", "Filter against states", "states", "strapdown passes", states, multiples, growth),
+    ]
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    figure.write_html(arguments.folder / "scaling.html", include_plotlyjs=True)
+    page = fill("study.html", figures, title="Scaling", lead="", table_of_groups=None, facts=[], figures=figures)
+    (arguments.folder / "scaling.html").write_text(page, encoding="utf-8")
+
+
+def _figure(name: str, title: str, x: str, y: str, at: ArrayLike, values: ArrayLike, exponent: float) -> Figure:
+    """Return a curve on logarithmic axes."""
+    curve = Curve(np.asarray(at, dtype=np.float32), np.asarray(values, dtype=np.float32))
+    low, high = np.log10([curve.y.min(), curve.y.max()])
+    panel = plots.panel([plots.line(curve, f"exponent {exponent:.2f}", "x")], plots.logarithmic(y, low, high))
+    return Figure(name, title, f"exponent {exponent:.2f}", plots.plot(plots.axis(x), panel))
 
 
 if __name__ == "__main__":

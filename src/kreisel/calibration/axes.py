@@ -168,10 +168,10 @@ def linearised(p: SensorParameters, axes: str) -> Linearised:
 
     x = vector_of(p)
     J = np.column_stack([(moved(x + _STEP * e) - moved(x - _STEP * e)) / (2.0 * _STEP) for e in np.eye(x.size)])
-    return Linearised(_clean(turned(p, C, origin), axes), C, origin, J[: x.size], J[x.size :])
+    return Linearised(clean(turned(p, C, origin), axes), C, origin, J[: x.size], J[x.size :])
 
 
-def _clean(p: SensorParameters, axes: str) -> SensorParameters:
+def clean(p: SensorParameters, axes: str) -> SensorParameters:
     """Return parameters with exact zeros below the diagonal of the triad that defines the axes."""
     name = {"imu": "K_a", "gyro": "K_omega"}.get(axes)
     return p if name is None else replace(p, **{name: np.triu(getattr(p, name))})
@@ -197,7 +197,7 @@ def device_triads(
         except SettingsError:
             continue
         sd, mounting_sd = (np.sqrt(np.maximum(np.diag(J @ P @ J.T), 0.0)) for J in (found.J, found.J_mounting))
-        values, deviations = found.sensors, with_vector(sensors, sd)
+        values, deviations = found.sensors, clean(with_vector(sensors, sd), axes)
         out[axes] = DeviceTriad(
             gyro_matrix=Measured(values.K_omega, deviations.K_omega),
             accel_matrix=Measured(values.K_a, deviations.K_a),

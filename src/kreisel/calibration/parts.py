@@ -116,6 +116,12 @@ class RecordingFacts:
     digest: str | None = None
     begin_ns: int | None = None
 
+    @property
+    def title(self) -> str:
+        """The device by maker, type and serial number, as far as they are stated; otherwise the recording's name."""
+        words = [self.device.get(key, "") for key in ("maker", "type", "serial_number")]
+        return " ".join(word for word in words if word) or self.name
+
 
 @dataclass(frozen=True)
 class FinalNoise:

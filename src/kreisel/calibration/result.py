@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.arguments import elapsed_seconds, triads, warmth_of
-from kreisel.calibration.axes import NAMES, check_axes, device_triads, expressed, with_vector
+from kreisel.calibration.axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
@@ -120,7 +120,7 @@ class Calibration(CalibrationParts):
         if self.axes != "tool":
             raise SettingsError(f"this calibration is in axes '{self.axes}' already; take the one in axes of the tool")
         found, names, P, unpack = expressed(self.sensors, self.sensor_sd, self.names, self.covariance, axes)
-        deviation = with_vector(self.sensor_sd, np.sqrt(np.maximum(np.diag(P)[: len(NAMES)], 0.0)))
+        deviation = clean(with_vector(self.sensor_sd, np.sqrt(np.maximum(np.diag(P)[: len(NAMES)], 0.0))), axes)
         prior = dict(zip(self.names, self.prior_deviation, strict=True))
         return replace(
             self,

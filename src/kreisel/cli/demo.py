@@ -46,13 +46,16 @@ def _named(show: Show | None, prefix: str) -> Show | None:
 def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show: Show | None) -> Device:
     """Simulate one device, calibrate it from the files, and write its result."""
     import shutil
+    from dataclasses import replace
 
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.convergence import offset_convergence
+    from kreisel.calibration.injection import inject
     from kreisel.cli.threads import side_by_side
     from kreisel.formats.loading import load
     from kreisel.formats.write import write_folder
     from kreisel.model.settings import CalibrationSettings
+    from kreisel.recording.settings import DeviceTable
     from kreisel.report.devices import Device
     from kreisel.report.page import write_report
     from kreisel.simulation.cell import simulate, write_truth
@@ -63,11 +66,13 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
     truth, recording = simulate(Cell(seed=seed, seconds=seconds, imu=Imu(grade=grade)), recording_folder, show)
     if recording_folder.is_dir() and (recording_folder / "truth.json").is_file():
         shutil.rmtree(recording_folder)  # one of an earlier demo
-    write_folder(recording, recording_folder)
+    named = DeviceTable(maker="simulated", type=name, serial_number=str(seed))
+    settings = recording.settings.model_copy(update={"device": named})
+    write_folder(replace(recording, settings=settings), recording_folder)
     write_truth(truth, recording_folder / "truth.json")
     read = load(recording_folder, together=side_by_side)
     outcome = run_calibration(read, CalibrationSettings(), show, together=side_by_side, validate=True)
     outcome.calibration.save(result)
-    write_report(outcome, result / "report.html")
+    write_report(outcome, result / "report.html", injection=inject(outcome, show))
     errors = group_errors(outcome.calibration, truth)
     return Device(name, errors, offset_convergence(outcome), truth.sensors.k_a[0], f"{folder.name}/result/report.html")

@@ -93,8 +93,9 @@ def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, s
             "accelerometer x.",
         ]
     )
+    title = "IMU" if calibration.recording is None else calibration.recording.title
     lines = [
-        f"{_device(calibration)}, by kreisel, as Kalibr writes its results. Direction: true to measured.",
+        f"{title}, by kreisel, as Kalibr writes its results. Direction: true to measured.",
         "a = M C_i_b f + b, w = M C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b, with these biases b, which the format",
         f"does not hold: gyroscope [{listed(model.bias_w)}] rad/s, accelerometer [{listed(model.bias_a)}] m/s^2.",
         *frames,
@@ -102,14 +103,6 @@ def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, s
         *(f"Not held: {text}" for text in lost),
     ]
     return "".join(f"# {line}\n" for line in lines)
-
-
-def _device(calibration: Calibration) -> str:
-    facts = calibration.recording
-    if facts is None:
-        return "IMU"
-    words = [facts.device.get(key, "") for key in ("maker", "type", "serial_number")]
-    return " ".join(word for word in words if word) or facts.name
 
 
 def dumped(document: dict[str, Any]) -> str:

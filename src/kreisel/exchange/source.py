@@ -99,7 +99,7 @@ def _context(wanted: Wanted, language: Language) -> dict[str, Any]:
     return {
         "name": wanted.name,
         "NAME": wanted.name.upper(),
-        "device": _one_line(_device(wanted)),
+        "device": _one_line("IMU" if facts is None else facts.title),
         "version": __version__,
         "axes": f"{calibration.axes}, {AXES[calibration.axes]}",
         "notes": [_one_line(note) for note in _notes(wanted)],
@@ -116,14 +116,6 @@ def _context(wanted: Wanted, language: Language) -> dict[str, Any]:
         "places": [", ".join(map(real, row)) for row in p.lever_arms.tolist()],
         "m": _matlab(p),
     }
-
-
-def _device(wanted: Wanted) -> str:
-    facts = wanted.calibration.recording
-    if facts is None:
-        return "IMU"
-    words = [facts.device.get(key, "") for key in ("maker", "type", "serial_number")]
-    return " ".join(word for word in words if word) or facts.name
 
 
 def _notes(wanted: Wanted) -> list[str]:

@@ -10,10 +10,10 @@ from kreisel.calibration.evidence import CrossValidation, Drift, Injection, Spli
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.filtering.history import History
-from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
+from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, log, multiply
 from kreisel.inertial.sensor_model import correct_angular_rate
 from kreisel.inertial.strapdown import raw_readings, without_effects
-from kreisel.report.thinning import Curve, Single, every, thinned, thinned_axes
+from kreisel.report.thinning import Curve, Envelope, Single, enveloped_axes, every, thinned, thinned_axes
 from kreisel.synchronization.clock import Clock
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
 
@@ -29,6 +29,7 @@ _HISTOGRAM_EDGES = np.linspace(-5.0, 5.0, 41)
 _MAX_LAGS = 40
 
 Curves = tuple[Curve, ...]
+Envelopes = tuple[Envelope, ...]
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,12 @@ class ClockStep:
 class Excitation:
     """Raw readings (deg/s, m/s^2), standstills (k, 2) and rejected updates in IMU seconds.
 
-    `gyro_rate` and `reference_rate` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock.
+    `gyro_rate` and `reference_rate` are the norms of the rate (deg/s) by the gyros and by the reference, on one clock;
+    `path` (k, 3) are positions in r, m, and `up` (k, 3) the upward direction in b, of the reference, some of all.
     """
 
-    rates: Curves
-    forces: Curves
+    rates: Envelopes
+    forces: Envelopes
     standstills: Array
     rejected: Single
     rate_spread: Spread
@@ -68,6 +70,8 @@ class Excitation:
     explained: float
     gyro_rate: Curve
     reference_rate: Curve
+    path: Array
+    up: Array
 
 
 @dataclass(frozen=True)
@@ -245,8 +249,8 @@ def _excitation(outcome: Outcome, excerpt: slice) -> Excitation:
     gyro_rate, reference_rate = _rate_norms(outcome, excerpt)
     standstills = np.array([(one.start, one.stop) for one in outcome.problem.schedule.standstills]).reshape(-1, 2)
     return Excitation(
-        rates=tuple(Curve(curve.x, curve.y / np.float32(DEG)) for curve in thinned_axes(t, imu.rates)),
-        forces=thinned_axes(t, imu.accelerations),
+        rates=enveloped_axes(t, imu.rates / DEG),
+        forces=enveloped_axes(t, imu.accelerations),
         standstills=standstills,
         rejected=history.seconds[~history.used].astype(np.float32),
         rate_spread=_spread(imu.rates, DEG),
@@ -261,6 +265,8 @@ def _excitation(outcome: Outcome, excerpt: slice) -> Excitation:
         explained=preparation.rate_fit.explained,
         gyro_rate=gyro_rate,
         reference_rate=reference_rate,
+        path=_path(outcome),
+        up=_upward(outcome),
     )
 
 
@@ -271,6 +277,26 @@ def _step(name: str, clock: Clock) -> ClockStep:
 def _spread(values: Array, unit: float) -> Spread:
     squares = np.einsum("ij,ij->j", values, values)
     return Spread(values.min(axis=0) / unit, values.max(axis=0) / unit, np.sqrt(squares / len(values)) / unit)
+
+
+_POSES = 2000
+"""Poses that are drawn of a path."""
+
+
+def _path(outcome: Outcome) -> Array:
+    """Return some of the reference's positions (k, 3); none where it has none."""
+    positions = outcome.problem.reference.positions
+    return np.zeros((0, 3)) if positions is None else positions[every(len(positions), _POSES)]
+
+
+def _upward(outcome: Outcome) -> Array:
+    """Return the upward direction in b at some of the reference's poses, (k, 3); none without orientations."""
+    quaternions = outcome.problem.reference.quaternions
+    if quaternions is None:
+        return np.zeros((0, 3))
+    q = quaternions[every(len(quaternions), _POSES)]
+    gravity = outcome.calibration.alignment.gravity.value
+    return np.asarray(apply(conjugate(q), np.broadcast_to(-gravity / np.linalg.norm(gravity), (len(q), 3))))
 
 
 def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.calibration.convergence import Convergence
 from kreisel.geometry.rotation import Array
 from kreisel.report import plots
-from kreisel.report.plots import Figure, Plot
+from kreisel.report.plots import Figure, Trace
 from kreisel.report.table import Row, Table, number
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
@@ -46,25 +46,18 @@ def write_devices(devices: Sequence[Device], path: Path, lead: str) -> None:
 
 
 def error_table(devices: Sequence[Device]) -> Table:
-    """Return error and standard deviation of every group for every device."""
+    """Return error, standard deviation and their ratio of every group, in columns of each device."""
     groups = devices[0].errors
-    rows = [
-        Row((
-            group.title,
-            group.unit,
-            *(
-                f"{number(d.errors[name].size)} ({number(d.errors[name].expected)}; {number(d.errors[name].ratio, 2)})"
-                for d in devices
-            ),
-        ))
-        for name, group in groups.items()
-    ]  # fmt: skip
-    return Table(
-        "Rms error against the truth (rms standard deviation; rms of error over it)",
-        ("group", "unit", *(d.name for d in devices)),
-        tuple(rows),
-        text=2,
-    )
+    rows = []
+    for name, group in groups.items():
+        cells: list[str] = []
+        for device in devices:
+            own = device.errors[name]
+            cells += [number(own.size), number(own.expected), number(own.ratio, 2)]
+        rows.append(Row((group.title, group.unit, *cells)))
+    heads = [f"{device.name}: {what}" for device in devices for what in ("error", "sd", "ratio")]
+    title = "Rms error against the truth, rms standard deviation, and rms of error over it (1 is expected)"
+    return Table(title, ("group", "unit", *heads), tuple(rows), text=2)
 
 
 def time_table(devices: Sequence[Device]) -> Table:
@@ -81,49 +74,38 @@ def time_table(devices: Sequence[Device]) -> Table:
 
 def offset_figure(devices: Sequence[Device]) -> Figure:
     """Return the paper's figure 4: offset estimates of each device over time."""
-    n = len(devices)
-    layout = plots.layout_of("time (min)", "", height=_PANEL * n + 60)
-    data: list[Plot] = []
+    panels = []
     for row, device in enumerate(devices):
-        key = "" if row == 0 else str(row + 1)
-        top = 1.0 - row * 1.07 / n
         c = device.convergence
         minutes = (c.seconds / 60.0).astype(np.float32)
         values = c.offsets / MG
         late = c.seconds > 0.15 * c.seconds[-1]
         room = 3.0 * float(np.max(c.deviations[late])) / MG
-        layout[f"yaxis{key}"] = plots.axis(
-            f"{device.name} (mg)",
-            domain=[max(0.0, top - 1.07 / n + 0.07), top],
-            range=[float(values[late].min()) - room, float(values[late].max()) + room],
-            nticks=6,
-        )
+        data: list[Trace] = []
         for i, colour in enumerate(_AXES):
-            more: Plot = {"yaxis": f"y{key}", "showlegend": False}
             spread = 2.0 * c.deviations[:, i] / MG
-            data.append(
-                plots.area(minutes.tolist(), (values[:, i] - spread).tolist(), (values[:, i] + spread).tolist(),
-                           colour, f"{colour}/0.18", **more)
-            )  # fmt: skip
+            data.append(plots.area(minutes, values[:, i] - spread, values[:, i] + spread, "", f"{colour}/0.18"))
             true = np.full(2, device.true_offset[i] / MG, dtype=np.float32)
-            data.append(plots.line(Curve(minutes[[0, -1]], true), "truth", "muted", dash="dot", width=1.2, **more))
+            data.append(plots.line(Curve(minutes[[0, -1]], true), "", "muted", dash="dot", width=1.2, legend=False))
             curve = Curve(minutes, values[:, i].astype(np.float32))
-            data.append(plots.line(curve, colour, colour, **{**more, "showlegend": row == 0}))
-    layout["xaxis"]["anchor"] = f"y{n}" if n > 1 else "y"
+            data.append(plots.line(curve, colour, colour, legend=row == len(devices) - 1))
+        y = plots.axis(
+            f"{device.name} (mg)", range=[float(values[late].min()) - room, float(values[late].max()) + room]
+        )
+        panels.append(plots.panel(data, y, height=_PANEL))
     return Figure(
         "offsets",
         "Accelerometer offsets (corrections, k_a0) while the filter runs",
         "As figure 4 of Fox and Janocha (2005): estimates with bands of two standard deviations, truth dotted. The "
         "filter starts with the grade of the device only. Good: the bands become narrow and contain the truth.",
-        plots.plot(data, layout),
+        plots.plot(plots.axis("time (min)"), *panels),
         shape="wide",
     )
 
 
 def error_figure(devices: Sequence[Device]) -> Figure:
     """Return the largest offset error over time, and the standard deviation, on a logarithmic scale."""
-    layout = plots.layout_of("time (min)", "largest error of the three offsets (mg)")
-    data: list[Plot] = []
+    data: list[Trace] = []
     low, high = np.inf, -np.inf
     for colour, device in zip(_AXES, devices, strict=False):
         c = device.convergence
@@ -132,18 +114,18 @@ def error_figure(devices: Sequence[Device]) -> Figure:
         deviation = np.max(c.deviations, axis=1) / MG
         data.append(plots.line(Curve(minutes, error.astype(np.float32)), device.name, colour))
         curve = Curve(minutes, deviation.astype(np.float32))
-        data.append(plots.line(curve, "sd", colour, dash="dot", showlegend=False))
+        data.append(plots.line(curve, "sd", colour, dash="dot", legend=False))
         low, high = min(low, np.log10(deviation[-1]) - 1.0), max(high, np.log10(max(error[0], deviation[0])))
     for bound in _BOUNDS:
         ends = np.array([0.0, max(float(d.convergence.seconds[-1]) for d in devices) / 60.0], dtype=np.float32)
         curve = Curve(ends, np.full(2, bound, dtype=np.float32))
-        data.append(plots.line(curve, f"{bound:g} mg", "line", dash="dash", width=1.0, showlegend=False))
-    layout["yaxis"] = {**layout["yaxis"], **plots.logarithmic(float(low), float(high))}
+        data.append(plots.line(curve, f"{bound:g} mg", "line", dash="dash", width=1.0, legend=False))
+    y = plots.logarithmic("largest error of the three offsets (mg)", float(low), float(high))
     return Figure(
         "errors",
         "Speed of convergence",
         "Largest of the three errors (lines), largest standard deviation (dotted); dashed: 0.1 mg, the paper's, and "
         "0.01 mg. Good: each line follows its dotted line.",
-        plots.plot(data, layout),
+        plots.plot(plots.axis("time (min)"), plots.panel(data, y)),
         shape="wide",
     )

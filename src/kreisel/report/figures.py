@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.model.groups import REGISTRY
 from kreisel.report import plots
-from kreisel.report.data import Change, Curves, Difference, Excitation, Residuals, Track, Uncertainty, Unseen
-from kreisel.report.plots import Figure, Plot
+from kreisel.report.data import Curves, Difference, Envelopes, Excitation, Residuals, Track, Uncertainty, Unseen
+from kreisel.report.plots import Figure, Plot, Trace
 from kreisel.report.thinning import Curve
 
 AXES = "xyz"
@@ -52,16 +53,89 @@ def excitation_figures(e: Excitation) -> list[Figure]:
             Figure(
                 "synchronisation",
                 "Time relation",
-                "Norm of the angular rate by the gyros and by the reference, on one clock, over the excerpt with the "
-                "most rotation. Good: the two curves coincide, with peaks at the same times.",
-                plots.plot(
-                    [plots.line(e.gyro_rate, "gyros", "x"), plots.line(e.reference_rate, "reference", "y", dash="dot")],
-                    plots.layout_of(_TIME, "Norm of angular rate (deg/s)"),
-                ),
+                "Above: norm of the angular rate by the gyros, over the excerpt with the most rotation; below: that of "
+                "the reference less it, on one clock. Good: the difference is small, without the rate's shape.",
+                _time_relation(e),
                 shape="wide",
             )
         )
+    return [*figures, *_geometry_figures(e)]
+
+
+def _time_relation(e: Excitation) -> Plot:
+    x, y = e.gyro_rate.x, e.gyro_rate.y
+    good = np.isfinite(x) & np.isfinite(y)
+    at = np.interp(e.reference_rate.x, x[good], y[good]).astype(np.float32)
+    difference = Curve(e.reference_rate.x, e.reference_rate.y - at)
+    return plots.plot(
+        plots.axis(_TIME),
+        plots.panel([plots.line(e.gyro_rate, "", "x", legend=False)], plots.axis("Rate (deg/s)"), height=_PANEL),
+        plots.panel([plots.line(difference, "", "y", legend=False)], plots.axis("Less gyros (deg/s)"), height=_PANEL),
+    )
+
+
+def _geometry_figures(e: Excitation) -> list[Figure]:
+    """Return the coverage of orientations, and the path in space."""
+    figures = []
+    if len(e.up):
+        figures.append(
+            Figure(
+                "coverage",
+                "Orientations",
+                "Where up is in axes of b: left, towards +z; right, towards -z. Equal areas are equal angles. Good: "
+                "points in all parts of both discs; along directions without any, gravity did not act.",
+                _sphere(e.up),
+            )
+        )
+    if len(e.path):
+        figures.append(
+            Figure(
+                "path",
+                "Path of b",
+                "Positions of b in r, seen from above at an angle; the three axes of r begin at the least x, y and z. "
+                "Good: a path that fills a volume.",
+                _isometric(e.path),
+            )
+        )
     return figures
+
+
+def _sphere(up: NDArray[np.float64]) -> Plot:
+    """Return both halves of the sphere of directions, in Lambert's equal-area projection."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 121)
+    data: list[Trace] = []
+    for centre, sign, name in ((-1.15, 1.0, "+z"), (1.15, -1.0, "−z")):
+        data.append(plots.trail(centre + np.cos(turn), np.sin(turn), "", "line"))
+        ring = np.sqrt(1.0 - np.cos(np.pi / 4.0))
+        data.append(plots.trail(centre + ring * np.cos(turn), ring * np.sin(turn), "", "grid"))
+        own = up[sign * up[:, 2] >= 0.0]
+        across = np.hypot(own[:, 0], own[:, 1])
+        r = np.sqrt(np.maximum(1.0 - np.abs(own[:, 2]), 0.0)) / np.maximum(across, 1e-12)
+        data.append(plots.trail(centre + sign * r * own[:, 0], r * own[:, 1], "", "x/0.5", spots=3))
+        data.append(plots.trail(np.array([centre, centre + sign]), np.zeros(2), "", "grid", label="x"))
+        data.append(plots.trail(np.full(2, centre), np.array([0.0, 1.0]), "", "grid", label="y"))
+        data.append(plots.trail(np.full(1, centre - 0.98), np.full(1, 0.88), "", "muted", label=name))
+    x, y = plots.axis("", range=[-2.3, 2.3], hidden=True), plots.axis("", range=[-1.15, 1.15], hidden=True)
+    return plots.plot(x, plots.panel(data, y, height=260, equal=True))
+
+
+def _isometric(path: NDArray[np.float64]) -> Plot:
+    """Return positions in isometric projection, with a triad as long as a fifth of the path's extent."""
+    across = np.array([[np.cos(np.pi / 6.0), -np.cos(np.pi / 6.0), 0.0], [-0.5, -0.5, 1.0]])
+    low = path.min(axis=0)
+    size = max(float(np.ptp(path, axis=0).max()), 1e-3)
+    length = 10.0 ** np.floor(np.log10(0.4 * size))
+    length *= 2.0 if 0.4 * size / length >= 2.0 else 1.0
+    flat = path @ across.T
+    data = [plots.trail(flat[:, 0], flat[:, 1], "", "x/0.8")]
+    for i, name in enumerate(AXES):
+        ends = np.array([low, low + length * np.eye(3)[i]]) @ across.T
+        data.append(plots.trail(ends[:, 0], ends[:, 1], "", "ink", width=1.5, label=f"{name}, {length:g} m"))
+    corner = low @ across.T
+    every_x, every_y = np.append(flat[:, 0], corner[0]), np.append(flat[:, 1], corner[1])
+    x = plots.axis("", range=[float(every_x.min()) - length, float(every_x.max()) + length], hidden=True)
+    y = plots.axis("", range=[float(every_y.min()) - 0.6 * length, float(every_y.max()) + 0.3 * length], hidden=True)
+    return plots.plot(x, plots.panel(data, y, height=260, equal=True))
 
 
 def residual_figures(r: Residuals) -> list[Figure]:
@@ -108,36 +182,21 @@ def residual_figures(r: Residuals) -> list[Figure]:
 
 def difference_figures(d: Difference) -> list[Figure]:
     """Return the figures of section 3."""
-    where = f"{d.start:.1f} s to {d.stop:.1f} s"
+    where = f"From {d.start:.1f} s to {d.stop:.1f} s."
     return [
-        Figure(
-            "rates-corrected",
-            "Angular rate, raw and corrected",
-            f"From {where}, raw readings rotated by the nominal mount. Good: the two curves look nearly the same.",
-            _raw_and_corrected(d.rates, "Angular rate (deg/s)"),
-            link="difference",
-        ),
         Figure(
             "rates-difference",
             "Angular rate, corrected less raw",
-            "Change by the calibration. Good: a constant (offset) with a share that follows the rates themselves "
-            "(scale and misalignment), without jumps.",
+            f"{where} Change by the calibration, against raw readings rotated by the nominal mount. Good: a constant "
+            "(offset) with a share that follows the rates themselves (scale and misalignment), without jumps.",
             _axes_plot(d.rates.difference, "Change of angular rate (deg/s)"),
-            link="difference",
-        ),
-        Figure(
-            "forces-corrected",
-            "Specific force, raw and corrected",
-            f"From {where}, raw readings rotated by the nominal mount. Good: the two curves look nearly the same, "
-            "unless the accelerometers are far from the origin of b.",
-            _raw_and_corrected(d.forces, "Specific force (m/s²)"),
             link="difference",
         ),
         Figure(
             "forces-difference",
             "Specific force, corrected less raw",
-            "Change by the calibration. Good: a constant (offset) with a share that follows the motion; noise here "
-            "comes from the lever arms, which need the rates' derivative.",
+            f"{where} Good: a constant (offset) with a share that follows the motion; noise here comes from the lever "
+            "arms, which need the rates' derivative.",
             _axes_plot(d.forces.difference, "Change of specific force (mg)"),
             link="difference",
         ),
@@ -161,7 +220,7 @@ def track_figures(u: Uncertainty) -> list[Figure]:
         plot = _stack(
             [list(arms[3 * j : 3 * j + 3]) for j in range(3)],
             "mm",
-            ["r<sub>x</sub>", "r<sub>y</sub>", "r<sub>z</sub>"],
+            ["r of x", "r of y", "r of z"],
         )
         figures.append(
             Figure(
@@ -240,43 +299,28 @@ def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
 
 def _axes_plot(curves: Curves, title: str) -> Plot:
     lines = [plots.line(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
-    return plots.plot(lines, plots.layout_of(_TIME, title))
+    return plots.simple(lines, _TIME, title)
 
 
-def _over_time(curves: Curves, title: str, e: Excitation) -> Plot:
+def _over_time(curves: Envelopes, title: str, e: Excitation) -> Plot:
     """Return readings over time above the shaded standstills, rejected updates marked at the top."""
     data = []
     if e.standstills.size:
-        a, b = e.standstills[:, 0], e.standstills[:, 1]
-        gap = np.full_like(a, np.nan)
-        x = np.column_stack([a, a, b, b, gap]).ravel()
-        y = np.tile([0.0, 1.0, 1.0, 0.0, np.nan], a.size)
-        shade = plots.line(
-            Curve(x.astype(np.float32), y.astype(np.float32)),
-            "standstill",
-            "muted",
-            width=0,
-            fill="toself",
-            fillcolor="@muted/0.16",
-            yaxis="y2",
-        )
-        data.append({**shade, "hoverinfo": "skip", "hovertemplate": None})
-    data += [plots.line(curve, axis, axis, width=1.0) for axis, curve in zip(AXES, curves, strict=True)]
+        data.append(plots.shade(e.standstills, "standstill", "muted/0.16"))
+    data += [plots.envelope(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
     if e.rejected.size:
-        marks = plots.markers(e.rejected, np.full(e.rejected.size, 0.97), "rejected", "alert", symbol="x", size=6)
-        data.append({**marks, "yaxis": "y2", "hovertemplate": "rejected at %{x:.2f} s"})
-    layout = plots.layout_of(_TIME, title, height=280)
-    layout["yaxis"]["overlaying"] = "y2"
-    layout["yaxis"]["side"] = "left"
-    layout["yaxis2"] = {"range": [0, 1], "visible": False, "fixedrange": True, "side": "right"}
-    return plots.plot(data, layout)
+        top = max(float(np.nanmax(curve.high, initial=0.0)) for curve in curves)
+        data.append(
+            plots.markers(e.rejected, np.full(e.rejected.size, top), "rejected", "alert", symbol="cross", size=6)
+        )
+    return plots.simple(data, _TIME, title, height=250)
 
 
 def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
     data = []
     for name, which, marker in (
         ("path", r.used & ~r.at_standstill, {"opacity": 0.75}),
-        ("standstill", r.used & r.at_standstill, {"symbol": "diamond-open", "size": 6}),
+        ("standstill", r.used & r.at_standstill, {"symbol": "diamond", "size": 6}),
     ):
         if which.any():
             data += [
@@ -285,19 +329,19 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
             ]
     if (~r.used).any():
         seconds, rejected = np.repeat(r.seconds[~r.used], 3), values[~r.used].ravel()
-        data.append({**plots.markers(seconds, rejected, "rejected", "alert", symbol="x", size=6)})
-    layout = plots.layout_of(_TIME, title)
+        data.append(plots.markers(seconds, rejected, "rejected", "alert", symbol="cross", size=6))
+    y = plots.axis(title)
     usual = np.abs(values[r.used])
     usual = usual[np.isfinite(usual)]
     if usual.size:
-        # one very large innovation must not set the scale for all others; a double click shows it
+        # one very large innovation must not set the scale for all others
         limit = 1.15 * min(float(usual.max()), 3.0 * float(np.percentile(usual, 98)))
-        layout["yaxis"]["range"] = [-limit, limit]
-    return plots.plot(data, layout)
+        y["range"] = [-limit, limit]
+    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
 
 
 def _nis(r: Residuals) -> Plot:
-    data: list[Plot] = []
+    data: list[Trace] = []
     if r.seconds.size:
         ends = [float(r.seconds[0]), float(r.seconds[-1])]
         for kind, colour in zip(r.kinds, ("x", "y"), strict=False):
@@ -305,17 +349,16 @@ def _nis(r: Residuals) -> Plot:
             name = f"95 % band, {kind.name}"
             data.append(plots.area(ends, [low] * 2, [high] * 2, name, f"{colour}/0.12"))
     for name, which, colour, symbol in (
-        ("path", ~r.at_standstill & r.used, "x", "circle"),
-        ("standstill", r.at_standstill & r.used, "y", "diamond-open"),
-        ("rejected", ~r.used, "alert", "x"),
+        ("path", ~r.at_standstill & r.used, "x", "disc"),
+        ("standstill", r.at_standstill & r.used, "y", "diamond"),
+        ("rejected", ~r.used, "alert", "cross"),
     ):
         if which.any():
             data.append(plots.markers(r.seconds[which], r.nis[which], name, colour, symbol=symbol, size=5))
-    layout = plots.layout_of(_TIME, "NIS per degree of freedom")
     shown = r.nis[np.isfinite(r.nis) & (r.nis > 0.0)]
     low, high = np.log10(np.percentile(shown, [1.0, 100.0])) if shown.size else (0.0, 0.0)
-    layout["yaxis"] |= plots.logarithmic(min(float(low), -1.0), max(float(high), 0.6))
-    return plots.plot(data, layout)
+    y = plots.logarithmic("NIS per degree of freedom", min(float(low), -1.0), max(float(high), 0.6))
+    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
 
 
 def _histogram(r: Residuals) -> Plot:
@@ -323,8 +366,8 @@ def _histogram(r: Residuals) -> Plot:
         plots.area(r.steps.tolist(), np.zeros(r.steps.size).tolist(), r.normal.tolist(), "unit normal", "muted/0.22")
     ]
     styles = {
-        "position, path": ("x", "solid"),
-        "attitude, path": ("y", "solid"),
+        "position, path": ("x", ""),
+        "attitude, path": ("y", ""),
         "position, standstill": ("x", "dot"),
         "attitude, standstill": ("y", "dot"),
         "velocity, standstill": ("z", "dot"),
@@ -332,10 +375,9 @@ def _histogram(r: Residuals) -> Plot:
     middle = 0.5 * (r.edges[:-1] + r.edges[1:])
     for name, density in r.densities.items():
         colour, dash = styles[name]
-        line = plots.line(Curve(middle.astype(np.float32), density.astype(np.float32)), name, colour, dash=dash)
-        line["line"]["shape"] = "hvh"
-        data.append({**line, "hovertemplate": "%{y:.3f} at %{x:.2f}"})
-    return plots.plot(data, plots.layout_of("Whitened innovation (standard deviations)", "Density (1)"))
+        curve = Curve(middle.astype(np.float32), density.astype(np.float32))
+        data.append(plots.line(curve, name, colour, dash=dash, steps=True))
+    return plots.simple(data, "Whitened innovation (standard deviations)", "Density (1)")
 
 
 def _autocorrelation(r: Residuals) -> Plot:
@@ -344,63 +386,31 @@ def _autocorrelation(r: Residuals) -> Plot:
         ends = [float(r.lags[0]), float(r.lags[-1])]
         data.append(plots.area(ends, [-r.bound] * 2, [r.bound] * 2, "95 % band of white noise", "muted/0.22"))
     for (name, values), colour in zip(r.correlations.items(), ("x", "y"), strict=False):
-        line = plots.line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour)
-        data.append({**line, "mode": "lines+markers", "marker": {"size": 5}, "hovertemplate": "%{y:.3f} at lag %{x}"})
-    layout = plots.layout_of("Lag (updates)", "Autocorrelation (1)", height=260)
-    layout["xaxis"]["range"] = [0.5, max(float(r.lags.size), 1.0) + 0.5]
-    if not r.correlations:
-        layout["annotations"] = [plots.remark("too few updates on the path")]
-    return plots.plot(data, layout)
-
-
-def _raw_and_corrected(change: Change, title: str) -> Plot:
-    data = []
-    for i, axis in enumerate(AXES):
-        data.append(plots.line(change.raw[i], f"{axis} raw", axis, dash="dot", width=1.6))
-        data.append(plots.line(change.corrected[i], f"{axis} corrected", axis))
-    return plots.plot(data, plots.layout_of(_TIME, title))
+        data.append(plots.line(Curve(r.lags.astype(np.float32), values.astype(np.float32)), name, colour))
+    x = plots.axis("Lag (updates)", range=[0.5, max(float(r.lags.size), 1.0) + 0.5])
+    more = {} if r.correlations else {"remark": "too few updates on the path"}
+    return plots.plot(x, plots.panel(data, plots.axis("Autocorrelation (1)"), height=230, **more))
 
 
 def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) -> Plot:
     """Return tracks in panels above each other over a common time axis."""
-    n = len(panels)
-    data: list[Plot] = []
-    layout = plots.layout_of(_TIME, "", height=plots.HEIGHT if n == 1 else _PANEL * n + 60)
-    gap = 0.07 if n > 1 else 0.0
+    made = []
     for row, (tracks, title) in enumerate(zip(panels, titles, strict=True)):
-        key = "" if row == 0 else str(row + 1)
-        top = 1.0 - row * (1.0 + gap) / n
-        low, high = _settled_range(tracks)
-        layout[f"yaxis{key}"] = plots.axis(
-            f"{title} ({unit})",
-            domain=[max(0.0, top - (1.0 + gap) / n + gap), top],
-            range=[low, high],
-            nticks=6,
-        )
+        data: list[Trace] = []
         for i, track in enumerate(tracks):
             colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
-            data += _track(track, colour, f"y{key}", legend=row == 0 and len(tracks) > 1)
-    layout["xaxis"]["anchor"] = "y" if n == 1 else f"y{n}"
-    return plots.plot(data, layout)
+            data += _track(track, colour, legend=row == len(panels) - 1 and len(tracks) > 1)
+        y = plots.axis(f"{title} ({unit})", range=list(_settled_range(tracks)))
+        made.append(plots.panel(data, y, height=_PANEL if len(panels) > 1 else plots.HEIGHT))
+    return plots.plot(plots.axis(_TIME), *made)
 
 
-def _track(track: Track, colour: str, axis: str, *, legend: bool) -> list[Plot]:
-    name = track.axis
+def _track(track: Track, colour: str, *, legend: bool) -> list[Trace]:
     value, deviation = track.value.astype(float), track.deviation.astype(float)
-    ends = track.seconds[[0, -1]]
-    reported = np.full(2, track.reported)
-    more: Plot = {"yaxis": axis, "legendgroup": f"{name}{colour}", "showlegend": False}
-    band = plots.area(
-        track.seconds.tolist(),
-        (value - 2.0 * deviation).tolist(),
-        (value + 2.0 * deviation).tolist(),
-        name,
-        f"{colour}/0.18",
-        **more,
-    )
-    flat = plots.line(Curve(ends, reported.astype(np.float32)), name, "muted", dash="dot", width=1.2, **more)
-    line = plots.line(Curve(track.seconds, track.value), name, colour, **{**more, "showlegend": legend})
-    return [band, {**flat, "hoverinfo": "skip", "hovertemplate": None}, line]
+    ends, reported = track.seconds[[0, -1]], np.full(2, track.reported, dtype=np.float32)
+    band = plots.area(track.seconds, value - 2.0 * deviation, value + 2.0 * deviation, "", f"{colour}/0.18")
+    flat = plots.line(Curve(ends, reported), "", "muted", dash="dot", width=1.2, legend=False)
+    return [band, flat, plots.line(Curve(track.seconds, track.value), track.axis, colour, legend=legend)]
 
 
 def _settled_range(tracks: Sequence[Track]) -> tuple[float, float]:
@@ -422,100 +432,53 @@ def _spans(groups: Sequence[str]) -> list[tuple[str, int, int]]:
     return [(groups[a], a, b) for a, b in pairwise(edges)] if groups else []
 
 
+def _plain(label: str) -> str:
+    """Return a symbol in HTML as plain text."""
+    return re.sub(r"<[^>]+>", "", label)
+
+
+def _of_groups(spans: Sequence[tuple[str, int, int]]) -> list[list[float] | list[str]]:
+    """Return the ticks in the middle of each run of parameters: places and symbols."""
+    return [[0.5 * (a + b - 1) for _, a, b in spans], [_plain(GROUP_LABELS.get(g, g)) for g, _, _ in spans]]
+
+
 def _matrix(u: Uncertainty) -> Plot:
     n = len(u.names)
     spans = _spans(u.groups)
-    ticks = {
-        "tickmode": "array",
-        "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
-        "ticktext": [GROUP_LABELS.get(g, g) for g, _, _ in spans],
-        "tickangle": 0,
-        "tickfont": {"size": 11},
-        "showgrid": False,
-        "zeroline": False,
-        "ticks": "",
-        "range": [-0.5, n - 0.5],
-    }
-    heat = {
-        "type": "heatmap",
-        "z": plots.packed(u.correlation),
-        "text": [[f"{a}<br>{b}" for a in u.names] for b in u.names],
-        "zmin": -1,
-        "zmax": 1,
-        "colorscale": [[0, "@y"], [0.5, "@ground"], [1, "@x"]],
-        "colorbar": {
-            "title": {"text": "Correlation (1)", "side": "top"},
-            "orientation": "h",
-            "y": 1.0,
-            "yanchor": "bottom",
-            "thickness": 10,
-            "len": 0.6,
-            "outlinewidth": 0,
-            "tickvals": [-1, -0.5, 0, 0.5, 1],
-        },
-        "hovertemplate": "%{text}<br>%{z:.3f}<extra></extra>",
-        "xgap": 0.5,
-        "ygap": 0.5,
-    }
-    layout = plots.layout_of("Parameter", "Parameter", height=640)
-    layout["xaxis"] |= ticks | {"constrain": "domain"}
-    layout["yaxis"] |= ticks | {"range": [n - 0.5, -0.5], "scaleanchor": "x", "constrain": "domain"}
-    layout["shapes"] = [
-        {"type": "line", "line": {"color": "@line", "width": 1}, **ends}
-        for _, a, _ in spans[1:]
-        for ends in (
-            {"x0": a - 0.5, "x1": a - 0.5, "y0": -0.5, "y1": n - 0.5},
-            {"y0": a - 0.5, "y1": a - 0.5, "x0": -0.5, "x1": n - 0.5},
-        )
-    ]
-    return plots.plot([heat], layout)
+    places, labels = _of_groups(spans)
+    x = plots.axis("Parameter", range=[-0.5, n - 0.5], ticks=[places, labels], bare=True)
+    y = plots.axis(
+        "Parameter", range=[-0.5, n - 0.5], ticks=[[n - 1 - float(place) for place in places], labels], bare=True
+    )
+    lines = [a - 0.5 for _, a, _ in spans[1:]]
+    return plots.plot(
+        x, plots.panel([plots.matrix(u.correlation, u.names)], y, height=640, rules=lines, equal=True, size=n)
+    )
 
 
 def _drift(nominal: Curve, calibrated: Curve, title: str) -> Plot:
     data = [
-        plots.markers(nominal.x, nominal.y, "nominal", "y", symbol="diamond-open", size=5),
+        plots.markers(nominal.x, nominal.y, "nominal", "y", symbol="diamond", size=5),
         plots.markers(calibrated.x, calibrated.y, "calibrated", "x", size=5),
     ]
-    layout = plots.layout_of(_TIME, title)
+    y = plots.axis(title)
     sizes = np.concatenate([nominal.y, calibrated.y])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
     if sizes.size:
         low, high = np.log10(np.percentile(sizes, [0.5, 100.0]))
-        layout["yaxis"] |= plots.logarithmic(float(low), float(high))
-    return plots.plot(data, layout)
+        y = plots.logarithmic(title, float(low), float(high))
+    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
 
 
 def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Plot:
     score = np.asarray(halves.score)
-    own = [groups[name] for name in halves.names]
-    spans = _spans(own)
+    spans = _spans([groups[name] for name in halves.names])
     place = np.arange(score.size, dtype=float)
-    marks = plots.markers(place, score, "second half less first", "x", size=7)
-    marks |= {"text": list(halves.names), "hovertemplate": "%{text}<br>%{y:.2f}<extra></extra>"}
-    band = plots.area([-0.5, score.size - 0.5], [-2.0, -2.0], [2.0, 2.0], "±2 standard deviations", "muted/0.18")
-    layout = plots.layout_of("Parameter", "Difference / sd (1)", height=280)
-    layout["xaxis"] |= {
-        "tickmode": "array",
-        "tickvals": [0.5 * (a + b - 1) for _, a, b in spans],
-        "ticktext": [GROUP_LABELS.get(g, g) for g, _, _ in spans],
-        "tickangle": 0,
-        "showgrid": False,
-        "zeroline": False,
-        "range": [-0.5, score.size - 0.5],
-    }
-    layout["shapes"] = [
-        {
-            "type": "line",
-            "x0": a - 0.5,
-            "x1": a - 0.5,
-            "yref": "paper",
-            "y0": 0,
-            "y1": 1,
-            "line": {"color": "@grid", "width": 1},
-        }
-        for _, a, _ in spans[1:]
+    data = [
+        plots.area([-0.5, score.size - 0.5], [-2.0, -2.0], [2.0, 2.0], "±2 standard deviations", "muted/0.18"),
+        plots.markers(place, score, "second half less first", "x", size=7, texts=list(halves.names)),
     ]
-    layout["yaxis"]["zeroline"] = True
+    x = plots.axis("Parameter", range=[-0.5, score.size - 0.5], ticks=_of_groups(spans), bare=True)
     limit = 1.1 * max(3.0, float(np.max(np.abs(score), initial=0.0)))
-    layout["yaxis"]["range"] = [-limit, limit]
-    return plots.plot([band, marks], layout)
+    y = plots.axis("Difference / sd (1)", range=[-limit, limit])
+    return plots.plot(x, plots.panel(data, y, height=280, rules=[a - 0.5 for _, a, _ in spans[1:]], texts=True))

@@ -9,6 +9,7 @@ from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.parts import JointRecording, Measured
 from kreisel.calibration.result import Calibration
 from kreisel.report.repeatability import figure_of, table_of
+from kreisel.report.result_tables import device_tables
 from kreisel.report.snippet import snippet
 from kreisel.report.table import Row, Table, by_group, held, pair
 from kreisel.report.template import fill
@@ -32,7 +33,9 @@ def write_joint(joint: Joint, path: Path) -> None:
         verdict=calibration.verdict,
         unobservable=by_group(calibration.verdict.unobservable),
         warnings=joint.warnings,
-        key=_result(values),
+        keys=_results(values),
+        device=device_tables(calibration),
+        title=recording.title if recording is not None else "IMU",
         own=Table("Each recording's own", OWN_COLUMNS, tuple(own), 3),
         compared=table_of(joint.repeated, joint.names),
         figures=figures,
@@ -70,12 +73,15 @@ def _values(calibration: Calibration) -> dict[str, Measured]:
     }
 
 
-def _result(values: dict[str, Measured]) -> Table:
-    titles = {q.name: (f"{q.title} (xy, xz, yz)" if q.of == "pairs" else q.title, q.unit) for q in QUANTITIES}
-    titles |= {f"lever_arm_{axis}_mm": (f"Position of accelerometer {axis} in b", "mm") for axis in "xyz"}
-    rows = []
-    for name, (title, unit) in titles.items():
+def _results(values: dict[str, Measured]) -> list[Table]:
+    rows: dict[str, list[Row]] = {"axes": [], "pairs": []}
+    shown = [(q.name, q.title, q.unit, q.of) for q in QUANTITIES]
+    shown += [(f"lever_arm_{axis}_mm", f"Position of accelerometer {axis} in b", "mm", "axes") for axis in "xyz"]
+    for name, title, unit, of in shown:
         found = values[name]
         cells = [pair(v, s) for v, s in zip(found.value.tolist(), found.deviation.tolist(), strict=True)]
-        rows.append(Row((title, unit, *cells)))
-    return Table("Result", ("Error of the sensor", "Unit", "x / xy", "y / xz", "z / yz"), tuple(rows), 2, broad=True)
+        rows[of].append(Row((title, unit, *cells)))
+    return [
+        Table(f"Result by {what}", ("Error of the sensor", "Unit", *heads), tuple(rows[of]), 2, broad=True)
+        for of, what, heads in (("axes", "axis", ("x", "y", "z")), ("pairs", "pair of axes", ("xy", "xz", "yz")))
+    ]

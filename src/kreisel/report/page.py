@@ -8,7 +8,7 @@ from typing import Any
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.filtering.effect_selection import MIN_GAIN
-from kreisel.report import figures, tables
+from kreisel.report import figures, result_tables, tables
 from kreisel.report.data import ReportData, extract
 from kreisel.report.plots import Figure
 from kreisel.report.snippet import snippet
@@ -39,7 +39,8 @@ def render(data: ReportData) -> str:
         "report.html",
         [f for part in drawn.values() for f in part],
         document=data.outcome.calibration.document,
-        warnings=data.outcome.warnings,
+        title=data.outcome.calibration.recording.title if data.outcome.calibration.recording else "IMU",
+        warnings=tables.ranked(data.outcome.warnings),
         verdict=data.outcome.verdict,
         unobservable=by_group(data.outcome.observability.unobservable),
         not_estimated=tables.not_estimated(data.outcome),
@@ -72,7 +73,9 @@ def _tables(data: ReportData) -> dict[str, Any]:
     groups = dict(zip(data.uncertainty.names, data.uncertainty.groups, strict=True))
     outcome = data.outcome
     return {
-        "key": tables.key_table(outcome),
+        "keys": result_tables.key_tables(outcome),
+        "device": result_tables.device_tables(outcome.calibration),
+        "rejected": tables.rejected_table(outcome),
         "excitation_table": tables.excitation_table(data.excitation),
         "clock_table": tables.clock_table(outcome, data.excitation),
         "excitation": data.excitation,

@@ -1,8 +1,7 @@
-"""Elements of plotly's plots: plain dictionaries, arrays in base64, colours by name.
+"""Elements of the plots on a page: plain dictionaries, arrays in base64, colours by name.
 
-A colour is written ``@name`` or ``@name/opacity``; the page replaces it by that of the light or the dark
-palette. With dictionaries instead of plotly's own objects a report takes less than a second; a test checks
-them with plotly's validation.
+A colour is written ``@name`` or ``@name/opacity``; the page replaces it by that of the light or the dark palette. The
+page draws them with uPlot; `templates/report.js` says what each kind of trace looks like.
 """
 
 from __future__ import annotations
@@ -15,12 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.report.thinning import Curve
+from kreisel.report.thinning import Curve, Envelope
 
 Plot = dict[str, Any]
+"""Panels above each other, with a common horizontal axis."""
+
+Trace = dict[str, Any]
 
 HEIGHT = 300
 """Pixels of a usual plot."""
+
+LEVELS = 65_534
+"""Steps to which an array is rounded over its range; far finer than a screen."""
 
 PALETTES: dict[str, dict[str, str]] = {
     "light": {
@@ -49,133 +54,91 @@ PALETTES: dict[str, dict[str, str]] = {
 """Red, green and blue of every named colour; x, y, z after Okabe and Ito: colour-blind people can distinguish them."""
 
 
-def packed(values: NDArray[Any]) -> Plot:
-    """Return an array the way plotly.js reads it without parsing numbers: single precision in base64."""
-    single = np.ascontiguousarray(values, dtype="<f4")
-    out: Plot = {"dtype": "f4", "bdata": base64.b64encode(single.tobytes()).decode("ascii")}
-    if single.ndim > 1:
-        out["shape"] = ", ".join(str(n) for n in single.shape)
-    return out
+def packed(values: NDArray[Any]) -> dict[str, Any]:
+    """Return an array (n,) in 16 bits: what a screen can show; what is not finite becomes a gap."""
+    own = np.asarray(values, dtype=float).ravel()
+    good = np.isfinite(own)
+    low = float(own[good].min()) if good.any() else 0.0
+    step = (float(own[good].max()) - low) / LEVELS if good.any() else 0.0
+    levels = np.full(own.size, LEVELS + 1, dtype="<u2")
+    levels[good] = np.round((own[good] - low) / step) if step > 0.0 else 0
+    return {"low": low, "step": step, "data": base64.b64encode(levels.tobytes()).decode("ascii")}
 
 
-def plot(data: list[Plot], layout: Plot) -> Plot:
-    """Return a plot of traces in a layout."""
-    return {"data": data, "layout": layout}
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """Return an axis: its title, and `range` (low, high), `log`, `ticks` (values, texts), where it has them."""
+    return {"title": title, **more}
 
 
-def axis(title: str, **more: Any) -> Plot:
-    """Return an axis with its title."""
+def logarithmic(title: str, low: float, high: float) -> dict[str, Any]:
+    """Return a logarithmic axis from 10^low to 10^high."""
+    return axis(title, log=True, range=[10.0 ** (low - 0.15), 10.0 ** (high + 0.15)])
+
+
+def panel(traces: Sequence[Trace], y: dict[str, Any], *, height: int = HEIGHT, **more: Any) -> dict[str, Any]:
+    """Return one panel: `rules` are vertical lines, `equal` makes both axes of one scale, `remark` stands in it."""
+    return {"traces": list(traces), "y": y, "height": height, **more}
+
+
+def plot(x: dict[str, Any], *panels: dict[str, Any]) -> Plot:
+    """Return panels over a common horizontal axis."""
+    return {"x": x, "panels": list(panels)}
+
+
+def simple(traces: Sequence[Trace], x: str, y: str, *, height: int = HEIGHT, **more: Any) -> Plot:
+    """Return a plot of one panel with titled axes."""
+    return plot(axis(x), panel(traces, axis(y), height=height, **more))
+
+
+def line(
+    curve: Curve, name: str, colour: str, *, dash: str = "", width: float = 1.3, legend: bool = True, **more: Any
+) -> Trace:
+    """Return a curve as a line; nan interrupts it. `dash` is empty, "dot" or "dash"; `steps` makes a staircase."""
     return {
-        "title": {"text": title, "standoff": 6},
-        "gridcolor": "@grid",
-        "zerolinecolor": "@line/0.7",
-        "linecolor": "@line",
-        "tickcolor": "@line",
-        "ticks": "outside",
-        "ticklen": 4,
-        "exponentformat": "power",
-        "minexponent": 5,
-        "tickmode": "auto",
-        "automargin": True,
-        **more,
-    }
+        "kind": "line", "name": name, "colour": f"@{colour}", "x": packed(curve.x), "y": packed(curve.y), "dash": dash,
+        "width": width, "legend": legend, **more,
+    }  # fmt: skip
 
 
-def layout_of(x: str, y: str, *, height: int = HEIGHT, **more: Any) -> Plot:
-    """Return a layout with titled axes, the legend above it."""
+def markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **more: Any) -> Trace:
+    """Return points: `symbol` disc, diamond or cross; `size`; `error` (n,) for bars; `texts` for the pointer."""
+    if "error" in more:
+        more["error"] = packed(more["error"])
     return {
-        "height": height,
-        "margin": {"l": 58, "r": 14, "t": 10, "b": 44},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@ink"},
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "bgcolor": "rgba(0,0,0,0)",
-        },
-        "hoverlabel": {"bgcolor": "@ground", "bordercolor": "@line", "font": {"color": "@ink"}},
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "@muted/0.6", "activecolor": "@ink"},
-        "dragmode": "zoom",
-        "separators": ".\u202f",
-        "xaxis": axis(x),
-        "yaxis": axis(y),
-        **more,
-    }
+        "kind": "markers", "name": name, "colour": f"@{colour}", "x": packed(x), "y": packed(y), "size": 4, **more
+    }  # fmt: skip
 
 
-def line(curve: Curve, name: str, colour: str, *, dash: str = "solid", width: float = 1.3, **more: Any) -> Plot:
-    """Return a curve over time as a line; nan interrupts it."""
+def area(
+    x: Sequence[float] | NDArray[Any], low: Sequence[float] | NDArray[Any], high: Sequence[float] | NDArray[Any],
+    name: str, colour: str, **more: Any,
+) -> Trace:  # fmt: skip
+    """Return the filled area between two curves over the same x; `edge` is the width of its outline."""
+    arrays = {key: packed(np.asarray(part)) for key, part in (("x", x), ("low", low), ("high", high))}
+    return {"kind": "area", "name": name, "colour": f"@{colour}", "legend": bool(name), **arrays, **more}
+
+
+def envelope(curve: Envelope, name: str, colour: str) -> Trace:
+    """Return the range of a dense curve as an area with an outline."""
+    return area(curve.x, curve.low, curve.high, name, f"{colour}/0.75", edge=1)
+
+
+def shade(intervals: NDArray[Any], name: str, colour: str) -> Trace:
+    """Return intervals (n, 2) of x, shaded from bottom to top."""
     return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": packed(curve.x),
-        "y": packed(curve.y),
-        "line": {"color": f"@{colour}", "width": width, "dash": dash},
-        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
-        **more,
-    }
+        "kind": "shade", "name": name, "colour": f"@{colour}", "from": packed(intervals[:, 0]),
+        "to": packed(intervals[:, 1]),
+    }  # fmt: skip
 
 
-def markers(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **marker: Any) -> Plot:
-    """Return points over time as markers."""
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": packed(x),
-        "y": packed(y),
-        "marker": {"color": f"@{colour}", "size": 4, **marker},
-        "hovertemplate": "%{y:.4g} at %{x:.2f} s",
-    }
+def trail(x: NDArray[Any], y: NDArray[Any], name: str, colour: str, **more: Any) -> Trace:
+    """Return a line that may run in any direction, or, with `spots`, its points; `label` stands at its end."""
+    return {"kind": "trail", "name": name, "colour": f"@{colour}", "x": packed(x), "y": packed(y), "width": 1, **more}
 
 
-def area(x: Sequence[float], low: Sequence[float], high: Sequence[float], name: str, colour: str, **more: Any) -> Plot:
-    """Return the filled area between two curves over the same x."""
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": packed(np.concatenate([np.asarray(x), np.asarray(x)[::-1]])),
-        "y": packed(np.concatenate([np.asarray(high), np.asarray(low)[::-1]])),
-        "fill": "toself",
-        "fillcolor": f"@{colour}",
-        "line": {"width": 0, "color": f"@{colour}"},
-        "hoverinfo": "skip",
-        **more,
-    }
-
-
-def logarithmic(low: float, high: float) -> Plot:
-    """Return the settings of a logarithmic axis from 10^low to 10^high, with numbers as ticks."""
-    low, high = low - 0.15, high + 0.15
-    decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
-    digits = (1, 2, 5) if high - low < 1.6 else (1,)
-    values = [digit * 10.0**k for k in decades for digit in digits]
-    return {
-        "type": "log",
-        "range": [low, high],
-        "tickmode": "array",
-        "tickvals": values,
-        "ticktext": [f"{value:g}" for value in values],
-    }
-
-
-def remark(text: str) -> Plot:
-    """Return a remark in the middle of an empty plot."""
-    return {
-        "text": text,
-        "showarrow": False,
-        "xref": "paper",
-        "yref": "paper",
-        "x": 0.5,
-        "y": 0.5,
-        "font": {"color": "@muted"},
-    }
+def matrix(values: NDArray[Any], names: Sequence[str]) -> Trace:
+    """Return a square matrix of values from -1 to 1 as coloured cells, the first row at the top."""
+    return {"kind": "matrix", "name": "", "colour": "@ink", "values": packed(values), "names": list(names)}
 
 
 @dataclass(frozen=True)
@@ -195,5 +158,5 @@ class Figure:
 
     @property
     def height(self) -> int:
-        """Height in pixels."""
-        return int(self.plot["layout"]["height"])
+        """Height in pixels, without the legend."""
+        return int(sum(one["height"] for one in self.plot["panels"]))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from kreisel.calibration.parts import Measured
 from kreisel.calibration.repeatability import LEVEL, MAY_CHANGE, Repeated
+from kreisel.geometry.rotation import Array
 from kreisel.report import plots
-from kreisel.report.plots import Figure
+from kreisel.report.plots import Figure, Trace
 from kreisel.report.table import Row, Table, pair
 from kreisel.report.template import fill
 
@@ -67,14 +67,25 @@ def figure_of(one: Repeated, runs: Sequence[str], together: Measured | None = No
         values, deviations = np.vstack([values, together.value]), np.vstack([deviations, together.deviation])
         names.append("together")
     axes = ("xy", "xz", "yz") if "orthogonality" in one.name or "distances" in one.name else ("x", "y", "z")
-    data: list[dict[str, Any]] = []
+    data: list[Trace] = []
     places = np.arange(len(names), dtype=float)
     for i, name in enumerate(axes):
-        shown = plots.markers(places + 0.12 * (i - 1), values[:, i] - one.mean[i], name, "xyz"[i], size=7)
-        shown["error_y"] = {"type": "data", "array": plots.packed(deviations[:, i]), "color": f"@{'xyz'[i]}"}
-        shown["hovertemplate"] = "%{y:.4g}"
-        data.append(shown)
-    layout = plots.layout_of("recording", f"difference from the mean, {one.unit}")
-    layout["xaxis"] |= {"tickmode": "array", "tickvals": places.tolist(), "ticktext": names, "tickangle": -20}
+        x, y, error = places + 0.12 * (i - 1), values[:, i] - one.mean[i], deviations[:, i]
+        data.append(plots.markers(x, y, name, "xyz"[i], size=7, error=error))
+    x_axis = plots.axis(
+        "recording", range=[-0.5, len(names) - 0.5], ticks=[places.tolist(), [_short(n) for n in names]]
+    )
+    y_axis = plots.axis(f"difference from the mean, {one.unit}", range=_room(values - one.mean, deviations))
     caption = f"Chi-square {one.chi_square:.2f}, expected {one.band[0]:.2f} to {one.band[1]:.2f}. Bars: one deviation."
-    return Figure(one.name, one.title, caption, plots.plot(data, layout))
+    return Figure(one.name, one.title, caption, plots.plot(x_axis, plots.panel(data, y_axis)))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 12 else f"{name[:5]}…{name[-5:]}"
+
+
+def _room(values: Array, deviations: Array) -> list[float]:
+    """Return a range that holds all values with their bars."""
+    low, high = np.nanmin(values - deviations, initial=0.0), np.nanmax(values + deviations, initial=0.0)
+    room = 0.06 * (high - low) or 1.0
+    return [float(low - room), float(high + room)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.report import plots
-from kreisel.report.plots import Figure, Plot
+from kreisel.report.plots import Figure, Trace
 from kreisel.report.table import Row, Table
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
@@ -47,23 +47,23 @@ def write_robustness(lead: str, rows: list[list[str]], columns: Sequence[str], f
 def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
     """Return the distribution of scores: share within so many standard deviations, with the normal one."""
     x = np.linspace(0.0, 4.0, 81)
-    data: list[Plot] = []
+    data: list[Trace] = []
     for i, (name, values) in enumerate(scores):
         ordered = np.sort(np.abs(values))
         share = np.searchsorted(ordered, x, side="right") / ordered.size
         curve = Curve(x.astype(np.float32), share.astype(np.float32))
-        dash = ("solid", "dash", "dot")[i // 3 % 3]
-        data.append(plots.line(curve, name, "xyz"[i % 3], dash=dash, hovertemplate="%{y:.3f} within %{x:.2f} sd"))
+        dash = ("", "dash", "dot")[i // 3 % 3]
+        data.append(plots.line(curve, name, "xyz"[i % 3], dash=dash))
     # share of a normal variable within x, by numerical integration
     fine = np.linspace(0.0, 4.0, 4001)
     density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * fine**2)
     normal = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
     data.append(plots.line(Curve(x.astype(np.float32), np.interp(x, fine, normal).astype(np.float32)), "expected",
-                           "muted", width=2.0, hovertemplate=None, hoverinfo="skip"))  # fmt: skip
+                           "muted", width=2.0))  # fmt: skip
     return Figure(
         "scores",
         "Share of errors within so many standard deviations",
         "Good: every line follows the grey one. Above it standard deviations are too large, below it too small.",
-        plots.plot(data, plots.layout_of("standard deviations", "share of errors", height=360)),
+        plots.simple(data, "standard deviations", "share of errors", height=360),
         shape="wide",
     )

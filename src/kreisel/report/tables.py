@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.evidence import Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
-from kreisel.calibration.parts import Measured, Timing
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY, group_named
-from kreisel.model.parameters import GROUPS, ROBOT_GROUPS, parameter_names
+from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
+from kreisel.recording.recording import DataWarning
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
-from kreisel.report.table import NOTHING, Row, Table, held, number, pair, with_minus
+from kreisel.report.result_tables import Support
+from kreisel.report.table import NOTHING, Row, Table, number, pair, with_minus
 from kreisel.robot.pose_accuracy import PoseAccuracy
 from kreisel.synchronization.clock import Clock
 from kreisel.units import MG, MM, MRAD, MS, PPM
@@ -26,87 +25,41 @@ UNITS: dict[str, tuple[str, float]] = {group.name: (group.unit, group.size) for 
 """Unit a group of parameters is shown in, and its size in SI."""
 
 
-@dataclass(frozen=True)
-class Support:
-    """Which parameters were estimated, and which of them are observable."""
-
-    fixed: tuple[str, ...]
-    held: tuple[str, ...]
-    unobservable: frozenset[str]
-    not_narrowed: frozenset[str]
-    order: int
-
-    @classmethod
-    def of(cls, outcome: Outcome) -> Support:
-        """Return the support of an outcome's parameters."""
-        settings, seen = outcome.problem.settings, outcome.observability
-        return cls(
-            tuple(settings.fixed),
-            tuple(outcome.problem.held),
-            frozenset(seen.unobservable),
-            frozenset(seen.not_narrowed),
-            settings.polynomial_order,
-        )
-
-    def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
-        """Return whether a quantity that depends on groups, or on a part of one, is observable."""
-        for group, word in ((g, w) for g in groups for w, those in self._not_estimated() if g in those):
-            return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
-        names = [name for group in groups for name in parameter_names(group, self.order)[part]]
-        observable = sum(name not in self.unobservable for name in names)
-        if observable == len(names):
-            return "yes"
-        return "no" if observable == 0 else f"in part ({observable} of {len(names)} parameters)"
-
-    def _not_estimated(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        return ("fixed", self.fixed), ("held at nominal", self.held)
-
-    def of_name(self, name: str) -> str:
-        """Return whether one parameter is observable."""
-        if name in self.not_narrowed:
-            return "no"
-        return "too weakly" if name in self.unobservable else "yes"
-
-
-def key_table(outcome: Outcome) -> Table:
-    """Return the result in the terms and units of data sheets: the sensors' errors."""
-    calibration, support = outcome.calibration, Support.of(outcome)
+def rejected_table(outcome: Outcome) -> Table | None:
+    """Return the updates that were rejected, the largest first, each with what is large in it; None without any."""
+    history = outcome.estimate.run.history
+    lost = np.flatnonzero(~history.used)
+    if not lost.size:
+        return None
+    words = [f"{what} {axis}" for what in ("position", "attitude", "velocity") for axis in "xyz"]
+    size = np.nan_to_num(np.abs(history.whitened[lost]))
     rows = []
-    for quantity in QUANTITIES:
-        title = f"{quantity.title} (xy, xz, yz)" if quantity.of == "pairs" else quantity.title
-        word = support.word(quantity.groups)
-        rows.append(_key_row(title, quantity.unit, calibration.derived[quantity.name], word))
-    arms, sd = calibration.sensors.lever_arms / MM, calibration.sensor_sd.lever_arms / MM
-    for j, axis in enumerate("xyz"):
-        word = support.word(("lever_arms",), slice(3 * j, 3 * j + 3))
-        rows.append(_key_row(f"Position of accelerometer {axis} in b", "mm", Measured(arms[j], sd[j]), word))
-    rows.extend(_timing_rows(calibration.timing, support))
-    word = "yes" if "alignment" in outcome.problem.groups else "no: fixed"
-    rows.append(_key_row("Gravity in r", "m/s²", calibration.alignment.gravity, word))
-    columns = ("Error of the sensor", "Unit", "x / xy", "y / xz", "z / yz", "Observable")
-    return Table("Result", columns, tuple(rows), 2, broad=True)
+    for i in np.argsort(-size.max(axis=1))[:_REJECTED]:
+        j = int(np.argmax(size[i]))
+        where = "standstill" if history.at_standstill[lost[i]] else "path"
+        rows.append(Row((f"{history.seconds[lost[i]]:.2f}", where, words[j], number(float(size[i, j]), 3))))
+    title = f"Rejected updates, {len(rows)} of {lost.size}"
+    return Table(title, ("IMU time (s)", "Kind", "Largest in", "Standard deviations"), tuple(rows), 3)
 
 
-def _key_row(title: str, unit: str, found: Measured, word: str) -> Row:
-    bare = word in ("no: fixed", "no: held at nominal")  # of several groups one may be estimated
-    pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
-    cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in pairs]
-    return Row((title, unit, *cells, word), weak=word != "yes")
+_REJECTED = 8
+"""Rejected updates that are listed."""
+
+_RANKS = (
+    ("masked", "lost", "gaps", "while recording", "stamps", "repeats", "clocks"),
+    ("imu", "noise", "outliers", "quaternions", "whiteness", "differences", "offsets", "standstill"),
+    ("effects", "robot", "joints", "reference", "overlap", "motion"),
+)
+"""Subjects of warnings: of data that are not there, of data that do not fit, of what limits the rest."""
 
 
-def _timing_rows(timing: Timing, support: Support) -> list[Row]:
-    word = support.word(("time_offset",))
-    size = timing.offset / MS
-    offset = held(size) if word.startswith("no: ") else pair(size, (timing.offset_sd or 0.0) / MS)
-    rows = [Row(("Time offset of the reference", "ms", offset, "", "", word), weak=word != "yes")]
-    if timing.skew_sd:
-        word = support.word(("time_skew",))
-        skew = pair(timing.skew / PPM, timing.skew_sd / PPM)
-        rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=word != "yes"))
-    elif timing.skew:
-        skew, word = held(timing.skew / PPM), "no: fixed"
-        rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, "", "", word), weak=True))
-    return rows
+def ranked(warnings: Sequence[DataWarning]) -> list[DataWarning]:
+    """Return warnings, those about missing data first, then those about data that do not fit, then the others."""
+
+    def rank(warning: DataWarning) -> int:
+        return next((i for i, subjects in enumerate(_RANKS) if warning.subject in subjects), len(_RANKS))
+
+    return sorted(warnings, key=rank)
 
 
 def excitation_table(excitation: Excitation) -> Table:

@@ -26,24 +26,25 @@ def fill(template: str, drawn: Sequence[Figure], **values: Any) -> str:
     )
     return environment.get_template(template).render(
         version=__version__,
-        plotlyjs=Markup(plots_script()),  # plotly's own script, not data
+        plots_script=Markup(library("uPlot.iife.min.js")),  # uPlot's own text, not data
+        plots_style=Markup(library("uPlot.min.css")),
         drawings=_script({f.name: f.plot for f in drawn}),
         palettes=_script(PALETTES),
         **values,
     )
 
 
-def plots_script() -> str:
-    """Return the script that draws plots in a browser, as the build of the package took it from plotly.
+def library(name: str) -> str:
+    """Return a file of uPlot, which draws plots in a browser.
 
     Raises
     ------
     LibraryError
         If it is missing.
     """
-    path = Path(__file__).with_name("plotly.min.js")
+    path = Path(__file__).with_name("uplot") / name
     if not path.is_file():
-        raise LibraryError(f"the script of plots is missing: {path}; install kreisel again")
+        raise LibraryError(f"a part of the package is missing: {path}; install kreisel again")
     return path.read_text(encoding="utf-8")
 
 

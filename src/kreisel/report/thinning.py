@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, Indices
 
-MAX_POINTS = 4000
-"""Points of a curve: twice what a wide screen has columns."""
+MAX_POINTS = 1600
+"""Points of a curve."""
+
+BUCKETS = 800
+"""Intervals of an envelope: as many as a figure has columns."""
 
 _AT_ONCE = 1 << 20  # points of the full curve that are copied together
 
@@ -23,6 +26,34 @@ class Curve:
 
     x: Single
     y: Single
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Least and greatest value around each x, (n,) each; nan interrupts it."""
+
+    x: Single
+    low: Single
+    high: Single
+
+
+def enveloped(x: Array, y: Array, buckets: int = BUCKETS) -> Envelope:
+    """Return least and greatest value of buckets of neighbours; x (n,) ascending, interrupted as in `thinned`."""
+    width = -(-y.size // buckets)
+    starts = np.arange(0, y.size, width)
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    middle = x[np.minimum(starts + width // 2, x.size - 1)]
+    # neighbouring buckets touch, so that a steep curve has no gaps
+    if width > 1:
+        low[:-1], high[:-1] = np.minimum(low[:-1], high[1:]), np.maximum(high[:-1], low[1:])
+    jumps = np.flatnonzero(np.diff(middle) > _longest_step(x, starts)) + 1
+    x_out, low_out, high_out = (np.insert(part, jumps, np.nan).astype(np.float32) for part in (middle, low, high))
+    return Envelope(x_out, low_out, high_out)
+
+
+def enveloped_axes(x: Array, values: Array) -> tuple[Envelope, ...]:
+    """Return the envelopes of all columns of values (n, m)."""
+    return tuple(enveloped(x, values[:, i]) for i in range(values.shape[1]))
 
 
 def thinned(x: Array, y: Array, points: int = MAX_POINTS) -> Curve:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
@@ -25,11 +24,11 @@ from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.report.data import extract
 from kreisel.report.page import write_report
-from kreisel.report.plots import PALETTES, packed
+from kreisel.report.plots import LEVELS, PALETTES, packed
 from kreisel.report.snippet import snippet
 from kreisel.report.table import number, pair
-from kreisel.report.template import plots_script
-from kreisel.report.thinning import MAX_POINTS, thinned
+from kreisel.report.template import library
+from kreisel.report.thinning import MAX_POINTS, enveloped, thinned
 
 from ...small_cell import simulate
 
@@ -40,7 +39,7 @@ SECTIONS = {
     "uncertainty": "4 Uncertainty",
     "cross-validation": "5 Cross-validation",
 }
-MAX_PAGE = 8_000_000
+MAX_PAGE = 2_000_000
 Parts = tuple[CrossValidation, Injection]
 
 
@@ -69,9 +68,9 @@ def page(outcome: Outcome, parts: Parts, tmp_path_factory: pytest.TempPathFactor
 
 
 def written(outcome: Outcome, folder: Path, **parts: Any) -> str:
-    """Return the page without plotly's script."""
+    """Return the page without the library's script."""
     write_report(outcome, folder / "report.html", **parts)
-    return (folder / "report.html").read_text(encoding="utf-8").replace(plots_script(), "")
+    return (folder / "report.html").read_text(encoding="utf-8").replace(library("uPlot.iife.min.js"), "")
 
 
 def drawings(page: str) -> dict[str, Any]:
@@ -89,9 +88,9 @@ def test_the_five_sections_stand_in_their_order(page: str) -> None:
     assert page.index("<h2>5 Cross-validation</h2>") < page.index("<h2>How to apply</h2>")
 
 
-def test_plotly_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
-    assert page.count(plots_script()) == 1
-    own = page.replace(plots_script(), "")
+def test_the_library_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
+    assert page.count(library("uPlot.iife.min.js")) == 1
+    own = page.replace(library("uPlot.iife.min.js"), "")
     assert re.findall(r"\bsrc\s*=", own) == []
     assert {link for link in re.findall(r'href="([^"]*)"', own) if not link.startswith("#")} == set()
     for word in ("http:", "https:", "//cdn", "fetch(", "XMLHttpRequest", "import(", "@import", "url(", "WebSocket"):
@@ -100,7 +99,7 @@ def test_plotly_is_in_the_page_once_and_nothing_is_fetched(page: str) -> None:
 
 
 def test_every_link_of_the_page_has_its_target(page: str) -> None:
-    own = page.replace(plots_script(), "")
+    own = page.replace(library("uPlot.iife.min.js"), "")
     assert set(re.findall(r'href="#([^"]+)"', own)) <= set(re.findall(r'id="([^"]+)"', own))
 
 
@@ -122,8 +121,8 @@ def test_names_from_outside_are_escaped(outcome: Outcome, tmp_path: Path) -> Non
     own = written(changed, tmp_path)
     assert "<img" not in own
     assert "alert(2)</script>" not in own
-    assert own.count("<script>") == 2
-    assert own.count("&lt;img src=x onerror=alert(1)&gt;") == 6  # title, headline, reference, warning twice, reason
+    assert own.count("<script>") == 3
+    assert own.count("&lt;img src=x onerror=alert(1)&gt;") == 7  # title, headline, name, reference, warning twice, …
 
 
 def test_missing_parts_are_said_with_how_to_get_them(outcome: Outcome, parts: Parts, page: str, tmp_path: Path) -> None:
@@ -181,45 +180,68 @@ def test_a_reference_of_positions_alone_has_no_attitude_figures(recording: Recor
 # ---- the figures ----
 
 
-def test_every_figure_is_one_plotly_knows(page: str) -> None:
+KINDS = {
+    "line": {"x", "y", "dash", "width"},
+    "markers": {"x", "y", "size"},
+    "area": {"x", "low", "high"},
+    "shade": {"from", "to"},
+    "trail": {"x", "y", "width"},
+    "matrix": {"values", "names"},
+}
+
+
+def test_every_figure_is_made_of_what_the_page_draws(page: str) -> None:
     shown = drawings(page)
     assert set(re.findall(r'data-figure="([^"]+)"', page)) == set(shown)
     assert len(shown) >= 19
     for name, plot in shown.items():
-        figure = go.Figure(painted(plot, PALETTES["light"]))
-        axes = [axis for axis in (*figure.select_xaxes(), *figure.select_yaxes()) if axis.visible is not False]
-        assert all(axis.title.text for axis in axes), name
-        assert "@" not in json.dumps(painted(plot, PALETTES["dark"])), name
-
-
-def painted(node: Any, palette: dict[str, str]) -> Any:
-    if isinstance(node, str) and node.startswith("@"):
-        name, _, opacity = node[1:].partition("/")
-        return f"rgba({palette[name]},{opacity or 1})"
-    if isinstance(node, list):
-        return [painted(part, palette) for part in node]
-    if isinstance(node, dict):
-        return {key: painted(part, palette) for key, part in node.items()}
-    return node
+        for panel in plot["panels"]:
+            assert panel["y"]["title"] or panel["y"]["hidden"], name
+            assert plot["x"]["title"] or plot["x"]["hidden"], name
+            for trace in panel["traces"]:
+                assert KINDS[trace["kind"]] <= set(trace), name
+                colour, _, opacity = trace["colour"].removeprefix("@").partition("/")
+                assert all(colour in palette for palette in PALETTES.values()), name
+                assert 0.0 < float(opacity or 1) <= 1.0
 
 
 def test_no_curve_has_more_points_than_a_screen_shows(page: str) -> None:
     for name, plot in drawings(page).items():
-        for trace in plot["data"]:
-            if "x" in trace:
-                assert unpacked(trace["x"]).size <= 2 * MAX_POINTS, name
-                assert unpacked(trace["x"]).size == unpacked(trace["y"]).size
+        for trace in (trace for panel in plot["panels"] for trace in panel["traces"]):
+            sizes = {unpacked(trace[key]).size for key in ("x", "y", "low", "high") if key in trace}
+            assert len(sizes) <= 1, name
+            assert max(sizes, default=0) <= 2 * MAX_POINTS, name
 
 
-def unpacked(array: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
-    assert array["dtype"] == "f4"
-    values = np.frombuffer(base64.b64decode(array["bdata"]), dtype="<f4")
-    return values.reshape([int(n) for n in array["shape"].split(",")]) if "shape" in array else values
+def unpacked(array: dict[str, Any]) -> Array:
+    levels = np.frombuffer(base64.b64decode(array["data"]), dtype="<u2")
+    return np.where(levels > LEVELS, np.nan, array["low"] + levels * array["step"])
 
 
-def test_packing_keeps_single_precision_and_shape() -> None:
-    values = np.random.default_rng(2).normal(size=(3, 5))
-    np.testing.assert_array_equal(unpacked(packed(values)), values.astype(np.float32))
+def test_packing_keeps_what_a_screen_shows_and_the_gaps() -> None:
+    values = np.random.default_rng(2).normal(size=1000)
+    values[[3, 500]] = np.nan
+    found = unpacked(packed(values))
+    np.testing.assert_allclose(found, values, atol=0.5001 * np.ptp(values[np.isfinite(values)]) / LEVELS)
+    assert np.isnan(found[[3, 500]]).all()
+    np.testing.assert_array_equal(unpacked(packed(np.full(3, 7.0))), 7.0)
+    assert np.isnan(unpacked(packed(np.full(3, np.nan)))).all()
+
+
+def test_an_envelope_holds_every_value() -> None:
+    x = np.arange(100_000) * 1e-3
+    x[60_000:] += 50.0
+    y = np.cumsum(np.random.default_rng(1).normal(size=x.size))
+    found = enveloped(x, y, 500)
+    assert found.x.size <= 502
+    assert np.isnan(found.x).sum() == 1
+    assert np.nanmin(found.low) == np.float32(y.min())
+    assert np.nanmax(found.high) == np.float32(y.max())
+    inside = np.flatnonzero(np.isfinite(found.x))[::7]
+    for k in inside:
+        near = y[np.abs(x - found.x[k]) < 0.098]
+        assert found.low[k] <= near.min() + 1e-3
+        assert found.high[k] >= near.max() - 1e-3
 
 
 # ---- the numbers ----
