@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGES := $(filter-out _kernels __pycache__,$(notdir $(patsubst %/,%,$(wildcard src/kreisel/*/))))
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test lint site clean
 
 demo: $(VENV)/.ready
 	$(BIN)/kreisel demo -o demo
@@ -20,8 +20,20 @@ lint: $(VENV)/.ready
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-docs: $(VENV)/.ready
-	$(BIN)/pdoc --docformat numpy --output-directory docs/api $(addprefix kreisel.,$(PACKAGES))
+# The documentation site, site/index.html: pages, API reference, and a gallery made by the commands themselves.
+site: $(VENV)/.ready
+	rm -rf build/gallery build/api site
+	mkdir -p build/gallery
+	$(BIN)/kreisel demo -o build/gallery/demo --seconds 120 >/dev/null
+	find build/gallery/demo -name recording -prune -exec rm -r {} +
+	$(BIN)/kreisel certificate build/gallery/demo/iNAV-FMS/result -o build/gallery/certificate.html --limits fog
+	$(BIN)/kreisel certificate build/gallery/demo/iNAV-FMS/result -o build/gallery/kalibrierschein.html --limits fog --language de
+	$(BIN)/kreisel export build/gallery/demo/iNAV-FMS/result --to c -o build/gallery/imu.h >/dev/null
+	$(BIN)/kreisel export build/gallery/demo/iNAV-FMS/result --to kalibr --grade fog -o build/gallery/imu.yaml >/dev/null
+	$(BIN)/kreisel batch build/lot -o build/gallery/batch --simulate 12 --limits industrial-mems >/dev/null
+	rm -r build/gallery/batch/results build/gallery/batch/results.db
+	$(BIN)/pdoc --docformat numpy --output-directory build/api kreisel $(addprefix kreisel.,$(PACKAGES))
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)
 	$(PYTHON) -m venv $(VENV)
@@ -31,4 +43,4 @@ $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/ke
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo dist docs/api
+	rm -rf $(VENV) demo dist build site

@@ -1,5 +1,6 @@
 """Documentation that runs, and commands that are documented."""
 
+import ast
 import importlib
 import re
 import subprocess
@@ -34,6 +35,50 @@ def test_every_command_has_help_and_documentation():
         for command in group.typer_instance.registered_commands:
             assert command.callback.__doc__, command.name
             assert f"`kreisel {group.name} {command.callback.__name__}" in text
+
+
+def test_commands_in_the_docs_have_the_options_they_are_given():
+    import click
+    from typer.main import get_command
+
+    from kreisel.cli.main import app
+
+    root = get_command(app)
+    lines = [
+        line
+        for page in [*PAGES, DOCS.parent / "README.md"]
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+        for line in block.replace("\\\n", " ").splitlines()
+    ]
+    commands = [match for line in lines for match in re.findall(r"(?:^|\| )kreisel ([^|#>]*)", line)]
+    assert len(commands) > 50
+    for text in commands:
+        words = text.split()
+        command = root.get_command(click.Context(root), words[0])
+        assert command is not None, text
+        if hasattr(command, "get_command"):
+            command = command.get_command(click.Context(command), words[1])
+        known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+        for word in words[1:]:
+            if word.startswith("-") and len(word) > 1:
+                assert word.partition("=")[0] in {*known, "--help", "--version"}, f"{word} in: kreisel {text}"
+
+
+def test_the_messages_of_troubleshooting_are_those_of_the_program():
+    """Texts of the program, with its values left out, contain every message that the page lists."""
+    texts = []
+    for path in (DOCS.parent / "src" / "kreisel").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                texts.append("".join(part.value if isinstance(part, ast.Constant) else "\0" for part in node.values))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    program = "\n".join(texts)
+    page = (DOCS / "reference" / "troubleshooting.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]+)`(?: … `([^`]+)`)?", page, re.M)
+    assert len(rows) > 30
+    for message in (part for row in rows for part in row if part):
+        assert message in program, message
 
 
 def test_every_group_is_documented():

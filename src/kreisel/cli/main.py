@@ -16,10 +16,12 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from kreisel.cli import (  # noqa: E402 - after the environment is set
     apply,
+    batch,
     calibrate,
     certificate,
     convert,
     demo,
+    doctor,
     export,
     info,
     krl,
@@ -53,6 +55,8 @@ app.command("export")(export.export)
 app.command("certificate")(certificate.certificate)
 app.command("verify")(certificate.verify)
 app.command("key")(certificate.key)
+app.command("batch")(batch.batch)
+app.command("history")(batch.history)
 app.command("repeat")(repeat.repeat)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)
@@ -64,6 +68,7 @@ app.command("recover")(record.recover)
 app.command("watch")(watch.watch)
 app.command("virtual-cell")(virtual_cell.virtual_cell)
 app.command("demo")(demo.demo)
+app.command("doctor")(doctor.doctor)
 
 
 @app.callback(invoke_without_command=True)

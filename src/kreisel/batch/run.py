@@ -1,0 +1,79 @@
+"""What became of one recording of a batch."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from typing import Any
+
+from kreisel.calibration.parts import CalibrationParts
+from kreisel.calibration.result_document import from_document
+
+_EPOCH_NS = 946_684_800_000_000_000
+"""2000-01-01; earlier stamps are no dates."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recording of a batch, calibrated or not.
+
+    Attributes
+    ----------
+    key
+        Of its `Job`.
+    name, unit
+        The recording; the device's serial number, or the recording's name where none is stated.
+    maker, type
+        Of the device, empty where they are not stated.
+    date
+        Of the recording, ISO; None where neither recording.toml nor the stamps tell it.
+    error
+        Why it was not calibrated; None where it was.
+    text
+        The result document as JSON; None where it was not calibrated.
+    """
+
+    key: str
+    name: str
+    unit: str
+    maker: str
+    type: str
+    date: str | None
+    error: str | None
+    text: str | None
+
+    @cached_property
+    def document(self) -> Mapping[str, Any]:
+        """The result document; empty where it was not calibrated."""
+        return {} if self.text is None else dict(json.loads(self.text))
+
+    @cached_property
+    def parts(self) -> CalibrationParts | None:
+        """The result; None where it was not calibrated."""
+        return None if self.text is None else from_document(self.document)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was calibrated, and accepted."""
+        return self.parts is not None and self.parts.verdict.accepted
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a few words."""
+        return "Failed" if self.parts is None else self.parts.verdict.headline
+
+
+def date_of(certificate: Mapping[str, str], begin_ns: int | None) -> str | None:
+    """Return the date of a recording: as stated, or that of its first stamp where this is one."""
+    stated = certificate.get("date")
+    if stated is not None:
+        try:
+            return datetime.fromisoformat(stated).date().isoformat()
+        except ValueError:
+            return None
+    if begin_ns is None or begin_ns < _EPOCH_NS:
+        return None
+    return datetime.fromtimestamp(begin_ns * 1e-9, tz=UTC).date().isoformat()

@@ -1,0 +1,166 @@
+"""`kreisel batch` and `kreisel history`: many units, and one unit over the years."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from kreisel.batch.lot import Unit
+    from kreisel.batch.run import Run
+    from kreisel.batch.work import Map
+
+
+def batch(
+    folder: Path = typer.Argument(..., help="Folder with recordings, at any depth."),
+    output: Path = typer.Option(..., "-o", "--output", help="Folder for results; a batch in it is continued."),
+    jobs: int = typer.Option(2, "--jobs", min=1, help="Local processes."),
+    scheduler: str | None = typer.Option(None, help="A running dask scheduler, tcp://host:port, instead."),
+    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+    database: Path | None = typer.Option(None, "--db", help="File of results, SQLite; by default OUT/results.db."),
+    fix: list[str] = typer.Option([], help="Group or parameter not to estimate; may be repeated."),
+    reports: bool = typer.Option(False, "--reports", help="Write a report for each unit; half as long again."),
+    simulate: int | None = typer.Option(
+        None, min=1, help="First simulate so many units into FOLDER, each another device; for a trial."
+    ),
+    seconds: float = typer.Option(60.0, min=30.0, help="With --simulate: length of each recording, s."),
+    json: bool = typer.Option(False, "--json", help="Print the summary as one JSON object."),
+) -> None:
+    """Calibrate all recordings in a folder, and write one table, one page and one file of results."""
+    from kreisel.batch.found import jobs_in
+    from kreisel.batch.lot import table, units_of
+    from kreisel.batch.pages import write_batch
+    from kreisel.batch.store import Store
+    from kreisel.batch.work import Batch, calibrate_all
+    from kreisel.calibration.limits import limits_named
+    from kreisel.cli.output import check_output
+    from kreisel.model.known import parse_fixed
+    from kreisel.model.settings import CalibrationSettings
+
+    known = None if limits is None else limits_named(limits)
+    check_output(output)
+    distribute = _map(jobs, scheduler)
+    if simulate is not None:
+        _simulate(folder, simulate, seconds, distribute)
+    settings = CalibrationSettings(fixed=parse_fixed(fix))
+    output.mkdir(parents=True, exist_ok=True)
+    work = Batch(jobs_in(folder, output, settings), settings, (output / "results").resolve(), reports)
+    with Store(database or output / "results.db") as store:
+        done = len(store.keys() & {job.key for job in work.jobs})
+        if done and not json:
+            typer.echo(f"{done} of {len(work.jobs)} are done already")
+        with _progress(len(work.jobs), done) as show:
+            runs = calibrate_all(work, store, distribute, show)
+    units = units_of(runs, known)
+    (output / "table.csv").write_text(table(units), encoding="utf-8")
+    write_batch(units, known, f"{folder}", reports, output / "batch.html")
+    _say(units, output, as_json=json)
+
+
+def history(
+    unit: str = typer.Argument(..., help="The unit: its serial number, or the recording's name."),
+    database: Path = typer.Option(..., "--db", help="File of results of `kreisel batch`."),
+    output: Path = typer.Option(..., "-o", "--output", help="Page to write, .html."),
+    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+) -> None:
+    """Write the history of a unit: its errors over the years, how they age, and when it is due again."""
+    from kreisel.batch.history import history_of
+    from kreisel.batch.pages import ageing_table, write_history
+    from kreisel.batch.store import Store
+    from kreisel.calibration.limits import limits_named
+    from kreisel.cli.tables import print_rows
+    from kreisel.errors import RecordingError, SettingsError
+
+    known = None if limits is None else limits_named(limits)
+    if not database.is_file():
+        raise RecordingError("no such file; `kreisel batch` makes it", file=database)
+    with Store(database) as store:
+        runs = store.of_unit(unit)
+        if not runs:
+            units = store.units()
+            more = f" and {len(units) - 10} more" if len(units) > 10 else ""
+            raise SettingsError(f"no unit '{unit}' in {database}; it has {', '.join(units[:10])}{more}")
+    found = history_of(unit, runs, known)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_history(found, known, output)
+    shown = ageing_table(found)
+    print_rows(f"unit {unit}, {len(found.runs)} calibrations", shown.columns, [list(row.cells) for row in shown.rows])
+    due = found.due.day.isoformat() if found.due.day is not None else "none"
+    typer.echo(f"next due: {due}; {found.due.reason}")
+    typer.echo(f"written: {output}")
+
+
+def _map(jobs: int, scheduler: str | None) -> Map:
+    """Return what does the work: this process alone, local processes, or a cluster."""
+    from functools import partial
+
+    from kreisel.batch.work import one_after_another
+
+    if scheduler is None and jobs == 1:
+        return one_after_another
+    from kreisel.study.dask import dask_map
+
+    return partial(dask_map, scheduler=scheduler, workers=jobs)
+
+
+def _simulate(folder: Path, count: int, seconds: float, distribute: Map) -> None:
+    """Write simulated units that are not in the folder yet."""
+    from functools import partial
+
+    from kreisel.batch.simulated import simulate_unit, unit_folder
+
+    waiting = [number for number in range(count) if not unit_folder(folder, number).is_dir()]
+    if not waiting:
+        return
+    typer.echo(f"simulate {len(waiting)} units of {seconds:g} s", err=True)
+    with _progress(len(waiting), 0) as show:
+        for _ in distribute(partial(simulate_unit, folder.resolve(), seconds), waiting):
+            show(None)
+
+
+class _progress:  # noqa: N801 - a context, as a function would be
+    """Show on a terminal how many are done, and how many of those were not accepted."""
+
+    def __init__(self, total: int, done: int) -> None:
+        self._total, self._done, self._bad = total, done, 0
+
+    def __enter__(self) -> Callable[[Run | None], None]:
+        from kreisel.cli.progress import progress_bar
+
+        self._bar = progress_bar()
+        show = self._bar.__enter__()
+
+        def report(run: Run | None) -> None:
+            self._done += 1
+            self._bad += run is not None and not run.accepted
+            if show is not None:
+                text = f"{self._done} of {self._total}" + (f", {self._bad} not accepted" if self._bad else "")
+                show(text, self._done / self._total)
+
+        return report
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.__exit__(*error)  # type: ignore[arg-type]
+
+
+def _say(units: Sequence[Unit], output: Path, *, as_json: bool) -> None:
+    import json
+
+    from kreisel.batch.lot import counts, good
+
+    if as_json:
+        summary = {"units": len(units), "good": good(units), "outcomes": counts(units), "output": str(output)}
+        typer.echo(json.dumps(summary))
+        return
+    own = ", ".join(f"{count} {outcome}" for outcome, count in counts(units).items())
+    typer.echo(f"{len(units)} units: {own}; yield {100.0 * good(units) / len(units):.1f} %")
+    outlying = [unit for unit in units if unit.outliers]
+    for unit in outlying[:5]:
+        typer.echo(f"· {unit.run.name}: {unit.outliers[0].text}")
+    if len(outlying) > 5:
+        typer.echo(f"· and {len(outlying) - 5} more outliers")
+    typer.echo(f"written: {output}/batch.html, table.csv, results.db, results/")

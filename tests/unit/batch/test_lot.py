@@ -1,0 +1,170 @@
+"""All units of a batch: outcomes, outliers, the table, the file of results, and what is not done twice."""
+
+import csv
+import json
+import sqlite3
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+
+from kreisel.batch.found import jobs_in
+from kreisel.batch.lot import counts, good, table, units_of
+from kreisel.batch.pages import write_batch, write_history
+from kreisel.batch.run import Run
+from kreisel.batch.store import Store
+from kreisel.batch.work import Batch, calibrate_all, one_after_another
+from kreisel.calibration.limits import Limits
+from kreisel.calibration.parts import Measured, Verdict
+from kreisel.errors import RecordingError
+from kreisel.model.settings import CalibrationSettings
+
+from ..calibration.example import calibration
+
+
+def run(k: int, bias: float = 0.0, sd: float = 0.1, *, accepted: bool = True, error: str | None = None) -> Run:
+    if error is not None:
+        return Run(f"k{k}", f"u{k:03d}", f"{k}", "m", "t", None, error, None)
+    own = replace(
+        calibration(),
+        derived={"accel_bias_mg": Measured(np.array([bias, 0.0, 1e-17]), np.full(3, sd))},
+        verdict=Verdict(accepted, () if accepted else ("it does not fit",)),
+    )
+    return Run(f"k{k}", f"u{k:03d}", f"{k}", "m", "t", "2026-01-01", None, json.dumps(own.document))
+
+
+LIMITS = Limits({"accel_bias_mg": 10.0}, file="limits.toml")
+
+
+def test_outcomes_and_yield():
+    runs = [run(0, 1.0), run(1, 9.95), run(2, 12.0), run(3, accepted=False), run(4, error="no IMU")]
+    units = units_of(runs, LIMITS)
+    assert [unit.outcome for unit in units] == ["conforms", "no decision", "does not conform", "rejected", "failed"]
+    assert counts(units) == dict.fromkeys(["conforms", "no decision", "does not conform", "rejected", "failed"], 1)
+    assert good(units) == 1
+    assert [unit.outcome for unit in units_of(runs, None)][:3] == ["accepted"] * 3
+    assert good(units_of(runs, None)) == 3
+
+
+def test_a_unit_far_from_its_lot_is_an_outlier():
+    rng = np.random.default_rng(4)
+    runs = [run(k, float(rng.normal())) for k in range(40)] + [run(40, 8.0)]
+    units = units_of(runs, None)
+    found = [unit.run.name for unit in units if unit.outliers]
+    assert found == ["u040"]
+    (outlier,) = units[40].outliers
+    assert outlier.axis == 0
+    values = [unit.run.parts.derived["accel_bias_mg"].value[0] for unit in units]
+    middle = np.median(values)
+    spread = 1.4826 * np.median(np.abs(values - middle))
+    assert outlier.score == pytest.approx((8.0 - middle) / np.hypot(spread, 0.1))
+    # an unsure one is none
+    unsure = [*runs[:40], run(40, 8.0, sd=3.0)]
+    assert not any(unit.outliers for unit in units_of(unsure, None))
+    # another type is another lot
+    assert not units_of([*runs[:40], replace(runs[40], type="other")], None)[40].outliers
+
+
+def test_few_units_are_no_lot():
+    assert not any(unit.outliers for unit in units_of([run(k, 100.0 * (k == 3)) for k in range(7)], None))
+
+
+def test_the_table_has_every_digit():
+    runs = [run(0, 0.1 + 0.2), run(1, error="a, b\nc")]
+    rows = list(csv.DictReader(StringIO(table(units_of(runs, LIMITS)))))
+    assert float(rows[0]["accel_bias_mg.x"]) == 0.1 + 0.2
+    assert rows[0]["accel_bias_mg.z"] == "1e-17"
+    assert rows[1]["error"] == "a, b\nc"
+    assert rows[1]["accel_bias_mg.x"] == ""
+    assert "mounting" not in table([])
+
+
+def test_the_file_of_results_is_plain_sqlite(tmp_path):
+    path = tmp_path / "results.db"
+    with Store(path) as store:
+        for k in range(3):
+            store.add(run(k, float(k)))
+        store.add(run(1, 7.0))  # replaced
+        store.add(run(9, error="broken"))
+        assert store.keys() == {"k0", "k1", "k2", "k9"}
+        assert [one.name for one in store.runs()] == ["u000", "u001", "u002", "u009"]
+        assert [one.name for one in store.runs(["k2"])] == ["u002"]
+        assert store.units() == ["0", "1", "2", "9"]
+        assert store.of_unit("2") == [run(2, 2.0)]
+    with sqlite3.connect(path) as connection:
+        rows = connection.execute(
+            "select name, value from runs join quantities using (key) where quantity = 'accel_bias_mg' and axis = 0 "
+            "order by name"
+        ).fetchall()
+    assert rows == [("u000", 0.0), ("u001", 7.0), ("u002", 2.0)]
+
+
+def test_another_file_is_not_overwritten(tmp_path):
+    other = tmp_path / "other.db"
+    with sqlite3.connect(other) as connection:
+        connection.execute("create table mine (x)")
+    with pytest.raises(RecordingError, match="version 0 of the file of results, expected 1"):
+        Store(other)
+    text = tmp_path / "text.db"
+    text.write_text("hello " * 1000)
+    with pytest.raises(RecordingError, match="cannot be used as a file of results"):
+        Store(text)
+
+
+def folder_of(tmp_path, names):
+    for name in names:
+        (tmp_path / "in" / name / "imu0").mkdir(parents=True)
+        (tmp_path / "in" / name / "imu0" / "data.csv").write_text("x")
+    return tmp_path / "in"
+
+
+def test_recordings_are_found_at_any_depth_and_the_output_is_left_out(tmp_path):
+    folder = folder_of(tmp_path, ["a", "lot/b", "lot/c", "out/results/a"])
+    (folder / "d.mcap").write_bytes(b"")
+    (folder / "notes.txt").write_text("")
+    (folder / ".hidden").mkdir()
+    found = jobs_in(folder, folder / "out", CalibrationSettings())
+    assert [job.name for job in found] == ["a", "d.mcap", "lot/b", "lot/c"]
+    assert len({job.key for job in found}) == 4
+    again = jobs_in(folder, folder / "out", CalibrationSettings())
+    assert again == found
+    other = jobs_in(folder, folder / "out", CalibrationSettings(polynomial_order=2))
+    assert not {job.key for job in found} & {job.key for job in other}
+    (folder / "a" / "imu0" / "data.csv").write_text("xy")
+    changed = jobs_in(folder, folder / "out", CalibrationSettings())
+    assert [a.key == b.key for a, b in zip(found, changed, strict=True)] == [False, True, True, True]
+    with pytest.raises(RecordingError, match="holds no recordings"):
+        jobs_in(folder / "lot" / "b" / "imu0", tmp_path / "x", CalibrationSettings())
+    with pytest.raises(RecordingError, match="no such folder"):
+        jobs_in(tmp_path / "none", tmp_path / "x", CalibrationSettings())
+
+
+def test_what_is_done_is_not_done_again_and_a_failure_is_kept(tmp_path):
+    folder = folder_of(tmp_path, ["a", "b"])
+    jobs = jobs_in(folder, tmp_path / "out", CalibrationSettings())
+    batch = Batch(jobs, CalibrationSettings(), tmp_path / "out" / "results", False)
+    seen: list[str] = []
+    with Store(tmp_path / "r.db") as store:
+        runs = calibrate_all(batch, store, one_after_another, lambda one: seen.append(one.name))
+        assert seen == ["a", "b"]
+        assert all("has no header line" in (one.error or "") or "header" in (one.error or "") for one in runs)
+        again = calibrate_all(batch, store, one_after_another, lambda one: seen.append(one.name))
+        assert seen == ["a", "b"]
+        assert again == runs
+
+
+def test_pages_are_complete_and_escape_names(tmp_path):
+    hostile = "<b>&"
+    runs = [replace(run(k, float(k % 5)), name=hostile if k == 0 else f"u{k}") for k in range(12)]
+    write_batch(units_of(runs, LIMITS), LIMITS, "lead", False, tmp_path / "batch.html")
+    page = (tmp_path / "batch.html").read_text()
+    assert "&lt;b&gt;&amp;" in page
+    assert "<b>&<" not in page
+    assert "12 of 12 units within all limits" in page
+    from kreisel.batch.history import history_of
+
+    dated = [replace(one, date=f"20{10 + k}-05-01") for k, one in enumerate(runs)]
+    found = history_of(hostile, dated, LIMITS)
+    write_history(found, LIMITS, tmp_path / "history.html")
+    assert "<h1>&lt;b&gt;&amp;</h1>" in (tmp_path / "history.html").read_text()
