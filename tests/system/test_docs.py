@@ -81,6 +81,24 @@ def test_the_messages_of_troubleshooting_are_those_of_the_program():
         assert message in program, message
 
 
+def test_the_table_of_grades_is_true():
+    from kreisel.calibration.limits import limits_of_grade
+    from kreisel.inertial.noise import GRADES
+    from kreisel.units import DEG_PER_ROOT_HOUR, MG
+
+    page = (DOCS / "reference" / "grades.md").read_text(encoding="utf-8")
+    rows = {row[0]: row[1:] for row in re.findall(r"^\| `([\w-]+)` \|" + r" ([\d.]+) \|" * 7, page, re.M)}
+    assert rows.keys() == GRADES.keys()
+    for name, grade in GRADES.items():
+        limits = limits_of_grade(name).values
+        want = [
+            grade.gyro_noise_density / DEG_PER_ROOT_HOUR, grade.accel_noise_density / MG, limits["gyro_bias_deg_h"],
+            limits["accel_bias_mg"], limits["gyro_scale_error_ppm"], limits["accel_scale_error_ppm"],
+            limits["gyro_non_orthogonality_mrad"],
+        ]  # fmt: skip
+        assert [float(x) for x in rows[name]] == pytest.approx(want, rel=5e-3)
+
+
 def test_every_group_is_documented():
     from kreisel.model.parameters import GROUPS
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kreisel.application.tables import CorrectedTable
+from kreisel.application.units import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.folder import is_folder
@@ -52,6 +53,7 @@ def apply_to_file(
     imu: str | None = None,
     columns: Iterable[str] = (),
     topic: str = TOPIC,
+    force: bool = False,
     progress: StepProgress | None = None,
 ) -> Applied:
     """Write angular rate and specific force of the readings in a file or folder.
@@ -69,6 +71,8 @@ def apply_to_file(
         Which columns of a table of another shape hold what.
     topic
         Name of the further topic.
+    force
+        Do not check whether the readings' units are plausible.
 
     Raises
     ------
@@ -82,16 +86,18 @@ def apply_to_file(
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = list(columns)
     if is_bag(raw) and out.suffix.lower() != ".csv":
-        return _to_bag(calibration, raw, out, imu, topic)
+        return _to_bag(calibration, raw, out, imu, topic, force=force)
     mapped = mapped_recording(raw, columns) if columns or not _is_usual_table(raw) else None
     if is_bag(raw) or mapped is not None:
         samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
+        if not force:
+            check_units(samples, stated=mapped is not None)
         return _to_table(calibration, samples, out, warnings)
     table = raw
     if raw.is_dir():
         table = (raw if (raw / "imu0").is_dir() else raw / "mav0") / (imu or "imu0") / "data.csv"
         out = out if out.suffix.lower() == ".csv" else out / (imu or "imu0") / "data.csv"
-    return _table_to_table(calibration, table, out, progress)
+    return _table_to_table(calibration, table, out, progress, force=force)
 
 
 def _is_usual_table(raw: Path) -> bool:
@@ -110,10 +116,12 @@ def _is_usual_table(raw: Path) -> bool:
     return True
 
 
-def _table_to_table(calibration: Calibration, table: Path, out: Path, progress: StepProgress | None) -> Applied:
+def _table_to_table(
+    calibration: Calibration, table: Path, out: Path, progress: StepProgress | None, *, force: bool
+) -> Applied:
     if not table.is_file():
         raise RecordingError("no such file; expected IMU readings there", file=table)
-    corrected, size = CorrectedTable(calibration, table), max(table.stat().st_size, 1)
+    corrected, size = CorrectedTable(calibration, table, check=not force), max(table.stat().st_size, 1)
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(f"{out.name}.partial")
     try:
@@ -154,7 +162,7 @@ def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array]
         raise RecordingError(error.message, file=raw.source) from error
 
 
-def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, topic: str) -> Applied:
+def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, topic: str, *, force: bool) -> Applied:
     from kreisel.formats.bag_copy import copy_with_topic, imu_messages
 
     kind = raw.suffix.lower() if raw.is_file() and raw.suffix.lower() in (".mcap", ".bag") else ""
@@ -162,6 +170,8 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
         wanted = f"a name that ends in {kind}" if kind else "a folder (a ROS 2 bag)"
         raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
     found = imu_messages(raw, imu)
+    if not force:
+        check_units(found.samples, stated=False)
     omega, f = _corrected(calibration, found.samples)
     copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
     return Applied(out, len(omega), tuple(map(str, found.warnings)))

@@ -8,13 +8,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kreisel.application.units import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.formats.imu_lines import ImuLines
+from kreisel.formats.imu_lines import ImuLines, ImuRows
 from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import ImuSamples
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 """Columns of what is written; in front of it the stamps as they were read, behind it the other columns."""
+
+
+_CHECKED = 200
+"""Rows whose units are checked together: fewer may be a moment of free fall."""
 
 
 class CorrectedTable:
@@ -26,6 +32,8 @@ class CorrectedTable:
         It says in which axes.
     source
         The file, or a name of the stream, for messages.
+    check
+        Whether to check the units of the first readings.
 
     Attributes
     ----------
@@ -33,7 +41,9 @@ class CorrectedTable:
         Number of rows returned so far.
     """
 
-    def __init__(self, calibration: Calibration, source: Path) -> None:
+    def __init__(self, calibration: Calibration, source: Path, *, check: bool = True) -> None:
+        self._check = check
+        self._first: list[ImuRows] = []
         self._lines, self._stream = ImuLines(source), calibration.stream()
         self._waiting: deque[tuple[str, str]] = deque()
         self._source, self._header_written = source, False
@@ -51,12 +61,25 @@ class CorrectedTable:
         out = self._header()
         if found is None:
             return out
+        if self._check:
+            self._look_at(found)
         self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
         try:
             done = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
         except RecordingError as error:
             raise RecordingError(error.message, file=self._source) from error
         return out + self._written(done)
+
+    def _look_at(self, rows: ImuRows) -> None:
+        """Check the units of the first rows, once there are enough of them."""
+        self._first.append(rows)
+        if sum(len(part.rates) for part in self._first) >= _CHECKED:
+            stamps, rates, forces = (
+                np.concatenate([getattr(part, name) for part in self._first])
+                for name in ("stamps_ns", "rates", "accelerations")
+            )
+            check_units(ImuSamples(stamps, rates, forces, self._source), stated=False)
+            self._check, self._first = False, []
 
     def close(self) -> tuple[bytes, str | None]:
         """Return the last rows, and the text of a last line without an end, which was left out.

@@ -105,6 +105,7 @@ def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[Dat
         certificate=recording.settings.certificate.model_dump(exclude_none=True),
         digest=recording.sha256,
         begin_ns=int(imu.stamps_ns[0]),
+        reference_kind=recording.settings.reference.kind or "",
     )
 
 

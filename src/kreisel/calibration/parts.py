@@ -100,6 +100,8 @@ class RecordingFacts:
         SHA-256 of its data; see `recording.digest`.
     begin_ns
         The IMU's first stamp.
+    reference_kind
+        "robot" or "mocap", as stated; empty where it was not.
     """
 
     name: str
@@ -115,6 +117,7 @@ class RecordingFacts:
     certificate: Mapping[str, str] = field(default_factory=dict)
     digest: str | None = None
     begin_ns: int | None = None
+    reference_kind: str = ""
 
     @property
     def title(self) -> str:

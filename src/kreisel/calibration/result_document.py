@@ -249,6 +249,7 @@ def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
         **temperature,
         **({} if facts.noise is None else {"noise": _noise_table(facts.noise)}),
         **{name: dict(table) for name, table in _texts_of(facts).items() if table},
+        **({"reference_kind": facts.reference_kind} if facts.reference_kind else {}),
         **({} if facts.digest is None else {"sha256": facts.digest, "begin_ns": facts.begin_ns}),
         "findings": list(facts.warnings),
     }
@@ -268,6 +269,7 @@ def _recording(table: Mapping[str, Any]) -> RecordingFacts:
         **{name: _texts(_table(table, name)) for name in ("device", "certificate")},
         digest=None if table.get("sha256") is None else str(table["sha256"]),
         begin_ns=None if table.get("begin_ns") is None else int(table["begin_ns"]),
+        reference_kind=str(table.get("reference_kind", "")),
     )
 
 

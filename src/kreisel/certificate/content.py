@@ -123,7 +123,7 @@ def certificate_of(
         tuple(_facts(calibration, fields, own, language, today)),
         tuple(rows["axes"]),
         tuple(rows["pairs"]),
-        tuple(_effects(calibration, language)),
+        tuple(_effects(calibration, own, language)),
         tuple(notes),
         "" if calibration.recording is None else calibration.recording.digest or "",
         limits is not None,
@@ -144,8 +144,10 @@ def _facts(
     if temperature is None and recording is not None and recording.temperature_c is not None:
         temperature = f"{number(f'{recording.temperature_c:.1f}', language)} °C"
     out.append((own["temperature"], temperature or nothing))
-    seen = "" if recording is None else own["poses_of"].format(
-        poses=recording.reference_poses, name=recording.reference, seconds=recording.duration_s)  # fmt: skip
+    seen = ""
+    if recording is not None:
+        name = own.get(recording.reference_kind, recording.reference)
+        seen = own["poses_of"].format(poses=recording.reference_poses, name=name, seconds=recording.duration_s)
     stated = fields.get("reference")
     out.append((own["reference"], "; ".join(text for text in (stated, seen) if text) or nothing))
     out.append((own["traceability"], fields.get("traceability", own["no_traceability"])))
@@ -171,10 +173,17 @@ def _row(one: Judged, own: Mapping[str, str], language: str) -> Row:
         own[one.quantity.name],
         one.quantity.unit,
         tuple(_pair(x, u, language) + mark for x, u in zip(one.values, one.uncertainties, strict=True)),
-        "" if one.limit is None else f"± {number(f'{one.limit:.3g}', language)}",
+        "" if one.limit is None else f"± {_limit(one.limit, language)}",
         "" if one.decision is None else own[one.decision.value],
         "" if one.decision is None else one.decision.name.lower(),
     )
+
+
+def _limit(value: float, language: str) -> str:
+    """Return a limit to three digits, never with an exponent; thin blanks divide thousands."""
+    places = 2 - math.floor(math.log10(value))
+    text = f"{round(value, places):,.{max(places, 0)}f}".replace(",", "\u202f")
+    return number(text, language)
 
 
 def _pair(value: float, uncertainty: float, language: str) -> str:
@@ -190,7 +199,7 @@ def _pair(value: float, uncertainty: float, language: str) -> str:
     return number(f"{value:.{places}f} ± {rounded:.{places}f}".replace("-", "−"), language)
 
 
-def _effects(calibration: Calibration, language: str) -> list[Row]:
+def _effects(calibration: Calibration, own: Mapping[str, str], language: str) -> list[Row]:
     """Return the effects beyond offset and matrix that were estimated, in the units of the report."""
     document = calibration.document
     deviations = dict(zip(calibration.names, np.sqrt(np.diag(calibration.covariance)), strict=True))
@@ -206,7 +215,9 @@ def _effects(calibration: Calibration, language: str) -> list[Row]:
                 _pair(_value(document, name) / group.size, COVERAGE * float(deviations[name]) / group.size, language)
                 for name in part
             )
-            title = part[0] if size == 1 else re.sub(r"(\[|,)\d+\]$", "", part[0])
+            title = own.get(group.name, part[0])
+            if len(names) > 3:
+                title += f", {start // size + 1}"
             out.append(Row(title, group.unit, texts + ("",) * (3 - len(texts))))
     return out
 

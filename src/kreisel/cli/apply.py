@@ -34,7 +34,9 @@ def apply(
     ),
     topic: str = typer.Option("/imu/data_calibrated", help="Topic of corrected readings in the copy of a bag."),
     seconds: float | None = typer.Option(None, min=0.1, help="End after so many seconds; for devices."),
-    force: bool = typer.Option(False, "--force", help="Use a calibration that was rejected."),
+    force: bool = typer.Option(
+        False, "--force", help="Use a calibration that was rejected, and readings in implausible units."
+    ),
 ) -> None:
     """Write true angular rate and specific force of raw readings.
 
@@ -60,7 +62,14 @@ def apply(
         return
     with progress_bar() as show:
         done = apply_to_file(
-            chosen, Path(raw), Path(output), imu=imu, columns=columns, topic=topic, progress=of_step(show, "apply")
+            chosen,
+            Path(raw),
+            Path(output),
+            imu=imu,
+            columns=columns,
+            topic=topic,
+            force=force,
+            progress=of_step(show, "apply"),
         )
     for warning in done.warnings:
         typer.echo(f"· {warning}", err=True)

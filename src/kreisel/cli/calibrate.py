@@ -89,7 +89,10 @@ def calibrate(
         return
     if len(recordings) > 1 or same or own:
         raise SettingsError(
-            "several recordings: --joint makes one calibration of them, `kreisel repeat` compares them"
+            "two tables of one recording: give the folder that holds them; recording.toml in it, or --map, says what "
+            "their columns hold"
+            if len(recordings) > 1 and all(path.suffix.lower() in (".csv", ".txt", ".tsv") for path in recordings)
+            else "several recordings: --joint makes one calibration of them, `kreisel repeat` compares them"
             if len(recordings) > 1
             else "--same and --own are for several recordings with --joint"
         )

@@ -33,7 +33,7 @@ def info(
         if isinstance(table, dict):
             typer.echo(f"{title}")
             for name, value in table.items():
-                typer.echo(f"  {name:<28}{_text(value)}")
+                typer.echo(f"  {name:<30}{_text(value)}")
     for line in facts["findings"]:
         typer.echo(f"· {line}")
 
@@ -62,11 +62,11 @@ def _facts(recording: Recording) -> dict[str, Any]:
             "sha256 of all data": recording.sha256,
             "duration s": float(imu.seconds[-1]),
             "rate Hz": 1.0 / imu.interval,
-            "stamp jitter us": float(np.std(steps[steps < 1.6 * imu.interval]) * 1e6),
+            "stamp jitter us": round(float(np.std(steps[steps < 1.6 * imu.interval]) * 1e6), 6),
             "longest step ms": float(steps.max() * 1e3),
-            "rate rms x y z deg/s": np.rad2deg(np.std(imu.rates, axis=0)).tolist(),
+            "rate rms x y z deg/s": np.rad2deg(np.sqrt(np.mean(imu.rates**2, axis=0))).tolist(),
             "rate peak x y z deg/s": np.rad2deg(np.abs(imu.rates).max(axis=0)).tolist(),
-            "acceleration rms x y z m/s^2": np.std(imu.accelerations, axis=0).tolist(),
+            "acceleration rms x y z m/s^2": np.sqrt(np.mean(imu.accelerations**2, axis=0)).tolist(),
             "gyro noise deg/s/sqrt(Hz)": np.rad2deg(high_frequency_density(imu.rates, imu.interval)).tolist(),
             "accel noise mg/sqrt(Hz)": (high_frequency_density(imu.accelerations, imu.interval) / 9.80665e-3).tolist(),
         }

@@ -39,7 +39,8 @@ class ExportNoise:
             words = ", ".join(NAMES[name] for name in missing)
             raise SettingsError(
                 f"nothing states the {words}; give --grade NAME, or --at-rest RECORDING with an hour of readings at "
-                "rest (the noise that the filter assumed contains errors of the model, and is not used)"
+                "rest, or state [imu] gyro_noise_density, gyro_random_walk and so on in recording.toml and calibrate "
+                "again (the noise that the filter assumed contains errors of the model, and is not used)"
             )
         return self
 

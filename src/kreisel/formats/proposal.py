@@ -86,9 +86,10 @@ def unknown_columns(path: Path) -> UnknownColumnsError:
             file=path,
         )
     names = ", ".join(file.name for file in found)
+    place = (path if path.is_dir() else path.parent) / "recording.toml"
     return UnknownColumnsError(
-        f"which columns of {names} hold what is not said; write the mapping above into recording.toml beside it, if it "
-        "is right, or give --map",
+        f"which columns of {names} hold what is not said; write the mapping above into {place}, if it is right, or "
+        "give --map",
         text,
         file=path,
     )
@@ -115,6 +116,8 @@ def proposal(path: Path) -> str:
     for name, table in best.columns.model_dump(exclude_none=True).items():
         if table:
             lines.append(toml_table(f"columns.{name}", table))
+    if best.columns.reference.time is not None and settings_beside(path).reference.kind is None:
+        lines.append('# are these poses of motion capture? Then: [reference] kind = "mocap". A robot is assumed without it')
     return "\n".join(lines).rstrip()
 
 

@@ -31,6 +31,9 @@ _SENSORS: dict[Literal["gyro", "accel"], str] = {"gyro": "gyros", "accel": "acce
 MISSTATED = 4.0
 """Factor by which readings at rest are noisier than stated only if what is stated is of another device."""
 
+DOUBTFUL = 2.0
+"""The same factor from which on it is worth a warning."""
+
 _QUIET, _PARTS = 200, 100
 """Samples of a part in which noise is looked for, and number of parts."""
 
@@ -90,6 +93,11 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         accel_drift=_drift(imu.accelerations, accel),
         observed=(_size(observed["gyro"]), _size(observed["accel"])),
         misstated={_SENSORS[name]: ratios[name] for name in misstated},
+        doubtful={
+            _SENSORS[name]: ratios[name]
+            for name in _SENSORS
+            if name not in misstated and stated[name].given and ratios[name] > DOUBTFUL
+        },
     )
 
 
@@ -100,7 +108,8 @@ def noise_stated(recording: Recording) -> tuple[str, dict[str, float | None]] | 
     """
     table, grade = recording.settings.imu, recording.settings.imu.grade
     sources = []
-    if table.gyro_noise_density is not None or table.accel_noise_density is not None:
+    keys = [f"{sensor}_{what}" for sensor in ("gyro", "accel") for what in ("noise_density", "random_walk")]
+    if any(getattr(table, key) is not None for key in keys):
         sources.append("recording.toml")
     if grade is not None:
         sources.append(f"grade {grade}")
@@ -109,7 +118,7 @@ def noise_stated(recording: Recording) -> tuple[str, dict[str, float | None]] | 
     if not sources:
         return None
     own = {name: _stated(recording, name) for name in _SENSORS}
-    walks = grade is not None or recording.datasheet is not None
+    walks = grade is not None or recording.datasheet is not None or table.gyro_random_walk or table.accel_random_walk
     figures: dict[str, float | None] = {f"{name}_density": stated.density for name, stated in own.items()}
     return ", ".join(sources), figures | {
         f"{name}_walk": stated.walk if walks else None for name, stated in own.items()
@@ -124,7 +133,9 @@ def _stated(recording: Recording, name: Literal["gyro", "accel"]) -> _Stated:
     given = density is not None
     if sheet is not None and table.gyro_noise_density is None and table.accel_noise_density is None and known is None:
         density = getattr(sheet, f"{name}_noise_density")
-    walk = None if sheet is None else getattr(sheet, f"{name}_random_walk")
+    walk = getattr(table, f"{name}_random_walk")
+    if walk is None and sheet is not None:
+        walk = getattr(sheet, f"{name}_random_walk")
     if known is None:
         return _Stated(density, given, walk or 0.0, offset_sd, 0.0)
     instability = getattr(known, f"{name}_bias_instability")

@@ -24,7 +24,8 @@ class ImuNoise:
     to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
     a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what
     passes within seconds, `observed` the densities of gyros and accelerometers that the readings themselves show. Of
-    the sensors in `misstated` nothing that is stated is used: at rest they are so many times as noisy.
+    the sensors in `misstated` nothing that is stated is used: at rest they are so many times as noisy; those in
+    `doubtful` are noisier than stated, too, but less so.
     """
 
     gyro: Array
@@ -41,6 +42,7 @@ class ImuNoise:
     accel_drift: float = 0.0
     observed: tuple[float, float] = (math.inf, math.inf)
     misstated: Mapping[str, float] = field(default_factory=dict)
+    doubtful: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -242,6 +242,13 @@ def _misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
             "imu.…_offset_sd)",
         )
         for sensors, ratio in noise.misstated.items()
+    ] + [
+        DataWarning(
+            "noise",
+            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated: if imu.grade or imu.…_noise_density are "
+            "not of this device, leave them out; a grade also states how large its offsets are",
+        )
+        for sensors, ratio in noise.doubtful.items()
     ]
 
 

@@ -85,7 +85,7 @@ def _settings(given: RecordingSettings | Mapping[str, Any] | None) -> RecordingS
         known = given if isinstance(given, RecordingSettings) else RecordingSettings.model_validate(dict(given or {}))
         return known.model_copy(update={"columns": None})
     except ValidationError as error:
-        raise RecordingError(f"settings: {what_is_wrong(error)}; units are SI") from error
+        raise RecordingError(f"settings: {what_is_wrong(error)}") from error
     except (TypeError, ValueError) as error:
         raise RecordingError(f"settings: expected tables as in recording.toml ({error})") from error
 

@@ -51,7 +51,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
                 file=imu.source,
             )
     _check_filled(imu)
-    _check_gravity(imu)
+    check_gravity(imu)
     warnings: list[DataWarning] = []
     for check_whole in (_check_dead, _check_copies):
         with _as_warnings(warnings, moved=moved):
@@ -86,7 +86,7 @@ def _check_filled(imu: ImuSamples) -> None:
         )
 
 
-def _check_gravity(imu: ImuSamples) -> None:
+def check_gravity(imu: ImuSamples) -> None:
     """Raise an error if the accelerometers do not read about one g; it names the unit that would fit."""
     length = _usual_length(imu.accelerations)
     if 4.0 < length < 25.0:

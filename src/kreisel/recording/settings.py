@@ -32,6 +32,8 @@ class ImuTable(_Table):
 
     gyro_noise_density: Annotated[float, _between(1e-9, 0.1)] | None = None
     accel_noise_density: Annotated[float, _between(1e-8, 1.0)] | None = None
+    gyro_random_walk: Annotated[float, _between(1e-12, 1e-2)] | None = None
+    accel_random_walk: Annotated[float, _between(1e-10, 1e-1)] | None = None
     gyro_offset_sd: Annotated[float, _between(1e-10, 2.0)] | None = None
     accel_offset_sd: Annotated[float, _between(1e-8, 10.0)] | None = None
     grade: str | None = None
@@ -218,14 +220,18 @@ def read_settings(path: Path) -> RecordingSettings:
         # strict: "0.001" and true are not numbers
         return RecordingSettings.model_validate(content, strict=True)
     except ValidationError as error:
-        raise RecordingError(f"{what_is_wrong(error)}; units are SI", file=path) from error
+        raise RecordingError(what_is_wrong(error), file=path) from error
 
 
 def what_is_wrong(error: ValidationError) -> str:
     """Return which setting is not accepted, and why, on one line."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
-    return f"{place} = {_short(first['input'])} is not accepted: {first['msg'].removeprefix('Value error, ')}"
+    units = "; units are SI" if place.startswith(("imu.", "reference.", "robot.")) and "number" in first["type"] else ""
+    units = (
+        "; units are SI" if first["type"].startswith(("greater", "less", "finite")) and "_deg" not in place else units
+    )
+    return f"{place} = {_short(first['input'])} is not accepted: {first['msg'].removeprefix('Value error, ')}{units}"
 
 
 def _short(value: object) -> str:

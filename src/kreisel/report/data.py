@@ -471,6 +471,7 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
     seconds, deviations = table[:, 0], table[:, 1 + n :]
     values = _around_prior(outcome, table[:, 1 : 1 + n], deviations)
     covariance, parameters = outcome.calibration.covariance, outcome.estimate.run.parameters
+    final = outcome.calibration.estimates[-1, 1 : 1 + n]
     tracks: dict[str, tuple[Track, ...]] = {}
 
     def columns(group: str) -> slice:
@@ -489,7 +490,7 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
         if group not in groups:
             continue
         value, sd = values[:, columns(group)] / unit, deviations[:, columns(group)] / abs(unit)
-        reported, own = parameters.stored(group) / unit, covariance[columns(group), columns(group)] / unit**2
+        reported, own = final[columns(group)] / unit, covariance[columns(group), columns(group)] / unit**2
         if relative:
             value, reported = value - reported, np.zeros_like(reported)
         tracks[group] = tuple(
@@ -516,14 +517,15 @@ def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
     Over time only standard deviations are kept. The line therefore approaches the reported value in proportion to the
     decrease of the start's share in each parameter.
     """
-    problem, run = outcome.problem, outcome.estimate.run
+    problem, n = outcome.problem, values.shape[1]
+    final = outcome.calibration.estimates[-1, 1 : 1 + n]
     moved = values.copy()
     for group in problem.groups:
         if group == "alignment":
             continue
         part = problem.layout[group]
         share = np.minimum((deviations[:, part] / np.maximum(deviations[0, part], 1e-300)) ** 2, 1.0)
-        left = run.parameters.stored(group) - moved[-1, part]
+        left = final[part] - moved[-1, part]
         moved[:, part] += left * np.minimum((1.0 - share) / np.maximum(1.0 - share[-1], 1e-9), 1.0)
     return moved
 

@@ -70,7 +70,7 @@ def _time_relation(e: Excitation) -> Plot:
     return plots.plot(
         plots.axis(_TIME),
         plots.panel([plots.line(e.gyro_rate, "", "x", legend=False)], plots.axis("Rate (deg/s)"), height=_PANEL),
-        plots.panel([plots.line(difference, "", "y", legend=False)], plots.axis("Less gyros (deg/s)"), height=_PANEL),
+        plots.panel([plots.line(difference, "", "y", legend=False)], plots.axis("Δ (deg/s)"), height=_PANEL),
     )
 
 
@@ -144,8 +144,8 @@ def residual_figures(r: Residuals) -> list[Figure]:
         Figure(
             f"innovations-{name}",
             f"Innovations of {name}",
-            f"Reference less predicted {name} at every update. Good: a structureless band about zero, narrower at "
-            "standstill than on the path; slow waves mean errors that are not modelled.",
+            f"Reference less predicted {name} at every update; diamonds: standstill. Good: a structureless band about "
+            "zero, narrower at standstill than on the path; slow waves mean errors that are not modelled.",
             _innovations(r, values, f"Innovation of {name} ({unit})"),
             link="residuals",
         )
@@ -324,7 +324,7 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
     ):
         if which.any():
             data += [
-                plots.markers(r.seconds[which], values[which, i], f"{AXES[i]}, {name}", AXES[i], **marker)
+                plots.markers(r.seconds[which], values[which, i], AXES[i] if name == "path" else "", AXES[i], **marker)
                 for i in range(3)
             ]
     if (~r.used).any():

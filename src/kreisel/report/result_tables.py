@@ -107,7 +107,7 @@ def device_tables(calibration: Calibration) -> list[Table]:
     ]
     columns = ("Device, in its own frame s", "Unit", "x", "y", "z")
     return [
-        Table("The device alone", columns, tuple(own), 2),
+        Table("The device alone", columns, tuple(own), 2, broad=True),
         Table("Its mounting on this tool", ("Mounting", *columns[1:]), tuple(mount), 2),
     ]
 

@@ -116,10 +116,31 @@ def test_a_table_of_another_shape_is_mapped(tmp_path):
     rows = [f"{k * 2.5};{a[0]};{a[1]};{a[2]};{w[2]};{w[0]};{w[1]}"
             for k, (w, a) in enumerate(zip(np.rad2deg(RATES), FORCES, strict=True))]  # fmt: skip
     raw.write_text("\n".join(["ms;fx;fy;fz;gz;gx;gy", *rows]) + "\n")
-    mapping = ["imu.time=ms [ms]", "imu.rate=gx,gy,gz [deg/s]", "imu.acceleration=fx,fy,fz"]
+    mapping = ["imu.time=ms [ms]", "imu.rate=gx,gy,gz [deg/s]", "imu.acceleration=fx,fy,fz [m/s^2]"]
     apply_to_file(TOOL, raw, tmp_path / "out.csv", columns=mapping)
     omega, f = TOOL.correct(RATES, FORCES, 2_500_000 * np.arange(N))
     np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
+
+
+def test_units_that_cannot_be_are_refused_unless_forced(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table(HEADER, [(s, *w, *(a / 9.80665)) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    with pytest.raises(RecordingError, match=r"median length of .*expected 9.807 m/s\^2.*\[g\]"):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert apply_to_file(TOOL, raw, tmp_path / "out.csv", force=True).samples == N
+    raw.write_bytes(table(HEADER, [(s, *(57.3 * w), *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    with pytest.raises(RecordingError, match="are they in deg/s"):
+        apply_to_file(TOOL, raw, tmp_path / "other.csv")
+
+
+def test_a_table_of_another_shape_must_state_its_units(tmp_path):
+    raw = tmp_path / "log.csv"
+    rows = [f"{k * 2.5};{a[0]};{a[1]};{a[2]};{w[0]};{w[1]};{w[2]}"
+            for k, (w, a) in enumerate(zip(RATES, FORCES, strict=True))]  # fmt: skip
+    raw.write_text("\n".join(["ms;fx;fy;fz;gx;gy;gz", *rows]) + "\n")
+    mapping = ["imu.time=ms [ms]", "imu.rate=gx,gy,gz", "imu.acceleration=fx,fy,fz [m/s^2]"]
+    with pytest.raises(RecordingError, match=r"the unit of imu.rate is not stated.*\[deg/s\] or \[rad/s\]"):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv", columns=mapping)
 
 
 def test_a_rejected_calibration_is_used_by_force_only():

@@ -90,7 +90,7 @@ def test_what_is_not_observable_has_a_mark_and_no_decision():
 
 def test_effects_are_listed_with_their_uncertainties():
     found = certificate_of(device(), {}, None, "en", TODAY)
-    assert [row.title for row in found.effects] == ["gyroscope.polynomial.2"]
+    assert [row.title for row in found.effects] == ["Gyro non-linearity"]
     assert all("±" in value for value in found.effects[0].values)
 
 

@@ -1,0 +1,43 @@
+"""Whether readings are in the units that they are taken for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.recording.imu_checks import check_gravity
+from kreisel.recording.recording import ImuSamples
+
+FASTEST = 40.0
+"""rad/s; rates above it in a hundredth of the samples are in another unit, for gyros end at 35 (2000 deg/s)."""
+
+
+def check_units(samples: ImuSamples, *, stated: bool) -> None:
+    """Raise an error for readings that are in other units than they are taken for.
+
+    Parameters
+    ----------
+    stated
+        Whether units must be stated: those of a table of another shape.
+
+    Raises
+    ------
+    RecordingError
+        It says which unit fits, or is missing.
+    """
+    if stated:
+        for quantity, entry, example in (
+            ("rate", "imu.rate", "[deg/s] or [rad/s]"),
+            ("acceleration", "imu.acceleration", "[g] or [m/s^2]"),
+        ):
+            if getattr(samples.units, quantity) is None:
+                raise RecordingError(
+                    f"the unit of {entry} is not stated: write it behind the columns, {example}", file=samples.source
+                )
+    check_gravity(samples)
+    usual = float(np.percentile(np.linalg.norm(samples.rates, axis=1), 99.0))
+    if usual > FASTEST:
+        raise RecordingError(
+            f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or behind the columns",
+            file=samples.source,
+        )
