@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import KreiselError, RecordingError, UnknownColumnsError
-from kreisel.formats.mapped import load_mapped, tables_in
+from kreisel.formats.mapped import load_mapped, settings_beside, tables_in
 from kreisel.formats.mapping import parse_terms
 from kreisel.formats.sheet import Sheet, read_sheet
 from kreisel.formats.write import toml_table
@@ -117,7 +117,7 @@ def proposal(path: Path) -> str:
         if table:
             lines.append(toml_table(f"columns.{name}", table))
     if best.columns.reference.time is not None and settings_beside(path).reference.kind is None:
-        lines.append('# are these poses of motion capture? Then: [reference] kind = "mocap". A robot is assumed without it')
+        lines.append('# are these poses of motion capture? Then state [reference] kind = "mocap"; a robot is assumed')
     return "\n".join(lines).rstrip()
 
 
