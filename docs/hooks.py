@@ -14,12 +14,6 @@ GALLERY = Path("build/gallery")
 API = Path("build/api")
 
 
-def on_pre_build(config: Any, **_: Any) -> None:
-    """Leave out the shim that the offline plugin would load from another host; a copy of it is among the scripts."""
-    own = [script for script in config.extra_javascript if "unpkg.com" not in str(script)]
-    config.extra_javascript[:] = own
-
-
 def on_files(files: Files, config: Any, **_: Any) -> Files:
     """Add what is generated."""
     files.append(File.generated(config, "reference/options.md", content=options()))

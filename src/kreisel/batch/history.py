@@ -23,6 +23,9 @@ from kreisel.geometry.rotation import Array
 YEAR = 365.25
 """Days."""
 
+SHOWN = 3.0
+"""Standard deviations beyond which a change is called ageing."""
+
 _LEAST = 2
 _LONGEST = 20.0
 """Years ahead in which a due date is looked for."""
@@ -62,8 +65,8 @@ class Ageing:
 
     @property
     def significant(self) -> bool:
-        """Whether the change a year is larger than its expanded uncertainty."""
-        return bool(np.isfinite(self.rate) and abs(self.rate) > COVERAGE * self.rate_sd)
+        """Whether the change a year is larger than three of its standard deviations: a unit has 24 figures."""
+        return bool(np.isfinite(self.rate) and abs(self.rate) > SHOWN * self.rate_sd)
 
 
 @dataclass(frozen=True)

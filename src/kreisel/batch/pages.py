@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.batch.history import YEAR, Course, History
-from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of
+from kreisel.batch.lot import OF_DEVICE, OUTCOMES, Unit, counts, figures_of, good, label_of
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import COVERAGE, Limits
 from kreisel.report import plots
@@ -44,7 +44,7 @@ def write_batch(units: Sequence[Unit], limits: Limits | None, lead: str, reports
         with_limits=limits is not None,
         source="" if limits is None else f"grade {limits.grade}" if limits.grade else limits.file,
         spread=_spread_table(units, limits),
-        rows=[_unit_row(unit, reports) for unit in units],
+        rows=[_unit_row(unit, reports) for unit in sorted(units, key=lambda unit: -OUTCOMES.index(unit.outcome))],
         outliers=[(unit.run.name, one.text) for unit in units for one in unit.outliers],
         figures=figures,
     )
@@ -193,7 +193,7 @@ def _course(history: History, course: Course) -> Figure:
     """Return a quantity over the years, with the fitted lines and their bands."""
     decimal = history.days[-1].year + (history.days[-1].timetuple().tm_yday - 1) / YEAR
     span = max(-float(course.years.min()), 0.05)
-    t = np.linspace(-span, _AHEAD * span, 81)
+    t = np.linspace(-1.04 * span, _AHEAD * span, 81)
     panels = []
     for axis in range(3):
         ageing = course.ageing[axis]
@@ -211,7 +211,7 @@ def _course(history: History, course: Course) -> Figure:
                                 course.values[:, axis] - COVERAGE * course.deviations[:, axis],
                                 course.values[:, axis] + COVERAGE * course.deviations[:, axis]])  # fmt: skip
         low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
-        if course.limit is not None and max(abs(low), abs(high)) > 0.4 * course.limit:
+        if course.limit is not None and max(abs(low), abs(high)) > 0.6 * course.limit:
             low, high = min(low, -1.05 * course.limit), max(high, 1.05 * course.limit)
         if course.limit is not None:
             ends = np.array([decimal + t[0], decimal + t[-1]], dtype=np.float32)
