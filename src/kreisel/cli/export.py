@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from kreisel.calibration.result import Calibration
+    from kreisel.exchange.exported import Wanted
     from kreisel.exchange.noise import ExportNoise
 
 
@@ -67,10 +68,28 @@ def export(
         typer.echo(f"· not observable, do not rely on: {', '.join(chosen.verdict.unobservable)}")
     for text in done.lost:
         typer.echo(f"· not held: {text}")
-    for note in done.notes:
+    for note in (*done.notes, *_doubts(wanted)):
         typer.echo(f"· {note}")
     for path in files:
         typer.echo(f"written: {path}, {target.what}")
+
+
+def _doubts(wanted: Wanted) -> list[str]:
+    """Return what is odd about noise figures: far below what the filter had to assume."""
+    from kreisel.exchange.noise import NAMES
+
+    estimator = wanted.calibration.estimator
+    if estimator is None:
+        return []
+    out = []
+    for name in ("gyro_density", "accel_density"):
+        stated, assumed = wanted.noise.figures.get(name), getattr(estimator.noise, name)
+        if stated and stated < 0.4 * assumed:
+            out.append(
+                f"the {NAMES[name]} written, {stated:.2g}, is far below the {assumed:.2g} that the calibration needed: "
+                f"is {wanted.noise.sources[name]} of this device? --at-rest measures it"
+            )
+    return out
 
 
 def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, wanted: bool) -> ExportNoise:

@@ -135,7 +135,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
         if reading is not None:
             raise RecordingError(
                 "accelerations of the positions and of the IMU agree only if the quaternions are read "
-                f"{reading}; correct the file",
+                f"{reading}; correct the file; where its columns are mapped, the mapping",
                 file=reference.source,
             )
     if not in_order:

@@ -57,7 +57,7 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
         raise RecordingError(
             f"the quaternions fit the gyros only when read {names} (the gyros then explain "
             f"{100 * shares[fitting[0]]:.0f} % of the rotation, and {100 * max(usual, 0.0):.0f} % as written); "
-            "correct the file",
+            "correct the file; where its columns are mapped, the mapping",
             file=reference.source,
         )
     raise SynchronizationError(
