@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property
 from typing import Any
 
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import from_document
-
-_EPOCH_NS = 946_684_800_000_000_000
-"""2000-01-01; earlier stamps are no dates."""
+from kreisel.recording.nanoseconds import date_of_stamp
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,4 @@ def date_of(certificate: Mapping[str, str], begin_ns: int | None) -> str | None:
             return datetime.fromisoformat(stated).date().isoformat()
         except ValueError:
             return None
-    if begin_ns is None or begin_ns < _EPOCH_NS:
-        return None
-    return datetime.fromtimestamp(begin_ns * 1e-9, tz=UTC).date().isoformat()
+    return date_of_stamp(begin_ns)

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import date
 
 import numpy as np
 
@@ -16,13 +16,11 @@ from kreisel.calibration.result import Calibration
 from kreisel.certificate.words import LANGUAGES, number, words
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.model.groups import REGISTRY
+from kreisel.recording.nanoseconds import date_of_stamp
 from kreisel.recording.settings import CertificateTable, DeviceTable
 
 FIELDS = (*DeviceTable.model_fields, *CertificateTable.model_fields)
 """Keys of `[device]` and `[certificate]`, and of --field."""
-
-_EPOCH = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1e9
-"""ns; earlier stamps are no dates."""
 
 _LEFT_OUT = frozenset({"mounting_rotation_deg"})
 """Quantities that are not the device's."""
@@ -134,12 +132,13 @@ def _facts(
     calibration: Calibration, fields: Mapping[str, str], own: Mapping[str, str], language: str, today: date
 ) -> list[tuple[str, str]]:
     recording = calibration.recording
+    begin = None if recording is None else date_of_stamp(recording.begin_ns)
     nothing = own["not_stated"]
     out = [(own["object"], own["imu"])]
     out += [(own[key], fields.get(key, nothing)) for key in ("maker", "type", "serial_number")]
     out += [(own[key], fields[key]) for key in ("customer", "laboratory") if key in fields]
     out += [(own[key], fields.get(key, nothing)) for key in ("operator", "place")]
-    out += [(own["date"], fields.get("date") or _begin(calibration) or nothing), (own["issued"], today.isoformat())]
+    out += [(own["date"], fields.get("date") or begin or nothing), (own["issued"], today.isoformat())]
     temperature = fields.get("temperature")
     if temperature is None and recording is not None and recording.temperature_c is not None:
         temperature = f"{number(f'{recording.temperature_c:.1f}', language)} °C"
@@ -157,14 +156,6 @@ def _facts(
     if "number" in fields:
         out.insert(0, (own["number"], fields["number"]))
     return [*out, (own["software"], f"kreisel {__version__}")]
-
-
-def _begin(calibration: Calibration) -> str | None:
-    """Return the date of the IMU's first stamp, UTC, where it is a date at all."""
-    begin = None if calibration.recording is None else calibration.recording.begin_ns
-    if begin is None or begin < _EPOCH:
-        return None
-    return datetime.fromtimestamp(begin * 1e-9, tz=UTC).date().isoformat()
 
 
 def _row(one: Judged, own: Mapping[str, str], language: str) -> Row:

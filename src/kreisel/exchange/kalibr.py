@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,13 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from kreisel.calibration.axes import turned
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, Wanted
 from kreisel.exchange.imported import imported
-from kreisel.exchange.kalibr_model import KalibrModel, imu_table, kalibr_model, matrix_of, parameters_of
-from kreisel.exchange.losses import RATE, losses, without_effects_of
+from kreisel.exchange.kalibr_model import KalibrModel, imu_table, in_kalibrs_frame, matrix_of, parameters_of
+from kreisel.exchange.losses import RATE, losses
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import MG
 
 MODELS = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
@@ -33,11 +30,9 @@ def export(wanted: Wanted) -> Exported:
         If noise figures are missing.
     """
     calibration, noise = wanted.calibration, wanted.noise.complete()
-    full = calibration.sensors
-    model, C_ib, origin = kalibr_model(full)
-    in_i = turned(full, C_ib.T, origin)
-    held = replace(without_effects_of(in_i), k_w=np.zeros((1, 3)), k_a=np.zeros((1, 3)), others=_sensitivity(full))
-    lost = _with_coupling(losses(in_i, held), model)
+    own = in_kalibrs_frame(calibration.sensors)
+    model, C_ib, origin = own.model, own.C_ib, own.origin
+    lost = _with_coupling(losses(own.sensors, own.held), model)
     T_i_b = np.eye(4)
     if calibration.axes == "tool":
         T_i_b[:3, :3], T_i_b[:3, 3] = C_ib, -C_ib @ origin
@@ -58,11 +53,7 @@ def export(wanted: Wanted) -> Exported:
         "update_rate": wanted.rate_hz,
     }
     head = _comments(calibration, model, noise.sources, lost)
-    return Exported({"": head + dumped({"imu0": table})}, held, lost)
-
-
-def _sensitivity(p: SensorParameters) -> dict[str, Array]:
-    return {group: value for group, value in p.others.items() if group == "gyro_g_sensitivity"}
+    return Exported({"": head + dumped({"imu0": table})}, own.held, lost)
 
 
 def _with_coupling(lost: tuple[str, ...], model: KalibrModel) -> tuple[str, ...]:

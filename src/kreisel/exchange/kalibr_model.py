@@ -9,7 +9,7 @@ with b = -k_0 added last, in raw units. Source: IccSensors.py of ethz-asl/kalibr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.axes import turned
 from kreisel.errors import RecordingError
+from kreisel.exchange.losses import without_effects_of
 from kreisel.files import MAX_YAML, read_text
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
@@ -83,6 +84,37 @@ def kalibr_model(p: SensorParameters) -> tuple[KalibrModel, Array, Array]:
     A = -G @ M_a @ C_gyro_i.T
     model = KalibrModel(M_a, M_w, C_gyro_i, A, q.lever_arms, -p.k_w[0] + G @ p.k_a[0], -p.k_a[0])
     return model, C_ib, origin
+
+
+@dataclass(frozen=True)
+class InKalibrsFrame:
+    """Parameters as Kalibr sees them.
+
+    Attributes
+    ----------
+    model, sensors
+        In frame i: its model, and all of the parameters.
+    held
+        What the formats hold of these: no biases, of the effects the sensitivity to acceleration alone.
+    C_ib, origin
+        From the former frame to i, and where its origin was, m.
+    """
+
+    model: KalibrModel
+    sensors: SensorParameters
+    held: SensorParameters
+    C_ib: Array
+    origin: Array
+
+
+def in_kalibrs_frame(p: SensorParameters) -> InKalibrsFrame:
+    """Return parameters in Kalibr's frame i, with its model of them."""
+    model, C_ib, origin = kalibr_model(p)
+    sensors = turned(p, C_ib.T, origin)
+    sensitivity = {group: value for group, value in p.others.items() if group == "gyro_g_sensitivity"}
+    still = np.zeros((1, 3))
+    held = replace(without_effects_of(sensors), k_w=still, k_a=still, others=sensitivity)
+    return InKalibrsFrame(model, sensors, held, C_ib, origin)
 
 
 def parameters_of(model: KalibrModel) -> SensorParameters:

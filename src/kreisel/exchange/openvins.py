@@ -15,13 +15,19 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.axes import turned
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, Wanted
 from kreisel.exchange.imported import imported
-from kreisel.exchange.kalibr_model import KalibrModel, imu_table, inverse, kalibr_model, matrix_of, parameters_of
-from kreisel.exchange.losses import losses, without_effects_of
+from kreisel.exchange.kalibr_model import (
+    KalibrModel,
+    imu_table,
+    in_kalibrs_frame,
+    inverse,
+    matrix_of,
+    parameters_of,
+)
+from kreisel.exchange.losses import losses
 
 
 def export(wanted: Wanted) -> Exported:
@@ -33,13 +39,9 @@ def export(wanted: Wanted) -> Exported:
         If noise figures are missing.
     """
     calibration, noise = wanted.calibration, wanted.noise.complete()
-    full = calibration.sensors
-    model, C_ib, origin = kalibr_model(full)
-    in_i = turned(full, C_ib.T, origin)
-    sensitivity = {g: v for g, v in full.others.items() if g == "gyro_g_sensitivity"}
-    held = replace(without_effects_of(in_i), k_w=np.zeros((1, 3)), k_a=np.zeros((1, 3)),
-                   lever_arms=np.zeros((3, 3)), others=sensitivity)  # fmt: skip
-    lost = losses(in_i, held)
+    own = in_kalibrs_frame(calibration.sensors)
+    model, held = own.model, replace(own.held, lever_arms=np.zeros((3, 3)))
+    lost = losses(own.sensors, held)
     matrices = {
         "Tw": model.M_w,
         "R_IMUtoGYRO": model.C_gyro_i,
