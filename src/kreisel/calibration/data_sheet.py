@@ -40,8 +40,11 @@ def mounting(K: Array) -> Array:
 
 
 def gyro_to_accel(K_omega: Array, K_a: Array) -> Array:
-    """Return the rotation vector (3,) that turns the accelerometers' axes onto the gyros', rad."""
-    return log(from_matrix(nearest_rotation(K_omega) @ nearest_rotation(K_a).T))
+    """Return the rotation vector (3,) that turns the accelerometers' axes onto the gyros', along the former, rad.
+
+    It is the device's own: the mounting cancels.
+    """
+    return log(from_matrix(nearest_rotation(K_a).T @ nearest_rotation(K_omega)))
 
 
 def distances(lever_arms: Array) -> Array:

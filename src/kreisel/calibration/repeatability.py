@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.calibration.data_sheet import QUANTITIES
-from kreisel.calibration.parts import Measured
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError
 from kreisel.estimation.consistency import normalised_bounds
-from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.rotation import Array
 from kreisel.units import MM
 
 LEVEL = 0.99
@@ -20,10 +19,6 @@ LEVEL = 0.99
 
 MAY_CHANGE = ("gyro_bias_deg_h", "accel_bias_mg", "mounting_rotation_deg")
 """Quantities that may truly differ: offsets after switching on again, and a mount that was loosened."""
-
-
-_IN_AXES_OF_B = "gyro_to_accel_rotation_mrad"
-"""A quantity of the device that is given along the axes of b, and therefore depends on the mount."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +74,6 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
     if len(calibrations) < 2:
         raise SettingsError("give two or more recordings of one device")
     rows = [(q.name, q.title, q.unit, [c.derived[q.name] for c in calibrations]) for q in QUANTITIES]
-    rows = [
-        (name, title, unit, _on_mount_of(calibrations, found) if name == _IN_AXES_OF_B else found)
-        for name, title, unit, found in rows
-    ]
     out = [
         _compared(name, title, unit, *(np.array([getattr(m, part) for m in found]) for part in ("value", "deviation")))
         for name, title, unit, found in rows
@@ -92,13 +83,6 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
         deviations = np.array([c.sensor_sd.lever_arms[j] for c in calibrations]) / MM
         out.append(_compared(f"lever_arm_{axis}_mm", f"Position of accelerometer {axis} in b", "mm", arms, deviations))
     return tuple(out)
-
-
-def _on_mount_of(calibrations: Sequence[Calibration], found: Sequence[Measured]) -> list[Measured]:
-    """Return vectors along the axes of each b along those of the first one, by the gyros' axes in both."""
-    first, *_ = mounts = [nearest_rotation(c.sensors.K_omega) for c in calibrations]
-    turns = [first @ R.T for R in mounts]
-    return [Measured(C @ one.value, np.sqrt(C**2 @ one.deviation**2)) for C, one in zip(turns, found, strict=True)]
 
 
 def _compared(name: str, title: str, unit: str, values: Array, deviations: Array) -> Repeated:

@@ -30,7 +30,7 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect
 from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
@@ -94,13 +94,16 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
     own = {g: others[path].value.ravel() for g in SENSOR_GROUPS if (path := group_named(g).path) in others}
     values, deviations = replace(_sensors(document), others=own), _sensors(sd) if sd else None
     estimator = document.get("estimator")
+    derived = _derived(_table(document, "derived"), _table(sd, "derived"))
+    if "axes" not in document:
+        derived |= _along_own_axes(derived, values)
     return CalibrationParts(
         sensors=values,
         sensor_sd=_no_deviations(values) if deviations is None else deviations,
         size_effect=SizeEffect((estimator or {}).get("size_effect", SizeEffect.COMPLETED.value)),
         timing=_timing(_table(document, "timing"), _table(sd, "timing")),
         alignment=_alignment(_table(document, "alignment"), _table(sd, "alignment")),
-        derived=_derived(_table(document, "derived"), _table(sd, "derived")),
+        derived=derived,
         consistency=_consistency(_table(document, "consistency")),
         verdict=_verdict(document["verdict"]),
         recording=_recording(document["recording"]) if "recording" in document else None,
@@ -112,6 +115,16 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         axes=str(document.get("axes", "tool")),
         triads={axes: _triad(table) for axes, table in _table(document, "device_axes").items()},
     )
+
+
+def _along_own_axes(derived: Mapping[str, Measured], sensors: SensorParameters) -> dict[str, Measured]:
+    """Return the rotation between the triads along the device's axes: files without `axes` have it along b."""
+    name = "gyro_to_accel_rotation_mrad"
+    if name not in derived:
+        return {}
+    C = nearest_rotation(sensors.K_a).T
+    along_b = derived[name]
+    return {name: Measured(C @ along_b.value, np.sqrt(C**2 @ along_b.deviation**2))}
 
 
 # Sensors, clocks and directions

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -12,10 +11,11 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.limits import COVERAGE, Judged, Limits, judged
+from kreisel.calibration.parts import Measured
 from kreisel.calibration.result import Calibration
 from kreisel.certificate.words import LANGUAGES, number, words
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.model.groups import REGISTRY
+from kreisel.model.groups import REGISTRY, ParameterGroup
 from kreisel.recording.nanoseconds import date_of_stamp
 from kreisel.recording.settings import CertificateTable, DeviceTable
 
@@ -78,8 +78,8 @@ def fields_of(calibration: Calibration, given: Mapping[str, str]) -> dict[str, s
     for key, value in given.items():
         if key not in FIELDS:
             raise SettingsError(unknown_name("field", key, FIELDS))
-        if not 0 < len(value) <= 500:
-            raise SettingsError(f"--field {key}: expected 1 to 500 characters, got {len(value)}")
+        if not 0 < len(value) <= 200:
+            raise SettingsError(f"--field {key}: expected 1 to 200 characters, got {len(value)}")
     facts = calibration.recording
     stated = {} if facts is None else {**facts.device, **facts.certificate}
     return {**stated, **given}
@@ -192,22 +192,22 @@ def _pair(value: float, uncertainty: float, language: str) -> str:
 
 def _effects(calibration: Calibration, own: Mapping[str, str], language: str) -> list[Row]:
     """Return the effects beyond offset and matrix that were estimated, in the units of the report."""
-    document = calibration.document
-    deviations = dict(zip(calibration.names, np.sqrt(np.diag(calibration.covariance)), strict=True))
     out = []
     for group in REGISTRY:
         if not group.is_sensor or group.passing or group.name in _LINEAR:
             continue
-        names = [name for name in calibration.names if re.match(rf"{re.escape(group.path)}(\W|$)", name)]
-        size = 3 if len(names) >= 3 else 1
-        for start in range(0, len(names), size):
-            part = names[start : start + size]
+        found = _effect(calibration, group)
+        if found is None or not np.any(found.deviation > 0.0):
+            continue
+        values, deviations = found.value.ravel(), found.deviation.ravel()
+        size = 3 if values.size % 3 == 0 else 1
+        for start in range(0, values.size, size):
             texts = tuple(
-                _pair(_value(document, name) / group.size, COVERAGE * float(deviations[name]) / group.size, language)
-                for name in part
+                _pair(float(values[i] / group.size), COVERAGE * float(deviations[i] / group.size), language)
+                for i in range(start, start + size)
             )
-            title = own.get(group.name, part[0])
-            if len(names) > 3:
+            title = own.get(group.name, group.meaning)
+            if values.size > size:
                 title += f", {start // size + 1}"
             out.append(Row(title, group.unit, texts + ("",) * (3 - len(texts))))
     return out
@@ -216,15 +216,11 @@ def _effects(calibration: Calibration, own: Mapping[str, str], language: str) ->
 _LINEAR = frozenset({"gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms"})
 
 
-def _value(document: Mapping[str, object], name: str) -> float:
-    """Return the number at a parameter's name, such as `gyroscope.polynomial.2[0]`."""
-    path, _, indices = name.partition("[")
-    here: object = document
-    for key in path.split("."):
-        if not isinstance(here, Mapping):
-            return math.nan
-        here = here.get(key, here.get(int(key)) if key.isdigit() else None)
-    flat = np.asarray(here, dtype=float)
-    if not indices:
-        return float(flat.ravel()[0]) if flat.size else math.nan
-    return float(flat[tuple(int(i) for i in indices.rstrip("]").split(","))])
+def _effect(calibration: Calibration, group: ParameterGroup) -> Measured | None:
+    """Return the numbers of an effect; None where the model does not have it."""
+    values, deviations = calibration.sensors, calibration.sensor_sd
+    if group.name == "gyro_polynomial":
+        return Measured(values.k_w[1:], deviations.k_w[1:])
+    if group.name == "accel_polynomial":
+        return Measured(values.k_a[1:], deviations.k_a[1:])
+    return calibration.others.get(group.path)

@@ -32,10 +32,12 @@ def calibration(mount=(0.05, -0.1, 1.5), seed: int = 3) -> Calibration:
     L = rng.normal(0.0, 1e-4, (len(names), len(names) + 4))
     known = np.full(33, 1e-4)
     known[NAMES.index("accelerometer.lever_arms[1,1]")] = 5e-4
+    deviations = with_vector(sensors, known)
+    deviations.k_w[1], deviations.k_a[1] = np.sqrt(np.diag(L @ L.T)[-3:]), 0.0
     facts = RecordingFacts("example", "pose0", 1000, 400.0, 500, 2.5)
     parts = CalibrationParts(
         sensors=sensors,
-        sensor_sd=with_vector(sensors, known),
+        sensor_sd=deviations,
         size_effect=SizeEffect.COMPLETED,
         timing=Timing(),
         alignment=Alignment(Measured(np.zeros(3), np.zeros(3))),

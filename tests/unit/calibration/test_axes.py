@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.axes import NAMES, nearest_right_angles, upper_triangular, vector_of, with_vector
+from kreisel.calibration.data_sheet import gyro_to_accel
+from kreisel.calibration.parts import Measured
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_document import from_document
 from kreisel.errors import SettingsError
-from kreisel.geometry.rotation import exp, from_matrix, log, matrix
+from kreisel.geometry.rotation import exp, from_matrix, log, matrix, nearest_rotation
 
 from .example import calibration
 
@@ -125,6 +128,26 @@ def test_what_does_not_depend_on_axes_stays():
     for name in ("gyro_scale_error_ppm", "accel_non_orthogonality_mrad", "accel_distances_mm"):
         np.testing.assert_allclose(own[name].value, other[name].value, rtol=1e-9)
         np.testing.assert_allclose(own[name].deviation, other[name].deviation, rtol=1e-5)
+
+
+def test_the_rotation_between_the_triads_is_the_device_s_own():
+    twist = np.array([2e-3, -1e-3, 5e-3])
+    found = []
+    for mount in ([0.0, 0.0, 0.0], [0.05, -0.1, 1.5], [2.0, 0.4, -1.0]):
+        C = matrix(exp(np.array(mount)))
+        found.append(gyro_to_accel(C @ matrix(exp(twist)) * 1.01, C * 0.99))
+    np.testing.assert_allclose(found, np.tile(twist, (3, 1)), atol=1e-12)
+
+
+def test_an_older_file_has_it_turned_from_b():
+    name = "gyro_to_accel_rotation_mrad"
+    own = calibration().in_axes("imu")
+    own = replace(own, derived={q: Measured(np.ones(3), np.ones(3)) for q in own.derived})
+    document = own.document
+    del document["axes"]
+    C = nearest_rotation(own.sensors.K_a)
+    np.testing.assert_allclose(from_document(document).derived[name].value, C.T @ np.ones(3), atol=1e-12)
+    np.testing.assert_array_equal(from_document(own.document).derived[name].value, np.ones(3))
 
 
 def test_the_nominal_mounting_is_one_of_24_and_refused_far_away():

@@ -11,13 +11,14 @@ import pytest
 
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.limits import limits_of_grade
-from kreisel.calibration.parts import Verdict
+from kreisel.calibration.parts import Measured, Verdict
 from kreisel.calibration.result import Calibration
 from kreisel.certificate.content import certificate_of, fields_of
 from kreisel.certificate.page import html, pdf
 from kreisel.certificate.signature import new_keys, sign, verify
 from kreisel.certificate.words import LANGUAGES, words
 from kreisel.errors import RecordingError, SettingsError
+from kreisel.model.groups import group_named
 
 from ..calibration.example import calibration
 
@@ -67,7 +68,7 @@ def test_fields_come_from_the_recording_and_the_command_line():
     assert "does not claim" not in page(traceability="PTB 1234")
     with pytest.raises(SettingsError, match="unknown field 'serial'; known are: customer, date"):
         fields_of(device(), {"serial": "1"})
-    with pytest.raises(SettingsError, match="expected 1 to 500 characters"):
+    with pytest.raises(SettingsError, match="expected 1 to 200 characters"):
         fields_of(device(), {"maker": "x" * 501})
 
 
@@ -92,6 +93,19 @@ def test_effects_are_listed_with_their_uncertainties():
     found = certificate_of(device(), {}, None, "en", TODAY)
     assert [row.title for row in found.effects] == ["Gyro non-linearity"]
     assert all("±" in value for value in found.effects[0].values)
+
+
+def test_effects_of_nine_numbers_take_three_rows():
+    path, rng = "gyroscope.g_sensitivity", np.random.default_rng(1)
+    G = Measured(1e-5 * rng.normal(size=9), np.full(9, 1e-6))
+    found = certificate_of(device(others={path: G}), {}, None, "en", TODAY)
+    rows = [row for row in found.effects if row.title.startswith("Gyro g-sensitivity")]
+    assert [row.title for row in rows] == [f"Gyro g-sensitivity, {i}" for i in (1, 2, 3)]
+    size = group_named("gyro_g_sensitivity").size
+    first = float(rows[1].values[0].split(" ± ")[0].replace("−", "-"))
+    assert first == pytest.approx(G.value[3] / size, abs=0.06)
+    held = certificate_of(device(others={path: replace(G, deviation=np.zeros(9))}), {}, None, "en", TODAY)
+    assert not any(row.title.startswith("Gyro g-sensitivity") for row in held.effects)
 
 
 def test_a_rejected_result_gets_none():
