@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +26,7 @@ class Job:
     name
         Path below the folder, with slashes.
     key
-        Fingerprint of the recording's files (names, sizes, times of change), the settings and the version.
+        Fingerprint of the recording's name, of names and content of its files, the settings and the version.
     """
 
     name: str
@@ -43,17 +45,22 @@ def jobs_in(folder: Path, out: Path, settings: CalibrationSettings) -> list[Job]
     if not folder.is_dir():
         raise RecordingError("no such folder; give the one that holds the recordings", file=folder)
     out = out.resolve()
-    found = sorted(_recordings(folder, out))
+    found = sorted(_recordings(folder, out, frozenset()))
     if not found:
         raise RecordingError("holds no recordings (folders with imu0, .mcap files, bags, or tables with [columns])",
                              file=folder)  # fmt: skip
-    return [Job(path.relative_to(folder).as_posix(), path, _key(path, settings)) for path in found]
+    names = [path.relative_to(folder).as_posix() for path in found]
+    return [Job(name, path, _key(name, path, settings)) for name, path in zip(names, found, strict=True)]
 
 
-def _recordings(folder: Path, out: Path) -> list[Path]:
-    found = []
-    for path in folder.iterdir():
-        if path.name.startswith(".") or path.resolve() == out:
+def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
+    """Return the recordings below a folder; links are followed, but not back to a folder above."""
+    found: list[Path] = []
+    here = os.path.realpath(folder)
+    if here in above:
+        return found
+    for path in _entries(folder):
+        if path.name.startswith(".") or os.path.realpath(path) == str(out):
             continue
         if path.is_file():
             if path.suffix.lower() in _FILES:
@@ -61,14 +68,32 @@ def _recordings(folder: Path, out: Path) -> list[Path]:
         elif is_folder(path) or is_bag(path) or (path / "recording.toml").is_file():
             found.append(path)
         elif path.is_dir():
-            found += _recordings(path, out)
+            found += _recordings(path, out, above | {here})
     return found
 
 
-def _key(path: Path, settings: CalibrationSettings) -> str:
-    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
-    own = hashlib.sha256(f"{__version__} {settings!r}".encode())
-    for file in files:
-        facts = file.stat()
-        own.update(f"{file.relative_to(path.parent).as_posix()} {facts.st_size} {facts.st_mtime_ns}\n".encode())
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}; check its permissions", file=folder) from error
+
+
+def _key(name: str, path: Path, settings: CalibrationSettings) -> str:
+    own = hashlib.sha256(f"{__version__} {settings!r} {name}".encode())
+    for file in sorted(_files(path, frozenset())):
+        own.update(f"\n{file.relative_to(path).as_posix()} ".encode())
+        try:
+            with file.open("rb") as content:
+                own.update(hashlib.file_digest(content, "sha256").digest())
+        except OSError as error:
+            own.update(f"{error.strerror}".encode())  # its calibration will say so
     return own.hexdigest()
+
+
+def _files(path: Path, above: frozenset[str]) -> Iterator[Path]:
+    if path.is_file():
+        yield path
+    elif path.is_dir() and (here := os.path.realpath(path)) not in above:
+        for entry in _entries(path):
+            yield from _files(entry, above | {here})

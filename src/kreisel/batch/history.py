@@ -118,14 +118,33 @@ class History:
     due: Due
 
 
+def of_one_type(unit: str, runs: Sequence[Run], wanted: str | None) -> list[Run]:
+    """Return the runs of one device: a serial number may belong to several, of different makers or types.
+
+    Raises
+    ------
+    SettingsError
+        If there are several and none is chosen, or the chosen one is not among them.
+    """
+    types = list(dict.fromkeys((run.maker, run.type) for run in runs))
+    chosen = [one for one in types if wanted is None or wanted in (one[1], " ".join(one).strip())]
+    if len(chosen) == 1:
+        return [run for run in runs if (run.maker, run.type) == chosen[0]]
+    listed = ", ".join(f"'{' '.join(one).strip() or 'not stated'}'" for one in types)
+    if wanted is not None and not chosen:
+        raise SettingsError(f"--type {wanted}: unit '{unit}' is of {listed}")
+    raise SettingsError(f"devices of several types have the serial number '{unit}': {listed}; choose by --type")
+
+
 def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History:
-    """Return the history of a unit from its runs.
+    """Return the history of a unit from its runs, in the order they were made; of one recording the last one counts.
 
     Raises
     ------
     SettingsError
         If fewer than two runs can be used.
     """
+    runs = list({run.data: run for run in runs}.values())
     left_out = [(run.name, run.error or "rejected") for run in runs if not run.accepted]
     left_out += [(run.name, "no date") for run in runs if run.accepted and run.date is None]
     used = sorted((run for run in runs if run.accepted and run.date is not None), key=lambda run: str(run.date))
@@ -219,4 +238,7 @@ def _due(courses: Sequence[Course], last: date) -> Due:
                 best, reason = float(ahead[int(np.argmax(over))]), text
     if not np.isfinite(best):
         return Due(None, "no figure reaches its limit within 20 years" if limited else "nothing ages within 20 years")
-    return Due(last + timedelta(days=round(best * YEAR)), reason)
+    try:
+        return Due(last + timedelta(days=round(best * YEAR)), reason)
+    except OverflowError:  # dates end with the year 9999
+        return Due(None, reason)

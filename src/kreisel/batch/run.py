@@ -11,6 +11,7 @@ from typing import Any
 
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import from_document
+from kreisel.errors import RecordingError
 from kreisel.recording.nanoseconds import date_of_stamp
 
 
@@ -45,13 +46,36 @@ class Run:
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
-        """The result document; empty where it was not calibrated."""
-        return {} if self.text is None else dict(json.loads(self.text))
+        """The result document; empty where it was not calibrated.
+
+        Raises
+        ------
+        RecordingError
+            If the text was changed.
+        """
+        try:
+            return {} if self.text is None else dict(json.loads(self.text))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise _damaged(self.name, error) from error
 
     @cached_property
     def parts(self) -> CalibrationParts | None:
-        """The result; None where it was not calibrated."""
-        return None if self.text is None else from_document(self.document)
+        """The result; None where it was not calibrated.
+
+        Raises
+        ------
+        RecordingError
+            If the text was changed.
+        """
+        try:
+            return None if self.text is None else from_document(self.document)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise _damaged(self.name, error) from error
+
+    @property
+    def data(self) -> str:
+        """The fingerprint of the recording's data, or its name where there is none: the same for one recording."""
+        return str(dict(self.document.get("recording") or {}).get("sha256") or self.name)
 
     @property
     def accepted(self) -> bool:
@@ -62,6 +86,10 @@ class Run:
     def headline(self) -> str:
         """The verdict in a few words."""
         return "Failed" if self.parts is None else self.parts.verdict.headline
+
+
+def _damaged(name: str, error: Exception) -> RecordingError:
+    return RecordingError(f"the result of {name} in the file of results is damaged ({error}); calibrate it again")
 
 
 def date_of(certificate: Mapping[str, str], begin_ns: int | None) -> str | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import astuple, fields
 from pathlib import Path
+from typing import Any
 
 from kreisel.batch.run import Run
 from kreisel.errors import RecordingError
@@ -28,6 +29,10 @@ create table quantities (
 _COLUMNS = ", ".join("document" if field.name == "text" else field.name for field in fields(Run))
 
 
+_PATIENCE = 60.0
+"""Seconds to wait for another program that writes the file."""
+
+
 class Store:
     """The results of batches in one file; any program for SQLite reads it.
 
@@ -46,7 +51,7 @@ class Store:
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._connection = sqlite3.connect(path)
+            self._connection = sqlite3.connect(path, timeout=_PATIENCE)
             self._connection.execute("pragma foreign_keys = on")
             version = self._connection.execute("pragma user_version").fetchone()[0]
             tables = {name for (name,) in self._connection.execute("select name from sqlite_master where type='table'")}
@@ -71,25 +76,33 @@ class Store:
         self.close()
 
     def add(self, run: Run) -> None:
-        """Write one run, at once and as a whole; an earlier one of the same key is replaced."""
-        with self._connection as connection:
-            connection.execute("delete from runs where key = ?", (run.key,))
-            places = ", ".join("?" * (len(fields(Run)) + 1))
-            connection.execute(
-                f"insert into runs ({_COLUMNS}, accepted) values ({places})",
-                (*astuple(run), int(run.accepted)),
-            )
-            if run.parts is not None:
-                rows = [
-                    (run.key, name, axis, float(value), float(sd))
-                    for name, found in run.parts.derived.items()
-                    for axis, (value, sd) in enumerate(zip(found.value, found.deviation, strict=True))
-                ]
-                connection.executemany("insert into quantities values (?, ?, ?, ?, ?)", rows)
+        """Write one run, at once and as a whole; an earlier one of the same key is replaced.
 
-    def keys(self) -> frozenset[str]:
-        """Return the keys of all runs."""
-        return frozenset(key for (key,) in self._query("select key from runs"))
+        Raises
+        ------
+        RecordingError
+            If the file cannot be written.
+        """
+        places = ", ".join("?" * (len(fields(Run)) + 1))
+        derived = {} if run.parts is None else run.parts.derived
+        rows = [
+            (run.key, name, axis, float(value), float(sd))
+            for name, found in derived.items()
+            for axis, (value, sd) in enumerate(zip(found.value, found.deviation, strict=True))
+        ]
+        try:
+            with self._connection as connection:
+                connection.execute("delete from runs where key = ?", (run.key,))
+                connection.execute(
+                    f"insert into runs ({_COLUMNS}, accepted) values ({places})", (*astuple(run), int(run.accepted))
+                )
+                connection.executemany("insert into quantities values (?, ?, ?, ?, ?)", rows)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot be written: {error}", file=self.path) from error
+
+    def calibrated(self) -> dict[str, bool]:
+        """Return the keys of all runs, and whether they ended with a result."""
+        return {key: bool(done) for key, done in self._query("select key, document is not null from runs")}
 
     def runs(self, keys: Iterable[str] | None = None) -> list[Run]:
         """Return all runs, or those with certain keys, by name."""
@@ -98,16 +111,14 @@ class Store:
         return [Run(*row) for row in rows if wanted is None or row[0] in wanted]
 
     def of_unit(self, unit: str) -> list[Run]:
-        """Return the runs of one unit, by date."""
-        return [
-            Run(*row) for row in self._query(f"select {_COLUMNS} from runs where unit = ? order by date, name", unit)
-        ]
+        """Return the runs of one unit, in the order they were written."""
+        return [Run(*row) for row in self._query(f"select {_COLUMNS} from runs where unit = ? order by rowid", unit)]
 
     def units(self) -> list[str]:
         """Return the names of all units."""
         return [unit for (unit,) in self._query("select distinct unit from runs order by unit")]
 
-    def _query(self, text: str, *values: str) -> list[tuple[str, ...]]:
+    def _query(self, text: str, *values: str) -> list[tuple[Any, ...]]:
         try:
             with closing(self._connection.execute(text, values)) as cursor:
                 return list(cursor)

@@ -33,7 +33,7 @@ class Batch:
 
 
 def calibrate_all(batch: Batch, store: Store, distribute: Map, progress: Callable[[Run], None]) -> list[Run]:
-    """Calibrate all recordings that are not in the store yet, and return the runs of all of them, by name.
+    """Calibrate all recordings that are waiting, and return the runs of all of them, by name.
 
     Parameters
     ----------
@@ -42,13 +42,22 @@ def calibrate_all(batch: Batch, store: Store, distribute: Map, progress: Callabl
     progress
         Called with every run as it comes in, after it was written.
     """
-    known = store.keys()
-    waiting = [i for i, job in enumerate(batch.jobs) if job.key not in known]
-    if waiting:
+    if waiting := waiting_in(batch, store):
         for run in distribute(partial(calibrate_one, batch), waiting):
             store.add(run)
             progress(run)
     return store.runs(job.key for job in batch.jobs)
+
+
+def waiting_in(batch: Batch, store: Store) -> list[int]:
+    """Return the numbers of recordings that are not in the store yet, or whose files are missing."""
+    done = store.calibrated()
+    wanted = ("calibration.yaml", "report.html") if batch.reports else ("calibration.yaml",)
+
+    def missing(job: Job) -> bool:
+        return done[job.key] and not all((batch.results / job.name / name).is_file() for name in wanted)
+
+    return [i for i, job in enumerate(batch.jobs) if job.key not in done or missing(job)]
 
 
 def calibrate_one(batch: Batch, number: int) -> Run:

@@ -35,7 +35,7 @@ def batch(
     from kreisel.batch.lot import table, units_of
     from kreisel.batch.pages import write_batch
     from kreisel.batch.store import Store
-    from kreisel.batch.work import Batch, calibrate_all
+    from kreisel.batch.work import Batch, calibrate_all, waiting_in
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.model.known import parse_fixed
@@ -50,7 +50,7 @@ def batch(
     output.mkdir(parents=True, exist_ok=True)
     work = Batch(jobs_in(folder, output, settings), settings, (output / "results").resolve(), reports)
     with Store(database or output / "results.db") as store:
-        done = len(store.keys() & {job.key for job in work.jobs})
+        done = len(work.jobs) - len(waiting_in(work, store))
         if done and not json:
             typer.echo(f"{done} of {len(work.jobs)} are done already")
         with _progress(len(work.jobs), done) as show:
@@ -66,9 +66,10 @@ def history(
     database: Path = typer.Option(..., "--db", help="File of results of `kreisel batch`."),
     output: Path = typer.Option(..., "-o", "--output", help="Page to write, .html."),
     limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+    of: str | None = typer.Option(None, "--type", help="Type, where devices of several have this serial number."),
 ) -> None:
     """Write the history of a unit: its errors over the years, how they age, and when it is due again."""
-    from kreisel.batch.history import history_of
+    from kreisel.batch.history import history_of, of_one_type
     from kreisel.batch.pages import ageing_table, write_history
     from kreisel.batch.store import Store
     from kreisel.calibration.limits import limits_named
@@ -84,12 +85,14 @@ def history(
             units = store.units()
             more = f" and {len(units) - 10} more" if len(units) > 10 else ""
             raise SettingsError(f"no unit '{unit}' in {database}; it has {', '.join(units[:10])}{more}")
-    found = history_of(unit, runs, known)
+    found = history_of(unit, of_one_type(unit, runs, of), known)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_history(found, known, output)
     shown = ageing_table(found)
     print_rows(f"unit {unit}, {len(found.runs)} calibrations", shown.columns, [list(row.cells) for row in shown.rows])
     due = found.due.day.isoformat() if found.due.day is not None else "none"
+    for name, reason in found.left_out:
+        typer.echo(f"· left out: {name}, {reason}")
     typer.echo(f"next due: {due}; {found.due.reason}")
     typer.echo(f"written: {output}")
 

@@ -29,4 +29,7 @@ def date_of_stamp(stamp_ns: int | None) -> str | None:
     """Return the date of a stamp, UTC, ISO; None where it is none, as of a clock that begins with the device."""
     if stamp_ns is None or stamp_ns < _CENTURY_NS:
         return None
-    return datetime.fromtimestamp(stamp_ns * 1e-9, tz=UTC).date().isoformat()
+    try:
+        return datetime.fromtimestamp(stamp_ns * 1e-9, tz=UTC).date().isoformat()
+    except (OverflowError, ValueError):
+        return None

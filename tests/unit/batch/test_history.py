@@ -7,7 +7,7 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from kreisel.batch.history import aged, history_of
+from kreisel.batch.history import aged, history_of, of_one_type
 from kreisel.batch.run import Run, date_of
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.parts import Measured, Verdict
@@ -110,6 +110,22 @@ def test_what_cannot_be_used_is_left_out_and_said():
     assert dict(found.left_out) == {"run2": "no date", "run3": "rejected"}
     with pytest.raises(SettingsError, match="1 accepted calibrations with a date, expected 2 or more.*run2: no date"):
         history_of("0042", runs[:1] + runs[2:3], None)
+
+
+def test_of_one_recording_the_last_result_counts():
+    first, again = run(0, DAY, 1.0), replace(run(9, DAY, 5.0), name="run0")
+    found = history_of("0042", [first, run(1, DAY - timedelta(days=100), 1.0), again], None)
+    assert [one.key for one in found.runs] == ["k1", "k9"]
+
+
+def test_devices_of_two_types_with_one_serial_number_are_not_one_unit():
+    runs = [run(0, DAY, 1.0), run(1, DAY, 2.0), replace(run(2, DAY, 3.0), type="u")]
+    with pytest.raises(SettingsError, match="serial number '0042': 'm t', 'm u'; choose by --type"):
+        of_one_type("0042", runs, None)
+    assert of_one_type("0042", runs, "u") == runs[2:]
+    assert of_one_type("0042", runs, "m t") == runs[:2]
+    with pytest.raises(SettingsError, match="--type v: unit '0042' is of 'm t', 'm u'"):
+        of_one_type("0042", runs, "v")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from kreisel.batch.lot import counts, good, table, units_of
 from kreisel.batch.pages import write_batch, write_history
 from kreisel.batch.run import Run
 from kreisel.batch.store import Store
-from kreisel.batch.work import Batch, calibrate_all, one_after_another
+from kreisel.batch.work import Batch, calibrate_all, one_after_another, waiting_in
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.parts import Measured, Verdict
 from kreisel.errors import RecordingError
@@ -87,7 +87,7 @@ def test_the_file_of_results_is_plain_sqlite(tmp_path):
             store.add(run(k, float(k)))
         store.add(run(1, 7.0))  # replaced
         store.add(run(9, error="broken"))
-        assert store.keys() == {"k0", "k1", "k2", "k9"}
+        assert store.calibrated() == {"k0": True, "k1": True, "k2": True, "k9": False}
         assert [one.name for one in store.runs()] == ["u000", "u001", "u002", "u009"]
         assert [one.name for one in store.runs(["k2"])] == ["u002"]
         assert store.units() == ["0", "1", "2", "9"]
@@ -98,6 +98,23 @@ def test_the_file_of_results_is_plain_sqlite(tmp_path):
             "order by name"
         ).fetchall()
     assert rows == [("u000", 0.0), ("u001", 7.0), ("u002", 2.0)]
+
+
+def test_a_locked_or_damaged_file_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("kreisel.batch.store._PATIENCE", 0.01)
+    path = tmp_path / "results.db"
+    with Store(path) as store:
+        store.add(run(1))
+        with sqlite3.connect(path) as other:
+            other.execute("begin exclusive")
+            with pytest.raises(RecordingError, match="cannot be written: database is locked"):
+                store.add(run(2))
+            other.rollback()
+    for text in ("{", '{"schema": 1}', "[1]"):
+        with sqlite3.connect(path) as other:
+            other.execute("update runs set document = ?", (text,))
+        with Store(path) as store, pytest.raises(RecordingError, match="in the file of results is damaged"):
+            _ = store.runs()[0].parts
 
 
 def test_another_file_is_not_overwritten(tmp_path):
@@ -138,6 +155,30 @@ def test_recordings_are_found_at_any_depth_and_the_output_is_left_out(tmp_path):
         jobs_in(folder / "lot" / "b" / "imu0", tmp_path / "x", CalibrationSettings())
     with pytest.raises(RecordingError, match="no such folder"):
         jobs_in(tmp_path / "none", tmp_path / "x", CalibrationSettings())
+
+
+def test_links_are_followed_once_and_names_tell_equal_recordings_apart(tmp_path):
+    folder = folder_of(tmp_path, ["one/a", "two/a"])
+    (folder / "one" / "up").symlink_to(folder)
+    (folder / "linked").symlink_to(folder_of(tmp_path / "other", ["b"]))
+    (folder / "one" / "a" / "loop").symlink_to(folder / "one" / "a")
+    (folder / "broken").symlink_to(tmp_path / "nowhere")
+    found = jobs_in(folder, tmp_path / "out", CalibrationSettings())
+    assert [job.name for job in found] == ["linked/b", "one/a", "two/a"]
+    assert len({job.key for job in found}) == 3
+
+
+def test_a_result_whose_files_are_missing_is_made_again(tmp_path):
+    jobs = jobs_in(folder_of(tmp_path, ["a", "b", "c"]), tmp_path / "out", CalibrationSettings())
+    results = tmp_path / "results"
+    with Store(tmp_path / "r.db") as store:
+        for k, job in enumerate(jobs):
+            store.add(replace(run(k, error="broken" if job.name == "b" else None), key=job.key))
+        (results / "a").mkdir(parents=True)
+        (results / "a" / "calibration.yaml").write_text("")
+        batch = Batch(jobs, CalibrationSettings(), results, False)
+        assert waiting_in(batch, store) == [2]
+        assert waiting_in(replace(batch, reports=True), store) == [0, 2]
 
 
 def test_what_is_done_is_not_done_again_and_a_failure_is_kept(tmp_path):
