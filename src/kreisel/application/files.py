@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from kreisel.application.tables import CorrectedTable
@@ -12,8 +12,10 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.folder import is_folder
 from kreisel.formats.loading import is_bag, mapped_recording
+from kreisel.formats.mapped import settings_beside
 from kreisel.formats.write import write_imu_table
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import follows_temperature
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning, ImuSamples
 
@@ -87,11 +89,14 @@ def apply_to_file(
     columns = list(columns)
     if is_bag(raw) and out.suffix.lower() != ".csv":
         return _to_bag(calibration, raw, out, imu, topic, force=force)
-    mapped = mapped_recording(raw, columns) if columns or not _is_usual_table(raw) else None
+    if out.suffix.lower() in (".mcap", ".bag", ".db3"):
+        raise SettingsError(f"-o {out}: of {raw} a .csv file is written, or a folder; bags are copies of bags")
+    other_shape = columns or not _is_usual_table(raw) or settings_beside(raw).columns is not None
+    mapped = mapped_recording(raw, columns) if other_shape else None
     if is_bag(raw) or mapped is not None:
         samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
         if not force:
-            check_units(samples, stated=mapped is not None)
+            _check(calibration, samples, stated=mapped is not None)
         return _to_table(calibration, samples, out, warnings)
     table = raw
     if raw.is_dir():
@@ -100,8 +105,14 @@ def apply_to_file(
     return _table_to_table(calibration, table, out, progress, force=force)
 
 
+def _check(calibration: Calibration, samples: ImuSamples, *, stated: bool) -> None:
+    if not follows_temperature(calibration.sensors.effects):
+        samples = replace(samples, temperature=None)
+    check_units(samples, stated=stated)
+
+
 def _is_usual_table(raw: Path) -> bool:
-    """Return whether it is a recording folder, or a table with the columns of one."""
+    """Return whether it is a recording folder, or a table whose header is that of one."""
     from kreisel.formats.imu_lines import ImuLines
 
     if raw.is_dir():
@@ -110,7 +121,8 @@ def _is_usual_table(raw: Path) -> bool:
         return True
     with raw.open("rb") as file:
         try:
-            ImuLines(raw).feed(file.read(_BLOCK))
+            head = file.read(_BLOCK).replace(b"\r", b"\n").partition(b"\n")[0]
+            ImuLines(raw).feed(head + b"\n")
         except RecordingError:
             return False
     return True
@@ -119,25 +131,45 @@ def _is_usual_table(raw: Path) -> bool:
 def _table_to_table(
     calibration: Calibration, table: Path, out: Path, progress: StepProgress | None, *, force: bool
 ) -> Applied:
-    if not table.is_file():
-        raise RecordingError("no such file; expected IMU readings there", file=table)
-    corrected, size = CorrectedTable(calibration, table, check=not force), max(table.stat().st_size, 1)
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(f"{out.name}.partial")
     try:
-        with table.open("rb") as source, partial.open("wb") as target:
-            while data := source.read(_BLOCK):
-                target.write(corrected.feed(data))
-                if progress is not None:
-                    progress(source.tell() / size)
-            rest, cut = corrected.close()
-            target.write(rest)
+        with partial.open("wb") as target:
+            rows, warnings = apply_to_table(calibration, table, target.write, progress, force=force)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
     partial.replace(out)
-    warnings = () if cut is None else (f"{table}: the last line has no end ('{cut[-40:]}') and was left out",)
-    return Applied(out, corrected.rows, warnings)
+    return Applied(out, rows, warnings)
+
+
+def apply_to_table(
+    calibration: Calibration,
+    table: Path,
+    write: Callable[[bytes], object],
+    progress: StepProgress | None = None,
+    *,
+    force: bool = False,
+) -> tuple[int, tuple[str, ...]]:
+    """Write the rows of a table, corrected, and return their number and what to know about them.
+
+    Raises
+    ------
+    RecordingError
+        If the table cannot be read.
+    """
+    if not table.is_file():
+        raise RecordingError("no such file; expected IMU readings there", file=table)
+    corrected, size = CorrectedTable(calibration, table, check=not force), max(table.stat().st_size, 1)
+    with table.open("rb") as source:
+        while data := source.read(_BLOCK):
+            write(corrected.feed(data))
+            if progress is not None:
+                progress(source.tell() / size)
+        rest, cut = corrected.close()
+        write(rest)
+    lost = [] if cut is None else [f"{table}: the last line has no end ('{cut[-40:]}') and was left out"]
+    return corrected.rows, (*corrected.notes, *lost)
 
 
 def _samples_of(raw: Path, imu: str | None) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
@@ -171,7 +203,7 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
         raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
     found = imu_messages(raw, imu)
     if not force:
-        check_units(found.samples, stated=False)
+        _check(calibration, found.samples, stated=False)
     omega, f = _corrected(calibration, found.samples)
     copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
     return Applied(out, len(omega), tuple(map(str, found.warnings)))

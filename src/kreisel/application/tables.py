@@ -13,6 +13,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.formats.imu_lines import ImuLines, ImuRows
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import follows_temperature
 from kreisel.recording.recording import ImuSamples
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
@@ -20,7 +21,7 @@ HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
 
 _CHECKED = 200
-"""Rows whose units are checked together: fewer may be a moment of free fall."""
+"""Rows whose units are checked together, where there are so many: fewer may be a moment of free fall."""
 
 
 class CorrectedTable:
@@ -42,7 +43,7 @@ class CorrectedTable:
     """
 
     def __init__(self, calibration: Calibration, source: Path, *, check: bool = True) -> None:
-        self._check = check
+        self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
         self._first: list[ImuRows] = []
         self._lines, self._stream = ImuLines(source), calibration.stream()
         self._waiting: deque[tuple[str, str]] = deque()
@@ -62,7 +63,8 @@ class CorrectedTable:
         if found is None:
             return out
         if self._check:
-            self._look_at(found)
+            self._first.append(found)
+            self._look_at(_CHECKED)
         self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
         try:
             done = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
@@ -70,16 +72,18 @@ class CorrectedTable:
             raise RecordingError(error.message, file=self._source) from error
         return out + self._written(done)
 
-    def _look_at(self, rows: ImuRows) -> None:
-        """Check the units of the first rows, once there are enough of them."""
-        self._first.append(rows)
-        if sum(len(part.rates) for part in self._first) >= _CHECKED:
-            stamps, rates, forces = (
-                np.concatenate([getattr(part, name) for part in self._first])
-                for name in ("stamps_ns", "rates", "accelerations")
-            )
-            check_units(ImuSamples(stamps, rates, forces, self._source), stated=False)
-            self._check, self._first = False, []
+    def _look_at(self, least: int) -> None:
+        """Check the units of the first rows, once there are so many of them."""
+        if not self._check or sum(len(part.rates) for part in self._first) < least:
+            return
+        stamps, rates, forces = (
+            np.concatenate([getattr(part, name) for part in self._first])
+            for name in ("stamps_ns", "rates", "accelerations")
+        )
+        warm = [part.temperature for part in self._first if part.temperature is not None] if self._warm else []
+        heat = np.concatenate(warm) if warm else None
+        check_units(ImuSamples(stamps, rates, forces, self._source, temperature=heat), stated=False)
+        self._check, self._first = False, []
 
     def close(self) -> tuple[bytes, str | None]:
         """Return the last rows, and the text of a last line without an end, which was left out.
@@ -87,10 +91,16 @@ class CorrectedTable:
         Raises
         ------
         RecordingError
-            If the table was empty.
+            If the table was empty, or its few rows are in implausible units.
         """
         left = self._lines.close()
+        self._look_at(1)
         return self._written(self._stream.close()), left
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know about the columns."""
+        return [str(note) for note in self._lines.notes] if self._warm else []
 
     def _header(self) -> bytes:
         if self._header_written or self._lines.header is None:

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.recording.imu_checks import check_gravity
+from kreisel.recording.imu_checks import check_gravity, check_temperature
 from kreisel.recording.recording import ImuSamples
 
 FASTEST = 40.0
 """rad/s; rates above it in a hundredth of the samples are in another unit, for gyros end at 35 (2000 deg/s)."""
+
+
+SLOWEST_RATE, FASTEST_RATE = 1.0, 20e3
+"""Samples a second of IMUs; stamps that say otherwise are in another unit."""
+
+REMEDY = "; --force corrects them as they are"
 
 
 def check_units(samples: ImuSamples, *, stated: bool) -> None:
@@ -17,6 +23,8 @@ def check_units(samples: ImuSamples, *, stated: bool) -> None:
 
     Parameters
     ----------
+    samples
+        With temperatures if the calibration depends on them.
     stated
         Whether units must be stated: those of a table of another shape.
 
@@ -34,10 +42,23 @@ def check_units(samples: ImuSamples, *, stated: bool) -> None:
                 raise RecordingError(
                     f"the unit of {entry} is not stated: write it behind the columns, {example}", file=samples.source
                 )
-    check_gravity(samples)
+    try:
+        check_gravity(samples)
+        check_temperature(samples)
+    except RecordingError as error:
+        raise RecordingError(error.message + REMEDY, file=error.file, line=error.line) from error
+    if len(samples.stamps_ns) > 1:
+        rate = 1e9 / float(np.median(np.diff(samples.stamps_ns)))
+        if not SLOWEST_RATE <= rate <= FASTEST_RATE:
+            raise RecordingError(
+                f"{rate:.4g} samples a second, expected {SLOWEST_RATE:g} to {FASTEST_RATE:g}: are the stamps in "
+                f"nanoseconds? State their unit, as in #timestamp [us]{REMEDY}",
+                file=samples.source,
+            )
     usual = float(np.percentile(np.linalg.norm(samples.rates, axis=1), 99.0))
     if usual > FASTEST:
         raise RecordingError(
-            f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or behind the columns",
+            f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or behind the columns"
+            + REMEDY,
             file=samples.source,
         )

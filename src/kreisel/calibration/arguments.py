@@ -18,7 +18,7 @@ _MIN_SAMPLES = 6
 _MAX_STEP = 1.0
 """Seconds between samples; above it, floats cannot be stamps of an IMU in seconds."""
 
-_MIN_STEP = 1e-6
+_MIN_STEP = 2e-5
 """Seconds between samples; below it, integers cannot be stamps of an IMU in nanoseconds."""
 
 
@@ -126,6 +126,9 @@ def warmth_of(
     if temperatures is None or temperature_c is None:
         raise RecordingError("temperatures: this calibration has temperature coefficients; give the sensor's, degC")
     found = np.asarray(temperatures, dtype=float)
-    if found.shape != (count,) or not np.isfinite(found).all():
-        raise RecordingError(f"temperatures: got the shape {found.shape}, expected ({count},) of finite numbers")
+    if found.shape != (count,):
+        raise RecordingError(f"temperatures: got the shape {found.shape}, expected ({count},)")
+    if not np.isfinite(found).all():
+        bad = int(np.flatnonzero(~np.isfinite(found))[0])
+        raise RecordingError(f"temperatures[{bad}] is {found[bad]}; expected finite numbers")
     return found - temperature_c

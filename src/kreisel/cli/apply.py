@@ -55,10 +55,16 @@ def apply(
     if raw == _STREAM or "://" in raw:
         if columns or imu:
             raise SettingsError("--map and --imu are for files; a stream has the columns of a recording's table")
-        _apply_to_stream(chosen, raw, output, seconds)
+        if raw == _STREAM and seconds is not None:
+            raise SettingsError("--seconds is for devices; a table ends by itself")
+        _apply_to_stream(chosen, raw, output, seconds, force=force)
         return
+    if seconds is not None:
+        raise SettingsError("--seconds is for devices; a file ends by itself")
     if output == _STREAM:
-        _apply_to_pipe(chosen, Path(raw))
+        if columns or imu or Path(raw).is_dir():
+            raise SettingsError("-o - is for a table as kreisel writes them; with --map, --imu or of a folder, -o FILE")
+        _apply_to_pipe(chosen, Path(raw), force=force)
         return
     with progress_bar() as show:
         done = apply_to_file(
@@ -87,20 +93,18 @@ def _tell(calibration: Calibration) -> None:
         typer.echo(f"· not observable, do not rely on {', '.join(lost[:4])}{more}", err=True)
 
 
-def _apply_to_pipe(calibration: Calibration, raw: Path) -> None:
+def _apply_to_pipe(calibration: Calibration, raw: Path, *, force: bool) -> None:
     """Write a table to standard output."""
     import sys
 
-    from kreisel.application.tables import CorrectedTable
+    from kreisel.application.files import apply_to_table
 
-    table = CorrectedTable(calibration, raw)
-    with raw.open("rb") as file:
-        while data := file.read(1 << 20):
-            sys.stdout.buffer.write(table.feed(data))
-    sys.stdout.buffer.write(table.close()[0])
+    _, warnings = apply_to_table(calibration, raw, sys.stdout.buffer.write, force=force)
+    for warning in warnings:
+        typer.echo(f"· {warning}", err=True)
 
 
-def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: float | None) -> None:
+def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: float | None, *, force: bool) -> None:
     """Correct what comes on standard input or from a device; every row is written at once."""
     import sys
     from contextlib import ExitStack
@@ -113,18 +117,18 @@ def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: f
             file.flush()
 
         if raw == _STREAM:
-            _from_standard_input(calibration, write)
+            _from_standard_input(calibration, write, force=force)
         else:
             _from_device(calibration, raw, write, seconds)
 
 
-def _from_standard_input(calibration: Calibration, write: Write) -> None:
+def _from_standard_input(calibration: Calibration, write: Write, *, force: bool) -> None:
     import os
     import sys
 
     from kreisel.application.tables import CorrectedTable
 
-    table = CorrectedTable(calibration, Path("standard input"))
+    table = CorrectedTable(calibration, Path("standard input"), check=not force)
     descriptor = sys.stdin.fileno()
     try:
         while data := os.read(descriptor, 1 << 16):

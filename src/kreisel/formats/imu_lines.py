@@ -52,6 +52,8 @@ class ImuLines:
     ----------
     header
         Header of the stamps, and that of columns behind the readings with its comma; None before it came.
+    notes
+        What to know about the columns.
     """
 
     def __init__(self, source: Path) -> None:
@@ -59,6 +61,8 @@ class ImuLines:
         self._columns: tuple[Column, ...] = ()
         self._left = b""
         self._line = 1
+        self._last: int | None = None
+        self.notes: list[DataWarning] = []
         self.header: tuple[str, str] | None = None
 
     def feed(self, data: bytes) -> ImuRows | None:
@@ -70,6 +74,9 @@ class ImuLines:
             If the header or a row cannot be read; it names the line.
         """
         data = self._left + data
+        if b"\r" in data:  # a last one may be half of a line end
+            data = data[:-1].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + data[-1:]
+            data = data.replace(b"\r\n", b"\n")
         cut = data.rfind(b"\n") + 1
         self._left = data[cut:]
         if len(self._left) > _LONGEST:
@@ -94,39 +101,61 @@ class ImuLines:
             lines = text.decode("utf-8-sig" if begin == 1 else "utf-8")
         except UnicodeDecodeError as error:
             raise self._fault(f"not UTF-8 text (byte {error.start} of these lines)", begin) from error
-        lines = lines.replace("\r\n", "\n")
         if not self._columns:
             head, _, lines = lines.partition("\n")
             begin += 1
-            self._columns = parse_header(head, self._source)
-            if len(self._columns) < 7:
-                raise self._fault(f"{len(self._columns)} columns, expected 7 or more: {_EXPECTED}", 1)
-            cells = head.strip().split(",")
-            self.header = cells[0], "".join(f",{cell}" for cell in cells[7:])
-        rows = [line for line in lines.split("\n") if line.strip() and not line.startswith("#")]
+            self._read_header(head)
+        numbered = [(begin + i, line) for i, line in enumerate(lines.split("\n"))]
+        rows = [(number, line) for number, line in numbered if line.partition("#")[0].strip()]
         if not rows:
             return None
-        found = parse_rows("\n".join(lines.split("\n")).encode(), self._columns, self._source, begin)
+        found = parse_rows(lines.encode(), self._columns, self._source, begin)
+        numbers = [number for number, _ in rows]
+        if len(found) != len(rows):
+            raise self._fault(f"{len(rows)} lines with {len(found)} rows; expected one row in each", begin)
         values = found.view(np.float64).reshape(len(found), len(self._columns))
         unit = time_unit(self._columns, self._source)
         stamps = found["stamp"] if unit == "ns" else stamps_in_nanoseconds(values[:, 0], unit, self._source)
+        self._check_ascending(stamps, numbers)
         notes: list[DataWarning] = []
         table = Table(self._source, self._columns, np.ascontiguousarray(stamps), values, ())
         gyro, accel = imu_columns(table)
-        parts = [row.split(",", 7) for row in rows]
+        temperature = temperature_of(table, notes)
+        self.notes = self.notes or notes
+        parts = [row.split(",", 7) for _, row in rows]
         return ImuRows(
             table.stamps_ns,
-            self._finite(table.take(gyro, "rate"), begin),
-            self._finite(table.take(accel, "acceleration"), begin),
-            temperature_of(table, notes),
+            self._finite(table.take(gyro, "rate"), numbers),
+            self._finite(table.take(accel, "acceleration"), numbers),
+            temperature,
             [part[0].strip() for part in parts],
             [f",{part[7].strip()}" if len(part) > 7 else "" for part in parts],
         )
 
-    def _finite(self, values: Array, begin: int) -> Array:
+    def _read_header(self, head: str) -> None:
+        columns = parse_header(head, self._source)
+        if len(columns) < 7:
+            raise self._fault(f"{len(columns)} columns, expected 7 or more: {_EXPECTED}", 1)
+        empty = Table(self._source, columns, np.zeros(0, dtype=np.int64), np.zeros((0, len(columns))), ())
+        for group, quantity in zip(imu_columns(empty), ("rate", "acceleration"), strict=True):
+            empty.take(group, quantity)
+        time_unit(columns, self._source)
+        cells = head.strip().split(",")
+        self._columns, self.header = columns, (cells[0], "".join(f",{cell}" for cell in cells[7:]))
+
+    def _check_ascending(self, stamps: Stamps, numbers: list[int]) -> None:
+        before = np.concatenate([[stamps[0] - 1 if self._last is None else self._last], stamps[:-1]])
+        bad = np.flatnonzero(stamps <= before)
+        if bad.size:
+            k = int(bad[0])
+            raise self._fault(f"the stamp {stamps[k]} ns does not follow {before[k]} ns; expected ascending stamps",
+                              numbers[k])  # fmt: skip
+        self._last = int(stamps[-1])
+
+    def _finite(self, values: Array, numbers: list[int]) -> Array:
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
-            raise self._fault("a reading is not a finite number; repair or delete the row", begin + int(bad[0]))
+            raise self._fault("a reading is not a finite number; repair or delete the row", numbers[int(bad[0])])
         return values
 
     def _fault(self, message: str, line: int | None = None) -> RecordingError:

@@ -41,15 +41,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     """
     for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
         check_finite(columns, names, imu.source)
-    if imu.temperature is not None:
-        check_finite(imu.temperature[:, None], ("temperature",), imu.source)
-        low, high = float(imu.temperature.min()), float(imu.temperature.max())
-        if not (low > _COLDEST and high < _HOTTEST):
-            raise RecordingError(
-                f"temperature from {low:.4g} to {high:.4g} degrees Celsius; name its unit in the header, "
-                "[degC] or [K], or leave the column out",
-                file=imu.source,
-            )
+    check_temperature(imu)
     _check_filled(imu)
     check_gravity(imu)
     warnings: list[DataWarning] = []
@@ -59,6 +51,20 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     imu, masked = without_faults(imu, moved=moved)
     imu, repeated = without_repeats(imu)
     return imu, [*warnings, *masked, *repeated]
+
+
+def check_temperature(imu: ImuSamples) -> None:
+    """Raise an error for temperatures that no working sensor has; without a column there is nothing to check."""
+    if imu.temperature is None:
+        return
+    check_finite(imu.temperature[:, None], ("temperature",), imu.source)
+    low, high = float(imu.temperature.min()), float(imu.temperature.max())
+    if not (low > _COLDEST and high < _HOTTEST):
+        raise RecordingError(
+            f"temperature from {low:.4g} to {high:.4g} degrees Celsius; name its unit in the header, "
+            "[degC] or [K], or leave the column out",
+            file=imu.source,
+        )
 
 
 @contextmanager

@@ -82,6 +82,23 @@ def test_what_cannot_be_read_is_refused_with_its_line(data, said):
         everything(data)
 
 
+@given(st.lists(st.integers(0, len(table())), max_size=10), st.sampled_from([b"\r\n", b"\r"]))
+def test_other_line_ends_give_the_same_rows(cuts, end):
+    text = table().replace(b"\n", end) + b"\n"  # the last return alone may be half of a line end
+    assert everything(text, cuts) == everything(table())
+
+
+@pytest.mark.parametrize("cut", [0, 700])
+def test_lines_are_counted_behind_comments_and_blank_ones(cut):
+    first, second, third, *rest = table().split(b"\n")
+    data = b"\n".join([first, b"# a comment", second, b"", third, *rest])
+    row = rest[4]
+    with pytest.raises(RecordingError, match="line 10: a reading is not a finite number"):
+        everything(data.replace(row, row.split(b",")[0] + b",nan,0,0,0,0,0"), [cut])
+    with pytest.raises(RecordingError, match="line 11: the stamp .* does not follow .*; expected ascending stamps"):
+        everything(data.replace(row, row + b"\n" + row), [cut])
+
+
 def test_a_cut_last_line_is_left_out_and_told(tmp_path):
     raw = tmp_path / "raw.csv"
     raw.write_bytes(table()[:-30])
@@ -131,6 +148,43 @@ def test_units_that_cannot_be_are_refused_unless_forced(tmp_path):
     raw.write_bytes(table(HEADER, [(s, *(57.3 * w), *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
     with pytest.raises(RecordingError, match="are they in deg/s"):
         apply_to_file(TOOL, raw, tmp_path / "other.csv")
+
+
+def test_stamps_in_another_unit_are_refused_unless_forced(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table(HEADER, [(s // 1000, *w, *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    said = r"4e\+05 samples a second, expected 1 to 20000: are the stamps in nanoseconds"
+    with pytest.raises(RecordingError, match=said):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert apply_to_file(TOOL, raw, tmp_path / "out.csv", force=True).samples == N
+    short = table(HEADER, [(s // 1000, *w, *a) for s, w, a in zip(STAMPS[:50], RATES, FORCES, strict=False)])
+    with pytest.raises(RecordingError, match=said):
+        everything(short)
+    with pytest.raises(RecordingError, match="the usual step is 2500 ns; give seconds as floats"):
+        TOOL.correct(RATES, FORCES, STAMPS // 1000)
+
+
+def test_a_stated_mapping_counts_for_usual_tables_too(tmp_path):
+    """The header says nothing of units: recording.toml does."""
+    folder = tmp_path / "rec" / "imu0"
+    folder.mkdir(parents=True)
+    rows = [(s, *np.rad2deg(w), *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]
+    (folder / "data.csv").write_bytes(table("t,w_x,w_y,w_z,a_x,a_y,a_z", rows))
+    (tmp_path / "rec" / "recording.toml").write_text(
+        '[columns]\nimu.file = "imu0/data.csv"\nimu.time = "t [ns]"\nimu.rate = "w_x, w_y, w_z [deg/s]"\n'
+        'imu.acceleration = "a_x, a_y, a_z [m/s^2]"\n'
+    )
+    apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
+    omega, f = TOOL.correct(RATES, FORCES, STAMPS)
+    np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
+
+
+def test_a_table_does_not_become_a_bag(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table())
+    for name in ("out.mcap", "out.bag"):
+        with pytest.raises(SettingsError, match=r"a \.csv file is written, or a folder"):
+            apply_to_file(TOOL, raw, tmp_path / name)
 
 
 def test_a_table_of_another_shape_must_state_its_units(tmp_path):
