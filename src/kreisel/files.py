@@ -94,3 +94,24 @@ def finish_replacing(folder: Path, names: Collection[str]) -> None:
         for file in moving.iterdir():
             file.rename(folder / file.name)
         moving.rmdir()
+
+
+_MAX_ENTRIES = 100_000
+
+
+def check_entries(document: object) -> None:
+    """Raise an error for more entries than a result can have; a YAML alias can stand for any number of them.
+
+    Raises
+    ------
+    ValueError
+        With the largest number.
+    """
+    waiting, count = [document], 0
+    while waiting:
+        entry = waiting.pop()
+        parts = list(entry.values() if isinstance(entry, dict) else entry) if isinstance(entry, dict | list) else []
+        waiting += parts
+        count += len(parts)
+        if count > _MAX_ENTRIES:
+            raise ValueError(f"more than {_MAX_ENTRIES} entries")

@@ -19,14 +19,14 @@ from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.calibration.stream import CorrectedStream
 from kreisel.errors import RecordingError, SettingsError
-from kreisel.files import MAX_YAML, finish_replacing, read_text, replaced_together
+from kreisel.files import MAX_YAML, check_entries, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, corrected
+from kreisel.inertial.sensor_model import SizeEffect
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result; all of them belong to one recording."""
 
-_MAX_ENTRIES = 100_000
 _MAX_ARRAYS = 1 << 26
 
 
@@ -107,8 +107,8 @@ class Calibration(CalibrationParts):
         Raises
         ------
         SettingsError
-            If the axes do not exist, if this calibration is in other axes than the tool's already, or, for `nominal`,
-            if the mounting is far from right angles.
+            If the axes do not exist, if this calibration is in other axes than the tool's already or not of the
+            completed model, or, for `nominal`, if the mounting is far from right angles.
 
         Notes
         -----
@@ -119,6 +119,11 @@ class Calibration(CalibrationParts):
             return self
         if self.axes != "tool":
             raise SettingsError(f"this calibration is in axes '{self.axes}' already; take the one in axes of the tool")
+        if self.size_effect is not SizeEffect.COMPLETED:
+            raise SettingsError(
+                f"the size effect '{self.size_effect.value}' holds in axes of the tool only; calibrate with the "
+                "completed form"
+            )
         found, names, P, unpack = expressed(self.sensors, self.sensor_sd, self.names, self.covariance, axes)
         deviation = clean(with_vector(self.sensor_sd, np.sqrt(np.maximum(np.diag(P)[: len(NAMES)], 0.0))), axes)
         prior = dict(zip(self.names, self.prior_deviation, strict=True))
@@ -217,7 +222,7 @@ def _read_parts(file: Path) -> CalibrationParts:
         named = f"'{schema[:60]}'" if isinstance(schema, str) else f"of type {type(schema).__name__}"
         raise RecordingError(f"schema is {named}, expected '{READ[-1]}' or '{READ[0]}'", file=file)
     try:
-        _check_entries(document)
+        check_entries(document)
         return from_document(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RecordingError(f"incomplete: {error}; write it again with `kreisel calibrate`", file=file) from error
@@ -234,15 +239,3 @@ def _check_size(archive: Path) -> None:
         raise RecordingError(
             f"arrays of {size} bytes, expected {_MAX_ARRAYS} at most; copy the result again", file=archive
         )
-
-
-def _check_entries(document: object) -> None:
-    """Raise an error for more entries than a result can have; a YAML alias can stand for any number of them."""
-    waiting, count = [document], 0
-    while waiting:
-        entry = waiting.pop()
-        parts = list(entry.values() if isinstance(entry, dict) else entry) if isinstance(entry, dict | list) else []
-        waiting += parts
-        count += len(parts)
-        if count > _MAX_ENTRIES:
-            raise ValueError(f"more than {_MAX_ENTRIES} entries")

@@ -31,7 +31,7 @@ from kreisel.calibration.parts import (
     Verdict,
 )
 from kreisel.geometry.rotation import Array, nearest_rotation
-from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect
+from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect, check_parameters
 from kreisel.model.considered import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import SENSOR_GROUPS, other_groups
@@ -93,6 +93,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
     others = _others(document, sd)
     own = {g: others[path].value.ravel() for g in SENSOR_GROUPS if (path := group_named(g).path) in others}
     values, deviations = replace(_sensors(document), others=own), _sensors(sd) if sd else None
+    check_parameters(values)
     estimator = document.get("estimator")
     derived = _derived(_table(document, "derived"), _table(sd, "derived"))
     if "axes" not in document:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from decimal import Decimal
 
 import numpy as np
 
@@ -101,7 +102,13 @@ def certificate_of(
         raise SettingsError("this calibration was rejected, and a rejected one gets no certificate; see its report")
     own = words(language)
     found = [one for one in judged(calibration, limits) if one.quantity.name not in _LEFT_OUT]
-    rows = {kind: [_row(one, own, language) for one in found if one.quantity.of == kind] for kind in ("axes", "pairs")}
+    if limits is not None:
+        _check_shown(limits, found)
+    exact = limits is not None and limits.grade is None
+    rows = {
+        kind: [_row(one, own, language, exact=exact) for one in found if one.quantity.of == kind]
+        for kind in ("axes", "pairs")
+    }
     consistency = calibration.consistency
     notes = [own["uncertainty"], own["contributions"]]
     if limits is not None:
@@ -126,6 +133,16 @@ def certificate_of(
         "" if calibration.recording is None else calibration.recording.digest or "",
         limits is not None,
     )
+
+
+def _check_shown(limits: Limits, found: Sequence[Judged]) -> None:
+    """Raise an error for a limit of something that the certificate does not show: it would be judged by nobody."""
+    shown = {one.quantity.name for one in found}
+    for name in limits.values:
+        if name in _LEFT_OUT:
+            raise SettingsError(f"limits.{name}: not a property of the device; leave it out")
+        if name not in shown:
+            raise SettingsError(f"limits.{name}: this calibration does not have it; leave the limit out")
 
 
 def _facts(
@@ -158,23 +175,23 @@ def _facts(
     return [*out, (own["software"], f"kreisel {__version__}")]
 
 
-def _row(one: Judged, own: Mapping[str, str], language: str) -> Row:
+def _row(one: Judged, own: Mapping[str, str], language: str, *, exact: bool) -> Row:
     mark = "" if one.observable else "*"
     return Row(
         own[one.quantity.name],
         one.quantity.unit,
         tuple(_pair(x, u, language) + mark for x, u in zip(one.values, one.uncertainties, strict=True)),
-        "" if one.limit is None else f"± {_limit(one.limit, language)}",
+        "" if one.limit is None else f"± {_limit(one.limit, language, exact=exact)}",
         "" if one.decision is None else own[one.decision.value],
         "" if one.decision is None else one.decision.name.lower(),
     )
 
 
-def _limit(value: float, language: str) -> str:
-    """Return a limit to three digits, never with an exponent; thin blanks divide thousands."""
+def _limit(value: float, language: str, *, exact: bool) -> str:
+    """Return a limit with all its digits, or to three, never with an exponent; thin blanks divide thousands."""
     places = 2 - math.floor(math.log10(value))
-    text = f"{round(value, places):,.{max(places, 0)}f}".replace(",", "\u202f")
-    return number(text, language)
+    text = f"{Decimal(repr(value)).normalize():,f}" if exact else f"{round(value, places):,.{max(places, 0)}f}"
+    return number(text.replace(",", "\u202f"), language)
 
 
 def _pair(value: float, uncertainty: float, language: str) -> str:

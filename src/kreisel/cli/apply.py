@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import typer
 
@@ -93,24 +93,39 @@ def _tell(calibration: Calibration) -> None:
         typer.echo(f"· not observable, do not rely on {', '.join(lost[:4])}{more}", err=True)
 
 
-def _apply_to_pipe(calibration: Calibration, raw: Path, *, force: bool) -> None:
-    """Write a table to standard output."""
+def _standard(name: str) -> BinaryIO:
+    """Return standard input or output.
+
+    Raises
+    ------
+    SettingsError
+        If it is closed.
+    """
     import sys
 
+    from kreisel.errors import SettingsError
+
+    stream = {"input": sys.stdin, "output": sys.stdout}[name]
+    if stream is None:
+        raise SettingsError(f"standard {name} is closed; give a file in its place")
+    return stream.buffer
+
+
+def _apply_to_pipe(calibration: Calibration, raw: Path, *, force: bool) -> None:
+    """Write a table to standard output."""
     from kreisel.application.files import apply_to_table
 
-    _, warnings = apply_to_table(calibration, raw, sys.stdout.buffer.write, force=force)
+    _, warnings = apply_to_table(calibration, raw, _standard("output").write, force=force)
     for warning in warnings:
         typer.echo(f"· {warning}", err=True)
 
 
 def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: float | None, *, force: bool) -> None:
     """Correct what comes on standard input or from a device; every row is written at once."""
-    import sys
     from contextlib import ExitStack
 
     with ExitStack() as stack:
-        file = sys.stdout.buffer if output == _STREAM else stack.enter_context(Path(output).open("xb"))
+        file = _standard("output") if output == _STREAM else stack.enter_context(Path(output).open("xb"))
 
         def write(rows: bytes) -> None:
             file.write(rows)
@@ -124,12 +139,11 @@ def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: f
 
 def _from_standard_input(calibration: Calibration, write: Write, *, force: bool) -> None:
     import os
-    import sys
 
     from kreisel.application.tables import CorrectedTable
 
     table = CorrectedTable(calibration, Path("standard input"), check=not force)
-    descriptor = sys.stdin.fileno()
+    descriptor = _standard("input").fileno()
     try:
         while data := os.read(descriptor, 1 << 16):
             if rows := table.feed(data):

@@ -43,7 +43,7 @@ def export(
     from kreisel.exchange.registry import read_from, target_named
 
     target = target_named(to)
-    found = Calibration.load(calibration) if source is None else read_from(source, calibration)
+    found = Calibration.load(calibration) if source is None else read_from(source, calibration, instance)
     check_usable(found, force=force)
     chosen = found.in_axes(axes)
     facts = chosen.recording

@@ -18,11 +18,26 @@ from kreisel.calibration.parts import (
     Verdict,
 )
 from kreisel.calibration.result import Calibration
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.errors import RecordingError
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, check_parameters
+
+_SLOWEST, _FASTEST = 1.0, 20e3
+"""Samples a second that can be; others count as not stated."""
 
 
 def imported(path: Path, sensors: SensorParameters, rate_hz: float, source: str) -> Calibration:
-    """Return a calibration without deviations; its verdict says that nobody judged it."""
+    """Return a calibration without deviations; its verdict says that nobody judged it.
+
+    Raises
+    ------
+    RecordingError
+        If the parameters are none that a sensor can have.
+    """
+    try:
+        check_parameters(sensors)
+    except ValueError as error:
+        raise RecordingError(f"not a calibration of {source}: {error}", file=path) from error
+    rate_hz = rate_hz if _SLOWEST <= rate_hz <= _FASTEST else 0.0
     nothing = np.full(3, np.nan)
     unknown = with_vector(sensors, np.full(len(NAMES), np.nan))
     parts = CalibrationParts(

@@ -20,7 +20,7 @@ from ruamel.yaml.error import YAMLError
 from kreisel.calibration.axes import turned
 from kreisel.errors import RecordingError
 from kreisel.exchange.losses import without_effects_of
-from kreisel.files import MAX_YAML, read_text
+from kreisel.files import MAX_YAML, check_entries, read_text
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 
@@ -142,6 +142,9 @@ def imu_table(path: Path) -> dict[str, Any]:
         lines = read_text(path, MAX_YAML).splitlines()
         text = "\n".join(line for line in lines if not line.startswith("%"))
         content = YAML(typ="safe").load(text)
+        check_entries(content)
+    except ValueError as error:
+        raise RecordingError(f"not a YAML file that can be read: {error}", file=path) from error
     except (OSError, UnicodeDecodeError, YAMLError, RecursionError) as error:
         raise RecordingError(f"not a YAML file that can be read: {str(error).splitlines()[0]}", file=path) from error
     if isinstance(content, dict) and isinstance(content.get("imu0"), dict):

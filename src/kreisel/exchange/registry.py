@@ -35,11 +35,12 @@ TARGETS = {
     "json": Target("the whole result file as JSON", ".json", plain.export_json),
 }
 
-READERS: dict[str, Callable[[Path], Calibration]] = {
-    "kalibr": kalibr.read,
-    "openvins": openvins.read,
+READERS: dict[str, Callable[[Path, int], Calibration]] = {
+    "kalibr": lambda path, _: kalibr.read(path),
+    "openvins": lambda path, _: openvins.read(path),
     "px4": autopilots.read_px4,
 }
+"""Of a file and the number of a sensor in it."""
 
 
 def target_named(name: str) -> Target:
@@ -55,8 +56,8 @@ def target_named(name: str) -> Target:
     return TARGETS[name]
 
 
-def read_from(name: str, path: Path) -> Calibration:
-    """Return the calibration in another program's file.
+def read_from(name: str, path: Path, instance: int = 0) -> Calibration:
+    """Return the calibration in another program's file; of an autopilot's, that of one of its sensors.
 
     Raises
     ------
@@ -67,4 +68,4 @@ def read_from(name: str, path: Path) -> Calibration:
     """
     if name not in READERS:
         raise SettingsError(unknown_name("format to read", name, READERS))
-    return READERS[name](path)
+    return READERS[name](path, instance)

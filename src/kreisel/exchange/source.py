@@ -18,7 +18,11 @@ from kreisel.inertial.effects import EFFECTS, follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LONGEST_GAP
 
-_RESERVED = frozenset({"int", "float", "double", "for", "if", "else", "return", "static", "struct", "fn", "let", "end"})
+_RESERVED = frozenset({
+    "break", "case", "catch", "classdef", "continue", "do", "else", "elseif", "end", "for", "function", "global", "if",
+    "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "until", "while",
+})  # fmt: skip
+"""Words of MATLAB and Octave; in the other languages the name is the beginning of others only."""
 
 
 @dataclass(frozen=True)

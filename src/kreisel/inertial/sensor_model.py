@@ -12,13 +12,13 @@ from kreisel.geometry.rotation import Array, skew
 
 FORMULA = {
     "readings": (
-        "first w' <- w' + g_sensitivity a' + g_squared a'^2 + asymmetry_w |w'| and a' <- a' + asymmetry_a |a'| "
-        "+ delay da'/dt - smoothing d^2a'/dt^2, and to either its temperature (T - T_0) + scale_temperature x' "
-        "(T - T_0) with T_0 = recording.temperature_c, element by element, each where the file has it"
+        "d_w = g_sensitivity a' + g_squared a'^2 + asymmetry_w |w'|, d_a = asymmetry_a |a'| + delay da'/dt - smoothing "
+        "d^2a'/dt^2, and to either its temperature (T - T_0) + scale_temperature x' (T - T_0) with T_0 = "
+        "recording.temperature_c; all of the raw readings w' and a', element by element, each where the file has it"
     ),
-    "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i), powers element by element",
+    "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i + d_w), powers element by element",
     "specific_force": (
-        "f_b = K_a (a' + k_a0 + sum_i k_ai a'^i - e), e_j = s_j . ([alpha x] + [omega x]^2) r_j, "
+        "f_b = K_a (a' + k_a0 + sum_i k_ai a'^i + d_a - e), e_j = s_j . ([alpha x] + [omega x]^2) r_j, "
         "s_j = row j of K_a^-1, r_j = row j of lever_arms, alpha = d omega/dt"
     ),
 }
@@ -82,6 +82,25 @@ class SensorParameters:
         """Return a sensor without errors, its axes those of b, with room for a polynomial of `order`."""
         zero = np.zeros((order, 3))
         return cls(np.eye(3), zero, np.eye(3), zero, np.zeros((3, 3)))
+
+
+def check_parameters(parameters: SensorParameters) -> None:
+    """Raise an error for parameters that no sensor has.
+
+    Raises
+    ------
+    ValueError
+        If one is not a finite number, or a matrix has no inverse.
+    """
+    p = parameters
+    named = {"cross-coupling": p.K_omega, "offset or polynomial": p.k_w, "cross-coupling ": p.K_a,
+             "offset or polynomial ": p.k_a, "lever arm": p.lever_arms, **p.others}  # fmt: skip
+    for name, values in named.items():
+        if not np.isfinite(values).all():
+            raise ValueError(f"a value of the {name.strip()} is not a finite number")
+    for sensor, K in (("gyroscope", p.K_omega), ("accelerometer", p.K_a)):
+        if not 1e-9 < abs(np.linalg.det(K)) < 1e9:
+            raise ValueError(f"the cross-coupling matrix of the {sensor} has no inverse")
 
 
 def correct_angular_rate(rates: Array, parameters: SensorParameters) -> Array:

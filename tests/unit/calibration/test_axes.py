@@ -12,6 +12,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import exp, from_matrix, log, matrix, nearest_rotation
+from kreisel.inertial.sensor_model import SizeEffect
 
 from .example import calibration
 
@@ -156,6 +157,13 @@ def test_the_nominal_mounting_is_one_of_24_and_refused_far_away():
     np.testing.assert_allclose(C, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-15)
     with pytest.raises(SettingsError, match=r"mounted 3\d\.\d deg away from the nearest right angles.*use --axes imu"):
         calibration(mount=(0.0, 0.0, 0.6)).in_axes("nominal")
+
+
+def test_other_forms_of_the_size_effect_stay_in_axes_of_the_tool():
+    printed = replace(calibration(), size_effect=SizeEffect.FOX2005)
+    assert printed.in_axes("tool") is printed
+    with pytest.raises(SettingsError, match="'fox2005' holds in axes of the tool only"):
+        printed.in_axes("imu")
 
 
 def test_axes_are_changed_once():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.data_sheet import derive
-from kreisel.calibration.limits import limits_of_grade
+from kreisel.calibration.limits import Limits, limits_of_grade
 from kreisel.calibration.parts import Measured, Verdict
 from kreisel.calibration.result import Calibration
 from kreisel.certificate.content import certificate_of, fields_of
@@ -106,6 +106,17 @@ def test_effects_of_nine_numbers_take_three_rows():
     assert first == pytest.approx(G.value[3] / size, abs=0.06)
     held = certificate_of(device(others={path: replace(G, deviation=np.zeros(9))}), {}, None, "en", TODAY)
     assert not any(row.title.startswith("Gyro g-sensitivity") for row in held.effects)
+
+
+def test_every_limit_is_shown_with_its_digits_or_refused():
+    found = certificate_of(device(), {}, Limits({"accel_bias_mg": 1234.5678, "gyro_bias_deg_h": 200.0}), "de", TODAY)
+    assert {row.limit for row in found.axes} == {"± 1\u202f234,5678", "± 200", ""}
+    with pytest.raises(SettingsError, match=r"limits.mounting_rotation_deg: not a property of the device"):
+        certificate_of(device(), {}, Limits({"mounting_rotation_deg": 1.0}), "en", TODAY)
+    own = device()
+    less = replace(own, derived={name: one for name, one in own.derived.items() if name != "accel_bias_mg"})
+    with pytest.raises(SettingsError, match=r"limits.accel_bias_mg: this calibration does not have it"):
+        certificate_of(less, {}, Limits({"accel_bias_mg": 1.0}), "en", TODAY)
 
 
 def test_a_rejected_result_gets_none():

@@ -6,7 +6,7 @@
  * {{ note }}
 {%- endfor %}
  *
- *     {{ name }}_stream stream = { 0 };
+ *     {{ name }}_stream stream = { 0 }; // in C++: {{ name }}_stream stream{};
  *     {{ name }}_sample out;
  *     if ({{ name }}_push(&stream, stamp_ns, w_raw, a_raw, temperature_c, &out))
  *         use(out.stamp_ns, out.rate, out.force);
