@@ -128,7 +128,7 @@ def read_limits(path: Path) -> Limits:
     for name, value in table.items():
         if name not in known:
             raise RecordingError(unknown_name("quantity", name, known), file=path)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < np.inf:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e300:
             raise RecordingError(f"limits.{name} = {value!r}: expected a number above zero", file=path)
     return Limits({name: float(value) for name, value in table.items()}, file=path.name)
 

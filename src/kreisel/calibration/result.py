@@ -224,7 +224,7 @@ def _read_parts(file: Path) -> CalibrationParts:
     try:
         check_entries(document)
         return from_document(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise RecordingError(f"incomplete: {error}; write it again with `kreisel calibrate`", file=file) from error
 
 

@@ -208,7 +208,8 @@ def _others(document: Mapping[str, Any], sd: Mapping[str, Any]) -> dict[str, Mea
         value, deviation = _get(document, path), _get(sd, path)
         if value is not None:
             value = np.asarray(value, dtype=float)
-            out[path] = Measured(value, np.asarray(np.full(value.shape, np.nan) if deviation is None else deviation))
+            nothing = np.full(value.shape, np.nan)
+            out[path] = Measured(value, nothing if deviation is None else np.asarray(deviation, dtype=float))
     return out
 
 
@@ -537,6 +538,9 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(f"{value:.6g}")
 
 
-def _plain(values: Array) -> list[Any]:
-    """Return an array as lists, null for what is not a number."""
-    return [_plain(v) if v.ndim else (float(v) if np.isfinite(v) else None) for v in np.asarray(values)]
+def _plain(values: Array) -> Any:
+    """Return an array as lists, and one without axes as a number; null for what is not a number."""
+    array = np.asarray(values)
+    if array.ndim:
+        return [_plain(value) for value in array]
+    return float(array) if np.isfinite(array) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,8 @@ def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
         If the key cannot be read, or the password is wrong or missing.
     """
     minisign = _library()
+    secret = _read(key, minisign.SecretKey.from_file, "a secret key")
     try:
-        secret = minisign.SecretKey.from_file(key)
         if secret.is_encrypted():
             if password is None:
                 raise RecordingError(
@@ -35,10 +36,8 @@ def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
                 )
             secret.decrypt(password)
         signature = secret.sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", file=key) from error
     except (minisign.Error, ValueError) as error:
-        raise RecordingError(f"cannot sign with it: {error}; is it a secret key of minisign?", file=key) from error
+        raise RecordingError(f"cannot sign with it: {error}", file=key) from error
     out = path.with_name(path.name + SUFFIX)
     out.write_bytes(bytes(signature))
     return out
@@ -53,12 +52,7 @@ def is_encrypted(key: Path) -> bool:
         If it cannot be read.
     """
     minisign = _library()
-    try:
-        return bool(minisign.SecretKey.from_file(key).is_encrypted())
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", file=key) from error
-    except (minisign.Error, ValueError) as error:
-        raise RecordingError(f"not a secret key of minisign: {error}", file=key) from error
+    return bool(_read(key, minisign.SecretKey.from_file, "a secret key").is_encrypted())
 
 
 def verify(path: Path, public_key: Path) -> str:
@@ -74,11 +68,8 @@ def verify(path: Path, public_key: Path) -> str:
     for file in (path, beside, public_key):
         if not file.is_file():
             raise RecordingError("no such file", file=file)
-    try:
-        public = minisign.PublicKey.from_file(public_key)
-        signature = minisign.Signature.from_file(beside)
-    except (minisign.Error, ValueError, OSError) as error:
-        raise RecordingError(f"cannot be read: {error}", file=beside) from error
+    public = _read(public_key, minisign.PublicKey.from_file, "a public key")
+    signature = _read(beside, minisign.Signature.from_file, "a signature")
     try:
         public.verify(path.read_bytes(), signature)
     except (minisign.Error, ValueError) as error:
@@ -109,6 +100,15 @@ def new_keys(stem: Path, password: str | None) -> tuple[Path, Path]:
     paths[0].write_bytes(bytes(pair.secret_key))
     paths[1].write_bytes(bytes(pair.public_key))
     return paths
+
+
+def _read(path: Path, read: Callable[[Path], Any], what: str) -> Any:
+    try:
+        return read(path)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
+    except (_library().Error, ValueError, IndexError) as error:
+        raise RecordingError(f"not {what} of minisign: {error}", file=path) from error
 
 
 def _library() -> Any:

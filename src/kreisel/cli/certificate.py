@@ -25,12 +25,14 @@ def certificate(
     from kreisel.calibration.result import Calibration
     from kreisel.certificate.content import certificate_of, fields_of
     from kreisel.certificate.page import html, pdf
+    from kreisel.certificate.signature import sign
     from kreisel.errors import RecordingError, SettingsError
 
     if output.suffix.lower() not in (".pdf", ".html"):
         raise SettingsError(f"-o {output}: expected a name that ends in .pdf or .html")
     if output.exists() and not force:
         raise RecordingError("exists already; delete it, give another name, or --force", file=output)
+    secret = None if key is None else _password_of(key)
     found = Calibration.load(calibration)
     fields = fields_of(found, _pairs(field))
     known = None if limits is None else limits_named(limits)
@@ -43,7 +45,7 @@ def certificate(
     if key is not None:
         digest = "" if found.recording is None else found.recording.digest or ""
         comment = f"{output.name} {today.isoformat()} data sha256 {digest}".strip()
-        typer.echo(f"written: {_signed(output, key, comment)}")
+        typer.echo(f"written: {sign(output, key, secret, comment)}")
 
 
 def verify(
@@ -81,15 +83,18 @@ def _pairs(texts: list[str]) -> dict[str, str]:
     return out
 
 
-def _signed(path: Path, key: Path, comment: str) -> Path:
-    from kreisel.certificate.signature import is_encrypted, sign
+def _password_of(key: Path) -> str | None:
+    from kreisel.certificate.signature import is_encrypted
 
-    password = _password(f"Password of {key}") if is_encrypted(key) else None
-    return sign(path, key, password, comment)
+    return _password(f"Password of {key}") if is_encrypted(key) else None
 
 
 def _password(prompt: str, *, confirmed: bool = False) -> str:
     import os
 
+    from kreisel.errors import SettingsError
+
     stated = os.environ.get("KREISEL_KEY_PASSWORD")
+    if stated == "":
+        raise SettingsError("KREISEL_KEY_PASSWORD is empty; unset it, or for a key without a password: --no-password")
     return stated if stated is not None else str(typer.prompt(prompt, hide_input=True, confirmation_prompt=confirmed))

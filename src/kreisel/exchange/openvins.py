@@ -10,6 +10,7 @@ A C_gyro_i of Kalibr; the comments in its configuration files say A.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def export(wanted: Wanted) -> Exported:
         f"  accelerometer_random_walk: {figures['accel_walk']:.9g}",
         f"  gyroscope_noise_density: {figures['gyro_density']:.9g}",
         f"  gyroscope_random_walk: {figures['gyro_walk']:.9g}",
-        f"  rostopic: {wanted.topic}",
+        f"  rostopic: {json.dumps(wanted.topic)}",
         "  time_offset: 0.0",
         f"  update_rate: {wanted.rate_hz or 0.0:.6g}",
         '  model: "kalibr"',

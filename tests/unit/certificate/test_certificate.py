@@ -165,8 +165,13 @@ def test_signatures(tmp_path):
         sign(file, secret, "wrong", "")
     with pytest.raises(RecordingError, match="is encrypted"):
         sign(file, secret, None, "")
-    with pytest.raises(RecordingError, match="is it a secret key"):
+    with pytest.raises(RecordingError, match=r"lab\.pub: not a secret key of minisign"):
         sign(file, public, None, "")
+    with pytest.raises(RecordingError, match=r"lab\.key: not a public key of minisign"):
+        verify(file, secret)
+    (tmp_path / "c.pdf.minisig").write_text("nothing")
+    with pytest.raises(RecordingError, match=r"c\.pdf\.minisig: not a signature of minisign"):
+        verify(file, public)
     (tmp_path / "c.pdf.minisig").unlink()
     with pytest.raises(RecordingError, match=r"c\.pdf\.minisig: no such file"):
         verify(file, public)
