@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from kreisel.batch.lot import Unit
     from kreisel.batch.run import Run
@@ -49,7 +50,7 @@ def batch(
     settings = CalibrationSettings(fixed=parse_fixed(fix))
     output.mkdir(parents=True, exist_ok=True)
     work = Batch(jobs_in(folder, output, settings), settings, (output / "results").resolve(), reports)
-    with Store(database or output / "results.db") as store:
+    with _alone(output), Store(database or output / "results.db") as store:
         done = len(work.jobs) - len(waiting_in(work, store))
         if done and not json:
             typer.echo(f"{done} of {len(work.jobs)} are done already")
@@ -95,6 +96,31 @@ def history(
         typer.echo(f"· left out: {name}, {reason}")
     typer.echo(f"next due: {due}; {found.due.reason}")
     typer.echo(f"written: {output}")
+
+
+@contextmanager
+def _alone(output: Path) -> Iterator[None]:
+    """Keep other batches out of a folder, where the system has locks.
+
+    Raises
+    ------
+    SettingsError
+        If one is at work there.
+    """
+    from contextlib import suppress
+
+    from kreisel.errors import SettingsError
+
+    with (output / ".lock").open("w") as file:
+        try:
+            with suppress(ImportError):
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            busy = f"-o {output}: another batch is at work there; wait for it, or give another folder"
+            raise SettingsError(busy) from error
+        yield
 
 
 def _map(jobs: int, scheduler: str | None) -> Map:
