@@ -105,7 +105,7 @@ def test_a_wrong_latitude_is_noticed(grade, stated):
     assert not outcome.verdict.accepted
     (reason,) = [reason for reason in outcome.verdict.reasons if "latitude" in reason]
     assert f"{stated:.4g} deg contradicts" in reason
-    found, sd = (float(word) for word in re.search(r"gives ([-\d.]+) \+- ([\d.]+)", reason).groups())
+    found, sd = (float(word) for word in re.search(r"gives ([-\d.]+) ± ([\d.]+)", reason).groups())
     assert abs(found - 49.2571) < 4.0 * sd
 
 

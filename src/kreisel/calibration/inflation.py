@@ -87,7 +87,7 @@ def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Esti
     belief = with_errors(belief, column)
     message = (
         f"the stated latitude of {check.stated_deg:.4g} deg is doubtful: the Earth's rotation in the gyros' readings "
-        f"gives {check.found_deg:.1f} +- {check.deviation_deg:.1g} deg. Standard deviations of the accelerometers' "
+        f"gives {check.found_deg:.1f} ± {check.deviation_deg:.1g} deg. Standard deviations of the accelerometers' "
         "scale factors contain the difference in gravity"
     )
     warnings = (*found.warnings, DataWarning("site", message))

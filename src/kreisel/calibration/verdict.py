@@ -116,7 +116,7 @@ def _latitude(check: LatitudeCheck | None) -> list[str]:
         return []
     return [
         f"the stated latitude of {check.stated_deg:.4g} deg contradicts the Earth's rotation in the gyros' readings, "
-        f"which gives {check.found_deg:.1f} +- {check.deviation_deg:.1g} deg: "
+        f"which gives {check.found_deg:.1f} ± {check.deviation_deg:.1g} deg: "
         "correct site.latitude_deg in recording.toml"
     ]
 

@@ -46,4 +46,4 @@ def describe(effect: Considered) -> str:
     largest = float(values[int(np.argmax(np.abs(values)))])
     deviation = float(effect.deviation[int(np.argmax(np.abs(values)))]) / group.size
     which = "up to " if values.size > 1 else ""
-    return f"{group.meaning.split(',')[0]}, {which}{largest:.3g} +- {deviation:.2g} {group.unit}"
+    return f"{group.meaning.split(',')[0]}, {which}{largest:.3g} ± {deviation:.2g} {group.unit}"

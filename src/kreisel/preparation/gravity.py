@@ -59,7 +59,7 @@ def _gravity(table: SiteTable) -> tuple[float, float, list[DataWarning]]:
     difference = table.gravity - normal
     if abs(difference) > CONTRADICTION * math.hypot(sd, normal_sd):
         message = (
-            f"gravity is stated as {table.gravity:g} m/s^2, but the latitude gives {normal:.4f} +- {normal_sd:.1g}; a "
+            f"gravity is stated as {table.gravity:g} m/s^2, but the latitude gives {normal:.4f} ± {normal_sd:.1g}; a "
             f"standard deviation of {abs(difference):.2g} m/s^2 is used: correct one of the two in recording.toml"
         )
         return table.gravity, abs(difference), [DataWarning("site", message)]

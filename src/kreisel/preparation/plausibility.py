@@ -114,7 +114,7 @@ def _check_clocks(preparation: Preparation) -> None:
         k = int(np.argmax(np.where(bad, np.abs(off), 0.0)))
         raise SynchronizationError(
             f"{source}: the clocks do not run evenly: {tau[k]:.0f} s after the first pose they are "
-            f"{1e3 * off[k]:+.0f} ms (+- {1e3 * sd[k]:.1f}) off the straight line through the whole recording. Samples "
+            f"{1e3 * off[k]:+.0f} ms (± {1e3 * sd[k]:.1f}) off the straight line through the whole recording. Samples "
             "were lost without a gap in their stamps, or a clock was set; split the recording there"
         )
     if abs(fit.clock.skew) > MAX_SKEW + 5.0 * fit.clock.skew_sd:

@@ -71,7 +71,7 @@ class ClockJump:
     def warning(self) -> DataWarning:
         """Return the warning about it."""
         text = (
-            f"the clocks jumped by {1e3 * self.size:+.1f} +- {1e3 * self.size_sd:.1f} ms, {self.tau:.1f} s after the "
+            f"the clocks jumped by {1e3 * self.size:+.1f} ± {1e3 * self.size_sd:.1f} ms, {self.tau:.1f} s after the "
             "first pose (a clock was set, or samples were lost); the stamps of the poses behind it were corrected"
         )
         return DataWarning("clocks", text)

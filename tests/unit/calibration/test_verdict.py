@@ -69,7 +69,7 @@ def test_a_latitude_that_the_gyros_contradict_is_a_reason():
     assert reasons(latitude=LatitudeCheck(49.0, 40.0, 2.0, MAX_SCORE)) == ()
     (reason,) = reasons(latitude=LatitudeCheck(49.25, 40.0, 2.0, MAX_SCORE + 0.01))
     assert "49.25 deg" in reason
-    assert "40.0 +- 2 deg" in reason
+    assert "40.0 ± 2 deg" in reason
 
 
 def far_from_prior(group, deviations):
