@@ -146,8 +146,9 @@ def _best(path: Path, sheets: list[Sheet]) -> _Try:
         raise RecordingError("no three adjacent columns have the length of gravity", file=path)
     tried: list[_Try] = []
     orientations = list(_orientations(sheets))
+    rate_parts, positions = _triads(sheets, "rate"), _triads(sheets, "position")
     for force, force_unit in accelerations[:3]:
-        for rates in _triads(sheets, "rate"):
+        for rates in rate_parts:
             if rates.sheet != force.sheet or rates.overlaps(force):
                 continue
             imu = {
@@ -157,7 +158,7 @@ def _best(path: Path, sheets: list[Sheet]) -> _Try:
                 "acceleration": _named(sheets, force, "acceleration", force_unit),
             }
             before = len(tried)
-            for reference in _references(sheets, orientations, (force, rates)):
+            for reference in _references(sheets, orientations, positions, (force, rates)):
                 columns = ColumnsTable.model_validate({"imu": imu, "reference": reference})
                 tried.append(_Try(columns, *_agreement(path, sheets, columns)))
             if len(tried) == before:
@@ -288,7 +289,10 @@ def _accelerations(sheets: list[Sheet]) -> Iterator[tuple[_Part, str | None]]:
 
 
 def _references(
-    sheets: list[Sheet], orientations: list[tuple[_Part, str]], taken: tuple[_Part, ...]
+    sheets: list[Sheet],
+    orientations: list[tuple[_Part, str]],
+    positions: list[_Part],
+    taken: tuple[_Part, ...],
 ) -> Iterator[dict[str, str]]:
     """Yield possible columns of poses."""
     for orientation, form in orientations:
@@ -301,7 +305,7 @@ def _references(
             "time": time,
             "orientation": f"{form}: {_named(sheets, orientation, 'angle', angle_unit)}",
         }
-        free = [part for part in _triads(sheets, "position")
+        free = [part for part in positions
                 if part.sheet == orientation.sheet and not part.overlaps(orientation)
                 and not any(part.overlaps(other) for other in taken)]  # fmt: skip
         if free and form != "pose matrix":
