@@ -48,9 +48,10 @@ class _Tables:
 
 
 def tables_in(path: Path) -> list[Path]:
-    """Return the tables that a path is, or that lie in a folder."""
+    """Return the tables that a path is, or that lie in a folder; that of a result in it is none of a recording."""
     if path.is_dir():
-        return sorted(p for p in path.iterdir() if p.is_file() and is_sheet(p))
+        result = {"estimates.csv"} if (path / "calibration.yaml").is_file() else set()
+        return sorted(p for p in path.iterdir() if p.is_file() and is_sheet(p) and p.name not in result)
     return [path] if is_sheet(path) else []
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from kreisel.errors import KreiselError, RecordingError, SettingsError, UnknownColumnsError
 from kreisel.formats.loading import load
+from kreisel.formats.mapped import tables_in
 from kreisel.formats.mapping import merged, parse_terms, parse_time
 from kreisel.formats.proposal import proposal
 from kreisel.formats.rotation_forms import quaternions_of
@@ -233,3 +234,11 @@ def test_frames_with_equal_names_are_told_apart_by_number(tmp_path: Path) -> Non
     writer.write_table(pyarrow.table(columns), tmp_path / "imu.parquet")
     with pytest.raises(RecordingError, match="2 columns are called 'gx'"):
         read_sheet(tmp_path / "imu.parquet").place("gx")
+
+
+def test_the_table_of_a_result_is_none_of_the_recording(tmp_path: Path) -> None:
+    for name in ("log.csv", "estimates.csv"):
+        (tmp_path / name).write_text("a,b\n1,2\n")
+    assert [path.name for path in tables_in(tmp_path)] == ["estimates.csv", "log.csv"]
+    (tmp_path / "calibration.yaml").write_text("")
+    assert [path.name for path in tables_in(tmp_path)] == ["log.csv"]
