@@ -11,7 +11,7 @@ from kreisel.application.units import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.folder import is_folder
-from kreisel.formats.loading import is_bag, mapped_recording
+from kreisel.formats.loading import is_bag, mapped_recording, not_a_recording
 from kreisel.formats.mapped import settings_beside
 from kreisel.formats.write import write_imu_table
 from kreisel.geometry.rotation import Array
@@ -91,8 +91,7 @@ def apply_to_file(
         return _to_bag(calibration, raw, out, imu, topic, force=force)
     if out.suffix.lower() in (".mcap", ".bag", ".db3"):
         raise SettingsError(f"-o {out}: of {raw} a .csv file is written, or a folder; bags are copies of bags")
-    other_shape = columns or not _is_usual_table(raw) or settings_beside(raw).columns is not None
-    mapped = mapped_recording(raw, columns) if other_shape else None
+    mapped = mapped_recording(raw, columns) if columns or not _is_plain(raw) else None
     if is_bag(raw) or mapped is not None:
         samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
         if not force:
@@ -100,6 +99,8 @@ def apply_to_file(
         return _to_table(calibration, samples, out, warnings)
     table = raw
     if raw.is_dir():
+        if not is_folder(raw):
+            raise not_a_recording(raw)
         table = (raw if (raw / "imu0").is_dir() else raw / "mav0") / (imu or "imu0") / "data.csv"
         out = out if out.suffix.lower() == ".csv" else out / (imu or "imu0") / "data.csv"
     return _table_to_table(calibration, table, out, progress, force=force)
@@ -109,6 +110,11 @@ def _check(calibration: Calibration, samples: ImuSamples, *, stated: bool) -> No
     if not follows_temperature(calibration.sensors.effects):
         samples = replace(samples, temperature=None)
     check_units(samples, stated=stated)
+
+
+def _is_plain(raw: Path) -> bool:
+    """Return whether nobody says, or has to say, which columns hold what."""
+    return _is_usual_table(raw) and settings_beside(raw).columns is None
 
 
 def _is_usual_table(raw: Path) -> bool:
@@ -141,6 +147,25 @@ def _table_to_table(
         raise
     partial.replace(out)
     return Applied(out, rows, warnings)
+
+
+def apply_to_pipe(
+    calibration: Calibration, table: Path, write: Callable[[bytes], object], *, force: bool = False
+) -> tuple[str, ...]:
+    """Write the rows of a table, corrected, and return what to know about them.
+
+    Raises
+    ------
+    SettingsError
+        For what is written to a file only: bags, folders, and tables whose columns need a mapping.
+    RecordingError
+        If the table cannot be read.
+    """
+    if not table.exists():
+        raise RecordingError("no such file; give a table", file=table)
+    if table.is_dir() or is_bag(table) or not _is_plain(table):
+        raise SettingsError(f"-o - is for a table as kreisel writes them; of {table} give -o FILE")
+    return apply_to_table(calibration, table, write, force=force)[1]
 
 
 def apply_to_table(

@@ -91,11 +91,15 @@ class CorrectedTable:
         Raises
         ------
         RecordingError
-            If the table was empty, or its few rows are in implausible units.
+            If the table has no rows, or its few rows are in implausible units.
         """
+        last = self.feed(b"\n") if self._lines.ends_with_return else b""
         left = self._lines.close()
         self._look_at(1)
-        return self._written(self._stream.close()), left
+        out = last + self._written(self._stream.close())
+        if not self.rows:
+            raise RecordingError("has a header but no rows; expected IMU readings", file=self._source)
+        return out, left
 
     @property
     def notes(self) -> list[str]:

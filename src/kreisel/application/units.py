@@ -48,7 +48,8 @@ def check_units(samples: ImuSamples, *, stated: bool) -> None:
     except RecordingError as error:
         raise RecordingError(error.message + REMEDY, file=error.file, line=error.line) from error
     if len(samples.stamps_ns) > 1:
-        rate = 1e9 / float(np.median(np.diff(samples.stamps_ns)))
+        step = float(np.median(np.diff(samples.stamps_ns)))
+        rate = 1e9 / step if step > 0.0 else np.inf
         if not SLOWEST_RATE <= rate <= FASTEST_RATE:
             raise RecordingError(
                 f"{rate:.4g} samples a second, expected {SLOWEST_RATE:g} to {FASTEST_RATE:g}: are the stamps in "

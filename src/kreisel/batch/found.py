@@ -60,7 +60,7 @@ def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
     if here in above:
         return found
     for path in _entries(folder):
-        if path.name.startswith(".") or os.path.realpath(path) == str(out):
+        if path.name.startswith(".") or os.path.realpath(path) in above | {here, str(out)}:
             continue
         if path.is_file():
             if path.suffix.lower() in _FILES:

@@ -146,13 +146,13 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History
     """
     runs = list({run.data: run for run in runs}.values())
     left_out = [(run.name, run.error or "rejected") for run in runs if not run.accepted]
-    left_out += [(run.name, "no date") for run in runs if run.accepted and run.date is None]
-    used = sorted((run for run in runs if run.accepted and run.date is not None), key=lambda run: str(run.date))
+    left_out += [(run.name, "no date") for run in runs if run.accepted and _day(run) is None]
+    used = sorted((run for run in runs if run.accepted and _day(run) is not None), key=lambda run: str(run.date))
     if len(used) < _LEAST:
         why = "".join(f"; {name}: {reason}" for name, reason in left_out)
         raise SettingsError(
             f"unit '{unit}' has {len(used)} accepted calibrations with a date, expected {_LEAST} or more; dates are "
-            f"those of stamps since 1970, or [certificate] date in recording.toml{why}"
+            f"those of stamps since 2000, or [certificate] date in recording.toml{why}"
         )
     days = tuple(date.fromisoformat(str(run.date)) for run in used)
     years = np.array([(day - days[-1]).days / YEAR for day in days])
@@ -165,17 +165,26 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History
     return History(unit, tuple(used), days, tuple(courses), tuple(left_out), _due(courses, days[-1]))
 
 
+def _day(run: Run) -> date | None:
+    try:
+        return None if run.date is None else date.fromisoformat(run.date)
+    except (TypeError, ValueError):
+        return None
+
+
 def aged(years: Array, values: Array, deviations: Array) -> Ageing:
     """Return level and change a year of values (n,) at so many years before the last one.
 
     Notes
     -----
-    The scatter makes the weighted sum of squared residuals what is expected of it, n less the number of parameters
-    (Paule and Mandel 1982); it is found by bisection. Without several dates there is no rate, without more values than
-    parameters no scatter.
+    Values without a deviation were held, not estimated, and do not count. The scatter makes the weighted sum of squared
+    residuals what is expected of it, n less the number of parameters (Paule and Mandel 1982); it is found by bisection.
+    Without several dates there is no rate, without more values than parameters no scatter.
     """
-    good = np.isfinite(values) & np.isfinite(deviations)
-    t, y, sd = years[good], values[good], np.maximum(deviations[good], 1e-300)
+    good = np.isfinite(values) & np.isfinite(deviations) & (deviations > 0.0)
+    t, y, sd = years[good], values[good], deviations[good]
+    if not t.size:
+        return Ageing(np.nan, np.nan, np.nan, np.nan, 0.0, np.full((2, 2), np.nan))
     several = np.unique(t).size > 1
     A = np.column_stack([np.ones_like(t), t]) if several else np.ones((t.size, 1))
     scatter = _scatter(A, y, sd)

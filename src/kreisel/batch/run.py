@@ -75,7 +75,8 @@ class Run:
     @property
     def data(self) -> str:
         """The fingerprint of the recording's data, or its name where there is none: the same for one recording."""
-        return str(dict(self.document.get("recording") or {}).get("sha256") or self.name)
+        recording = None if self.parts is None else self.parts.recording
+        return (None if recording is None else recording.digest) or self.name
 
     @property
     def accepted(self) -> bool:
@@ -89,7 +90,10 @@ class Run:
 
 
 def _damaged(name: str, error: Exception) -> RecordingError:
-    return RecordingError(f"the result of {name} in the file of results is damaged ({error}); calibrate it again")
+    return RecordingError(
+        f"the result of {name} in the file of results is damaged ({error}); delete its folder in results, and run the "
+        "batch again"
+    )
 
 
 def date_of(certificate: Mapping[str, str], begin_ns: int | None) -> str | None:

@@ -125,6 +125,8 @@ def read_limits(path: Path) -> Limits:
     if not isinstance(table, dict) or set(content) != {"limits"}:
         raise RecordingError("expected one table, [limits]", file=path)
     known = {quantity.name for quantity in QUANTITIES}
+    if not table:
+        raise RecordingError(f"no limits in [limits]; known are {', '.join(sorted(known))}", file=path)
     for name, value in table.items():
         if name not in known:
             raise RecordingError(unknown_name("quantity", name, known), file=path)

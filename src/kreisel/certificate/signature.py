@@ -26,6 +26,20 @@ def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
     RecordingError
         If the key cannot be read, or the password is wrong or missing.
     """
+    signature = opened(key, password).sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
+    out = path.with_name(path.name + SUFFIX)
+    out.write_bytes(bytes(signature))
+    return out
+
+
+def opened(key: Path, password: str | None) -> Any:
+    """Return a secret key, ready to sign.
+
+    Raises
+    ------
+    RecordingError
+        If the key cannot be read, or the password is wrong or missing.
+    """
     minisign = _library()
     secret = _read(key, minisign.SecretKey.from_file, "a secret key")
     try:
@@ -35,12 +49,9 @@ def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
                     "is encrypted: its password is asked for, or taken from KREISEL_KEY_PASSWORD", file=key
                 )
             secret.decrypt(password)
-        signature = secret.sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
     except (minisign.Error, ValueError) as error:
         raise RecordingError(f"cannot sign with it: {error}", file=key) from error
-    out = path.with_name(path.name + SUFFIX)
-    out.write_bytes(bytes(signature))
-    return out
+    return secret
 
 
 def is_encrypted(key: Path) -> bool:

@@ -62,8 +62,8 @@ def apply(
     if seconds is not None:
         raise SettingsError("--seconds is for devices; a file ends by itself")
     if output == _STREAM:
-        if columns or imu or Path(raw).is_dir():
-            raise SettingsError("-o - is for a table as kreisel writes them; with --map, --imu or of a folder, -o FILE")
+        if columns or imu:
+            raise SettingsError("-o - is for a table as kreisel writes them; with --map or --imu give -o FILE")
         _apply_to_pipe(chosen, Path(raw), force=force)
         return
     with progress_bar() as show:
@@ -113,9 +113,9 @@ def _standard(name: str) -> BinaryIO:
 
 def _apply_to_pipe(calibration: Calibration, raw: Path, *, force: bool) -> None:
     """Write a table to standard output."""
-    from kreisel.application.files import apply_to_table
+    from kreisel.application.files import apply_to_pipe
 
-    _, warnings = apply_to_table(calibration, raw, _standard("output").write, force=force)
+    warnings = apply_to_pipe(calibration, raw, _standard("output").write, force=force)
     for warning in warnings:
         typer.echo(f"· {warning}", err=True)
 

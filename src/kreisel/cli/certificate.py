@@ -84,9 +84,12 @@ def _pairs(texts: list[str]) -> dict[str, str]:
 
 
 def _password_of(key: Path) -> str | None:
-    from kreisel.certificate.signature import is_encrypted
+    """Return the password of a key that has one, after trying it: nothing is written for a wrong one."""
+    from kreisel.certificate.signature import is_encrypted, opened
 
-    return _password(f"Password of {key}") if is_encrypted(key) else None
+    password = _password(f"Password of {key}") if is_encrypted(key) else None
+    opened(key, password)
+    return password
 
 
 def _password(prompt: str, *, confirmed: bool = False) -> str:

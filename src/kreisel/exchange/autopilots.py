@@ -157,15 +157,20 @@ def read_px4(path: Path, instance: int = 0) -> Calibration:
             raise RecordingError(
                 f"{len(cells)} values, expected vehicle, component, name, value and type", file=path, line=number
             )
+        if cells[2] in values:
+            raise RecordingError(f"{cells[2]} is there twice", file=path, line=number)
         try:
             values[cells[2]] = float(cells[3])
         except ValueError as error:
             raise RecordingError(f"'{cells[3]}' is not a number", file=path, line=number) from error
 
     def triple(name: str, otherwise: float | None) -> Array:
-        found = [values.get(name.format(axis=axis), otherwise) for axis in _AXES]
+        found = [values.get(name.format(axis=axis)) for axis in _AXES]
+        if otherwise is not None and all(name.format(axis=axis) not in values for axis in _AXES):
+            return np.full(3, otherwise)
         if None in found:
-            raise RecordingError(f"has no {name.format(axis='X')}; got {len(values)} other parameters", file=path)
+            missing = name.format(axis=_AXES[found.index(None)])
+            raise RecordingError(f"has no {missing}; got {len(values)} other parameters", file=path)
         return np.array(found, dtype=float)
 
     i, still = instance, np.zeros((3, 3))
@@ -176,4 +181,5 @@ def read_px4(path: Path, instance: int = 0) -> Calibration:
         k_a=-triple(f"CAL_ACC{i}_{{axis}}OFF", None)[None],
         lever_arms=still,
     )
-    return imported(path, sensors, 0.0, "PX4")
+    gyros = "" if f"CAL_GYRO{i}_XOFF" in values else "; without offsets of the gyros"
+    return imported(path, sensors, 0.0, f"PX4{gyros}")

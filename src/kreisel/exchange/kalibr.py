@@ -13,7 +13,15 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, Wanted
 from kreisel.exchange.imported import imported
-from kreisel.exchange.kalibr_model import KalibrModel, imu_table, in_kalibrs_frame, matrix_of, parameters_of
+from kreisel.exchange.kalibr_model import (
+    KalibrModel,
+    imu_table,
+    in_kalibrs_frame,
+    matrix_of,
+    parameters_of,
+    rotation_of,
+    triangle_of,
+)
 from kreisel.exchange.losses import RATE, losses
 from kreisel.geometry.rotation import Array
 from kreisel.units import MG
@@ -123,9 +131,9 @@ def read(path: Path) -> Calibration:
         gyro, accel = table["gyroscopes"], table["accelerometers"]
         arms = [accel.get(f"r{axis}_i", [0.0, 0.0, 0.0]) for axis in "xyz"]
         model = KalibrModel(
-            M_a=matrix_of(accel["M"]),
-            M_w=matrix_of(gyro["M"]),
-            C_gyro_i=matrix_of(gyro["C_gyro_i"]),
+            M_a=triangle_of(accel["M"]),
+            M_w=triangle_of(gyro["M"]),
+            C_gyro_i=rotation_of(gyro["C_gyro_i"]),
             A=matrix_of(gyro["A"]),
             arms=matrix_of(arms),
             bias_w=np.zeros(3),

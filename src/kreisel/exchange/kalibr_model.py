@@ -24,6 +24,9 @@ from kreisel.files import MAX_YAML, check_entries, read_text
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 
+_ORTHOGONAL = 1e-4
+"""Largest deviation of a written rotation times its transpose from the identity."""
+
 
 @dataclass(frozen=True)
 class KalibrModel:
@@ -154,6 +157,34 @@ def imu_table(path: Path) -> dict[str, Any]:
     return content
 
 
+def rotation_of(rows: Any) -> Array:
+    """Return rows of numbers as a rotation matrix (3, 3).
+
+    Raises
+    ------
+    ValueError
+        If they are something else.
+    """
+    out = matrix_of(rows)
+    if np.abs(out @ out.T - np.eye(3)).max() > _ORTHOGONAL or np.linalg.det(out) < 0.0:
+        raise ValueError(f"{str(rows)[:60]} is not a rotation")
+    return out
+
+
+def triangle_of(rows: Any) -> Array:
+    """Return rows of numbers as a lower triangular matrix (3, 3).
+
+    Raises
+    ------
+    ValueError
+        If they are something else.
+    """
+    out = matrix_of(rows)
+    if np.any(np.triu(out, 1)):
+        raise ValueError(f"{str(rows)[:60]} is not lower triangular")
+    return out
+
+
 def matrix_of(rows: Any) -> Array:
     """Return rows of numbers as a matrix (3, 3).
 
@@ -162,6 +193,8 @@ def matrix_of(rows: Any) -> Array:
     ValueError
         If they are something else.
     """
+    if "True" in str(rows) or "False" in str(rows):
+        raise ValueError(f"{str(rows)[:60]} holds what is no number")
     out = np.array(rows, dtype=float)
     if out.shape != (3, 3) or not np.isfinite(out).all():
         raise ValueError(f"got {str(rows)[:60]}, expected three rows of three numbers")

@@ -83,6 +83,11 @@ class ImuLines:
             raise self._fault(f"a line of more than {_LONGEST} bytes; expected one row of numbers in each")
         return self._rows(data[:cut]) if cut else None
 
+    @property
+    def ends_with_return(self) -> bool:
+        """Whether the last byte so far may be a line end, or the half of one."""
+        return self._left.endswith(b"\r")
+
     def close(self) -> str | None:
         """Return the text of a last line that has no end, which is left out; None where there is none.
 
@@ -106,7 +111,7 @@ class ImuLines:
             begin += 1
             self._read_header(head)
         numbered = [(begin + i, line) for i, line in enumerate(lines.split("\n"))]
-        rows = [(number, line) for number, line in numbered if line.partition("#")[0].strip()]
+        rows = [(number, plain) for number, line in numbered if (plain := line.partition("#")[0]).strip()]
         if not rows:
             return None
         found = parse_rows(lines.encode(), self._columns, self._source, begin)

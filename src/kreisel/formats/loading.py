@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -52,14 +53,22 @@ def load(
         from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
 
         recording = load_bag(path, reference, imu)
-    elif path.is_dir():
-        raise RecordingError(
-            "holds no imu0/data.csv (nor mav0/imu0/data.csv, nor metadata.yaml or .mcap files of a bag, nor tables)",
-            file=path,
-        )
     else:
-        raise RecordingError("is neither a folder nor an .mcap, .bag or .db3 file, nor a table", file=path)
+        raise not_a_recording(path)
     return check_streams(recording)
+
+
+def not_a_recording(path: Path) -> RecordingError:
+    """Return the error for a path at which there is nothing that can be read."""
+    if not path.is_dir():
+        return RecordingError("is neither a folder nor an .mcap, .bag or .db3 file, nor a table", file=path)
+    several = sorted(file.name for file in path.glob("*.mcap"))
+    if several:
+        return RecordingError(f"holds several recordings ({', '.join(several[:3])}); give one of them", file=path)
+    return RecordingError(
+        "holds no imu0/data.csv (nor mav0/imu0/data.csv, nor metadata.yaml or .mcap files of a bag, nor tables)",
+        file=path,
+    )
 
 
 def mapped_recording(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording | None:
@@ -94,7 +103,11 @@ def mapped_recording(path: Path, columns: Iterable[str] | Mapping[str, str]) -> 
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether it is a bag; so is a folder that a stopped recorder left without metadata.yaml."""
+    """Return whether it is a bag; so is a folder that a stopped recorder left without metadata.yaml.
+
+    Several .mcap files are parts of one bag if their names differ by the number at their end only.
+    """
     if path.is_dir():
-        return (path / "metadata.yaml").is_file() or any(path.glob("*.mcap"))
+        names = {re.sub(r"_\d+$", "", file.stem) for file in path.glob("*.mcap")}
+        return (path / "metadata.yaml").is_file() or len(names) == 1
     return path.suffix.lower() in (".mcap", ".bag", ".db3")

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel.application.files import apply_to_file, check_usable
+from kreisel.application.files import apply_to_file, apply_to_pipe, check_usable
 from kreisel.application.tables import CorrectedTable
+from kreisel.application.units import check_units
 from kreisel.calibration.parts import Verdict
 from kreisel.errors import RecordingError, SettingsError
+from kreisel.recording.recording import ImuSamples
 
 from ..calibration.example import calibration
 
@@ -68,6 +70,7 @@ def test_units_of_the_header_are_converted_and_other_columns_kept():
     [
         (b"", "is empty; expected IMU readings as CSV"),
         (b"1,2,3\n", "line 1: has no header line"),
+        (HEADER.encode() + b"\r", "has a header but no rows"),
         (b"t,a\n1,2\n", "2 columns, expected 7 or more"),
         (table().replace(repr(float(RATES[7, 1])).encode(), b"x"), "line 9: 'x' in column 3"),
         (table().replace(repr(float(RATES[7, 1])).encode(), b"nan"), "line 9: a reading is not a finite number"),
@@ -84,8 +87,14 @@ def test_what_cannot_be_read_is_refused_with_its_line(data, said):
 
 @given(st.lists(st.integers(0, len(table())), max_size=10), st.sampled_from([b"\r\n", b"\r"]))
 def test_other_line_ends_give_the_same_rows(cuts, end):
-    text = table().replace(b"\n", end) + b"\n"  # the last return alone may be half of a line end
-    assert everything(text, cuts) == everything(table())
+    assert everything(table().replace(b"\n", end), cuts) == everything(table())
+
+
+def test_a_comment_behind_a_row_is_no_cell():
+    whole = table(HEADER + ",count []", others=",7")
+    rows = whole.split(b"\n")
+    rows[5] += b" # a, b"
+    assert everything(b"\n".join(rows)) == everything(whole)
 
 
 @pytest.mark.parametrize("cut", [0, 700])
@@ -175,8 +184,21 @@ def test_a_stated_mapping_counts_for_usual_tables_too(tmp_path):
         'imu.acceleration = "a_x, a_y, a_z [m/s^2]"\n'
     )
     apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
+    (folder / "recording.toml").write_text('[columns.imu]\nrate = "w_x, w_y, w_z [deg/s]"\n')
+    for raw in (folder / "data.csv", tmp_path / "rec"):
+        with pytest.raises(SettingsError, match="-o - is for a table as kreisel writes them"):
+            apply_to_pipe(TOOL, raw, print)
     omega, f = TOOL.correct(RATES, FORCES, STAMPS)
     np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
+
+
+def test_stamps_that_repeat_and_folders_of_several_recordings_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="inf samples a second"):
+        check_units(ImuSamples(np.zeros(9, dtype=np.int64), RATES[:9], FORCES[:9], tmp_path), stated=False)
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"holds several recordings \(a.mcap, b.mcap\); give one of them"):
+        apply_to_file(TOOL, tmp_path, tmp_path / "out.csv")
 
 
 def test_a_table_does_not_become_a_bag(tmp_path):

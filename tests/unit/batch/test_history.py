@@ -11,7 +11,7 @@ from kreisel.batch.history import aged, history_of, of_one_type
 from kreisel.batch.run import Run, date_of
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.parts import Measured, Verdict
-from kreisel.errors import SettingsError
+from kreisel.errors import RecordingError, SettingsError
 
 from ..calibration.example import calibration
 
@@ -110,6 +110,22 @@ def test_what_cannot_be_used_is_left_out_and_said():
     assert dict(found.left_out) == {"run2": "no date", "run3": "rejected"}
     with pytest.raises(SettingsError, match="1 accepted calibrations with a date, expected 2 or more.*run2: no date"):
         history_of("0042", runs[:1] + runs[2:3], None)
+
+
+def test_values_that_were_held_have_no_course():
+    found = aged(np.array([-1.0, 0.0]), np.zeros(2), np.zeros(2))
+    assert np.isnan([found.level, found.rate]).all()
+    assert not found.significant
+    one = aged(np.array([-2.0, -1.0, 0.0]), np.array([9.0, 1.0, 2.0]), np.array([0.0, 0.1, 0.1]))
+    assert one.rate == pytest.approx(1.0)
+
+
+def test_what_was_changed_in_the_file_of_results_is_told():
+    runs = [run(0, DAY, 1.0), run(1, DAY - timedelta(days=100), 1.0), replace(run(2, DAY, 1.0), date="2020")]
+    assert dict(history_of("0042", runs, None).left_out) == {"run2": "no date"}
+    for text in ('{"recording": [1]}', "{}", "x"):
+        with pytest.raises(RecordingError, match="the result of run0 in the file of results is damaged"):
+            history_of("0042", [replace(runs[0], text=text), *runs], None)
 
 
 def test_of_one_recording_the_last_result_counts():

@@ -163,9 +163,16 @@ def test_links_are_followed_once_and_names_tell_equal_recordings_apart(tmp_path)
     (folder / "linked").symlink_to(folder_of(tmp_path / "other", ["b"]))
     (folder / "one" / "a" / "loop").symlink_to(folder / "one" / "a")
     (folder / "broken").symlink_to(tmp_path / "nowhere")
+    (folder / "day").mkdir()
+    (folder / "day" / "loop").symlink_to(folder / "day")
+    for name in ("x.mcap", "y.mcap"):
+        (folder / "day" / name).write_bytes(b"")
+    (folder / "split").mkdir()
+    for name in ("bag_0.mcap", "bag_1.mcap"):
+        (folder / "split" / name).write_bytes(b"")
     found = jobs_in(folder, tmp_path / "out", CalibrationSettings())
-    assert [job.name for job in found] == ["linked/b", "one/a", "two/a"]
-    assert len({job.key for job in found}) == 3
+    assert [job.name for job in found] == ["day/x.mcap", "day/y.mcap", "linked/b", "one/a", "split", "two/a"]
+    assert len({job.key for job in found}) == 6
 
 
 def test_a_result_whose_files_are_missing_is_made_again(tmp_path):

@@ -15,7 +15,7 @@ from kreisel.calibration.parts import Measured, Verdict
 from kreisel.calibration.result import Calibration
 from kreisel.certificate.content import certificate_of, fields_of
 from kreisel.certificate.page import html, pdf
-from kreisel.certificate.signature import new_keys, sign, verify
+from kreisel.certificate.signature import new_keys, opened, sign, verify
 from kreisel.certificate.words import LANGUAGES, words
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.model.groups import group_named
@@ -163,6 +163,8 @@ def test_signatures(tmp_path):
         verify(file, public)
     with pytest.raises(RecordingError, match="cannot sign with it"):
         sign(file, secret, "wrong", "")
+    with pytest.raises(RecordingError, match="cannot sign with it"):
+        opened(secret, "wrong")
     with pytest.raises(RecordingError, match="is encrypted"):
         sign(file, secret, None, "")
     with pytest.raises(RecordingError, match=r"lab\.pub: not a secret key of minisign"):

@@ -61,6 +61,34 @@ def test_matrices_without_an_inverse_and_aliases_without_end_are_refused(tmp_pat
         read_from("kalibr", path)
 
 
+def test_parameters_that_are_missing_or_twice_are_told(tmp_path):
+    path = tmp_path / "file.params"
+    path.write_text(px4().replace("XSCALE", "YSCALE"))
+    with pytest.raises(RecordingError, match="CAL_ACC0_YSCALE is there twice"):
+        read_from("px4", path)
+    path.write_text(px4().replace("XSCALE", "WSCALE"))
+    with pytest.raises(RecordingError, match="has no CAL_ACC0_XSCALE"):
+        read_from("px4", path)
+    path.write_text(px4())
+    assert "without offsets of the gyros" in read_from("px4", path).verdict.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"eye": [[0.5, 0, 0], [0, 1, 0], [0, 0, 1]]}, "is not a rotation"),
+        ({"eye": [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]}, "is not a rotation"),
+        ({"M_a": [[1, 0.3, 0], [0, 1, 0], [0, 0, 1]]}, "is not lower triangular"),
+        ({"M_w": "[[true, 0, 0], [0, 1, 0], [0, 0, 1]]"}, "holds what is no number"),
+    ],
+)
+def test_matrices_that_are_not_what_kalibr_writes_are_refused(wrong, said, tmp_path):
+    path = tmp_path / "imu.yaml"
+    path.write_text(KALIBR.format(**({"M_a": EYE, "M_w": EYE, "eye": EYE, "zero": ZERO, "rate": 200.0} | wrong)))
+    with pytest.raises(RecordingError, match=said):
+        read_from("kalibr", path)
+
+
 @pytest.mark.parametrize(("rate", "read"), [(200.0, 200.0), (1e-300, 0.0), (1e9, 0.0)])
 def test_impossible_rates_count_as_not_stated(rate, read, tmp_path):
     path = tmp_path / "imu.yaml"
