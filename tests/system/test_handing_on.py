@@ -45,6 +45,12 @@ def test_what_is_done_is_not_done_again_and_two_batches_do_not_mix(lot):
     assert "another batch is at work there" in busy.stderr
 
 
+def test_results_do_not_go_into_a_recording(lot):
+    done = run("batch", lot / "in", "-o", lot / "in" / "unit-0001")
+    assert done.returncode == 1
+    assert "is a recording; give another folder" in done.stderr
+
+
 def test_a_history_needs_dates(lot):
     done = run("history", "0001", "--db", lot / "out" / "results.db", "-o", lot / "history.html")
     assert done.returncode == 1

@@ -229,7 +229,8 @@ class Verdict:
     Attributes
     ----------
     accepted, reasons
-        Whether it may be used, and the reasons if not.
+        Whether it may be used, and the reasons if not. One that is accepted with a reason was read from a file of
+        another program, and judged by nobody.
     unobservable
         Names of parameters that are not observable, or too weakly to be of use.
     causes
@@ -246,6 +247,8 @@ class Verdict:
         """The verdict in a few words."""
         if not self.accepted:
             return "Rejected"
+        if self.reasons:
+            return "Not judged"
         return "Accepted, not all observable" if self.unobservable else "Accepted"
 
     @property
@@ -253,6 +256,8 @@ class Verdict:
         """What to do with the result."""
         if not self.accepted:
             return "Do not use this calibration."
+        if self.reasons:
+            return f"{'; '.join(self.reasons)}."
         lost = len(self.unobservable)
         if lost == 0:
             return "The result fits the data, and every estimated parameter is observable. It may be used."

@@ -39,10 +39,14 @@ def batch(
     from kreisel.batch.work import Batch, calibrate_all, waiting_in
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
+    from kreisel.errors import SettingsError
+    from kreisel.formats.folder import is_folder
     from kreisel.model.known import parse_fixed
     from kreisel.model.settings import CalibrationSettings
 
     known = None if limits is None else limits_named(limits)
+    if is_folder(output):
+        raise SettingsError(f"-o {output}: is a recording; give another folder for results")
     check_output(output)
     distribute = _map(jobs, scheduler)
     if simulate is not None:

@@ -70,7 +70,9 @@ def test_parameters_that_are_missing_or_twice_are_told(tmp_path):
     with pytest.raises(RecordingError, match="has no CAL_ACC0_XSCALE"):
         read_from("px4", path)
     path.write_text(px4())
-    assert "without offsets of the gyros" in read_from("px4", path).verdict.reasons[0]
+    verdict = read_from("px4", path).verdict
+    assert verdict.headline == "Not judged"
+    assert verdict.summary.endswith("(PX4; without offsets of the gyros); kreisel has not judged it.")
 
 
 @pytest.mark.parametrize(
