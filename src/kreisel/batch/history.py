@@ -24,7 +24,10 @@ YEAR = 365.25
 """Days."""
 
 SHOWN = 3.0
-"""Standard deviations beyond which a change is called ageing."""
+"""Standard deviations beyond which a change is called ageing, where they are known."""
+
+_STUDENT = (np.inf, 235.8, 19.21, 9.219, 6.620, 5.507, 4.904, 4.530, 4.277, 4.094, 3.957)
+"""The same probability by Student's distribution, where 0, 1, 2, ... degrees of freedom tell the scatter."""
 
 _LEAST = 2
 _LONGEST = 20.0
@@ -47,6 +50,8 @@ class Ageing:
         Standard deviation from one calibration to the next beyond their own.
     covariance : (2, 2)
         Of level and rate.
+    free
+        Degrees of freedom of the scatter: calibrations less parameters.
     """
 
     level: float
@@ -55,6 +60,7 @@ class Ageing:
     rate_sd: float
     scatter: float
     covariance: Array
+    free: int = 0
 
     def at(self, years: Array) -> tuple[Array, Array]:
         """Return value and standard deviation so many years after the last calibration."""
@@ -65,8 +71,18 @@ class Ageing:
 
     @property
     def significant(self) -> bool:
-        """Whether the change a year is larger than three of its standard deviations: a unit has 24 figures."""
-        return bool(np.isfinite(self.rate) and abs(self.rate) > SHOWN * self.rate_sd)
+        """Whether the change a year is larger than three of its standard deviations: a unit has 24 figures.
+
+        More are asked for where few calibrations tell the scatter. Two never show ageing: their difference may be the
+        scatter from one calibration to the next.
+        """
+        return bool(np.isfinite(self.rate) and abs(self.rate) > self._needed * self.rate_sd)
+
+    @property
+    def _needed(self) -> float:
+        if self.free > 0 and self.scatter == 0.0:
+            return SHOWN
+        return _STUDENT[self.free] if self.free < len(_STUDENT) else SHOWN * (1.0 + 3.3 / self.free)
 
 
 @dataclass(frozen=True)
@@ -159,6 +175,7 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History
     courses = []
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
+        values = np.where(deviations > 0.0, values, np.nan)  # others were held
         limit = None if limits is None else limits.values.get(quantity.name)
         ageing = tuple(aged(years, values[:, i], deviations[:, i]) for i in range(3))
         courses.append(Course(quantity, years, values, deviations, ageing, limit))
@@ -192,7 +209,7 @@ def aged(years: Array, values: Array, deviations: Array) -> Ageing:
     full = np.full((2, 2), np.nan)
     full[: x.size, : x.size] = P
     rate, rate_sd = (float(x[1]), float(np.sqrt(P[1, 1]))) if several else (np.nan, np.nan)
-    return Ageing(float(x[0]), float(np.sqrt(P[0, 0])), rate, rate_sd, scatter, full)
+    return Ageing(float(x[0]), float(np.sqrt(P[0, 0])), rate, rate_sd, scatter, full, t.size - x.size)
 
 
 def _fitted(A: Array, y: Array, sd: Array, scatter: float) -> tuple[Array, Array]:
@@ -236,7 +253,7 @@ def _due(courses: Sequence[Course], last: date) -> Due:
             if course.limit is not None:
                 over = np.abs(value) + COVERAGE * sd > course.limit
                 text = f"{label} may reach its limit of {course.limit:.3g} {course.quantity.unit}"
-            elif limited or not np.isfinite(ageing.rate):
+            elif limited or not np.isfinite(ageing.rate) or ageing.free < 1:
                 continue
             else:
                 own = COVERAGE * float(course.deviations[-1, axis])
@@ -246,6 +263,8 @@ def _due(courses: Sequence[Course], last: date) -> Due:
             if over.any() and ahead[int(np.argmax(over))] < best:
                 best, reason = float(ahead[int(np.argmax(over))]), text
     if not np.isfinite(best):
+        if not limited and all(ageing.free < 1 for course in courses for ageing in course.ageing):
+            return Due(None, "two dates do not tell ageing from scatter: calibrate a third time, or give --limits")
         return Due(None, "no figure reaches its limit within 20 years" if limited else "nothing ages within 20 years")
     try:
         return Due(last + timedelta(days=round(best * YEAR)), reason)

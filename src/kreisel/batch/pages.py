@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,7 @@ def ageing_table(history: History) -> Table:
             if not np.isfinite(ageing.level):
                 continue
             change = pair(ageing.rate, ageing.rate_sd) if np.isfinite(ageing.rate) else "one date only"
-            word = "yes" if ageing.significant else "not shown"
+            word = "yes" if ageing.significant else "not shown" if ageing.free > 0 else "too few dates"
             rows.append(
                 Row(
                     (
@@ -210,7 +211,8 @@ def _course(history: History, course: Course) -> Figure:
         shown = np.concatenate([value - COVERAGE * sd, value + COVERAGE * sd,
                                 course.values[:, axis] - COVERAGE * course.deviations[:, axis],
                                 course.values[:, axis] + COVERAGE * course.deviations[:, axis]])  # fmt: skip
-        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        shown = shown[np.isfinite(shown)]
+        low, high = (float(shown.min()), float(shown.max())) if shown.size else (-1.0, 1.0)
         if course.limit is not None and max(abs(low), abs(high)) > 0.6 * course.limit:
             low, high = min(low, -1.05 * course.limit), max(high, 1.05 * course.limit)
         if course.limit is not None:
@@ -226,6 +228,22 @@ def _course(history: History, course: Course) -> Figure:
         course.quantity.title,
         "Points: calibrations with their expanded uncertainties; line and band: the fit and its expanded uncertainty, "
         "with the scatter from one calibration to the next.",
-        plots.plot(plots.axis("year", range=[float(decimal + t[0]), float(decimal + t[-1])]), *panels),
+        plots.plot(_date_axis(float(decimal + t[0]), float(decimal + t[-1])), *panels),
         link="years",
     )
+
+
+_FEW_YEARS, _TICKS = 4.0, 6
+"""An axis of fewer years shows months, so many at most."""
+
+
+def _date_axis(first: float, last: float) -> dict[str, Any]:
+    """Return an axis of decimal years; of few years with months."""
+    if last - first > _FEW_YEARS:
+        return plots.axis("year", range=[first, last])
+    step = next(months for months in (1, 2, 3, 6, 12) if 12.0 * (last - first) / months <= _TICKS or months == 12)
+    months = np.arange(np.ceil(12.0 * first / step) * step, 12.0 * last, step).astype(int)
+    return plots.axis(
+        "month", range=[first, last],
+        ticks=[[float(month) / 12.0 for month in months], [f"{month // 12}-{month % 12 + 1:02d}" for month in months]],
+    )  # fmt: skip

@@ -7,7 +7,7 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from kreisel.batch.history import aged, history_of, of_one_type
+from kreisel.batch.history import _STUDENT, aged, history_of, of_one_type
 from kreisel.batch.run import Run, date_of
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.parts import Measured, Verdict
@@ -110,6 +110,28 @@ def test_what_cannot_be_used_is_left_out_and_said():
     assert dict(found.left_out) == {"run2": "no date", "run3": "rejected"}
     with pytest.raises(SettingsError, match="1 accepted calibrations with a date, expected 2 or more.*run2: no date"):
         history_of("0042", runs[:1] + runs[2:3], None)
+
+
+def test_ageing_is_shown_as_often_as_said_also_by_few_calibrations():
+    """Scatter larger than the deviations, no ageing: the thresholds are those of Student's distribution."""
+    stats = pytest.importorskip("scipy.stats")
+    for free, needed in enumerate(_STUDENT[1:], 1):
+        assert needed == pytest.approx(stats.t.ppf(stats.norm.cdf(3.0), free), rel=1e-3)
+    rng, shown = np.random.default_rng(5), 0
+    for _ in range(2000):
+        shown += aged(np.array([-3.0, -2.0, -1.0, 0.0]), rng.normal(0.0, 1.0, 4), np.full(4, 0.05)).significant
+    assert shown <= 16  # 0.27 % are 5
+    two = aged(np.array([-1.0, 0.0]), np.array([0.0, 9.0]), np.full(2, 0.1))
+    assert two.rate == pytest.approx(9.0)
+    assert not two.significant
+
+
+def test_two_dates_give_no_due_date_without_limits():
+    runs = [run(0, DAY, 5.0), run(1, DAY - timedelta(days=365), 1.0)]
+    found = history_of("0042", runs, None)
+    assert found.due.day is None
+    assert "two dates do not tell ageing from scatter" in found.due.reason
+    assert history_of("0042", runs, Limits({"accel_bias_mg": 20.0})).due.day is not None
 
 
 def test_values_that_were_held_have_no_course():
