@@ -264,7 +264,7 @@ def _due(courses: Sequence[Course], last: date) -> Due:
                 best, reason = float(ahead[int(np.argmax(over))]), text
     if not np.isfinite(best):
         if not limited and all(ageing.free < 1 for course in courses for ageing in course.ageing):
-            return Due(None, "two dates do not tell ageing from scatter: calibrate a third time, or give --limits")
+            return Due(None, "two dates do not tell ageing from scatter: calibrate a third time")
         return Due(None, "no figure reaches its limit within 20 years" if limited else "nothing ages within 20 years")
     try:
         return Due(last + timedelta(days=round(best * YEAR)), reason)
