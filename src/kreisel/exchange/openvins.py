@@ -27,6 +27,7 @@ from kreisel.exchange.kalibr_model import (
     inverse,
     matrix_of,
     parameters_of,
+    rotation_of,
 )
 from kreisel.exchange.losses import losses
 
@@ -93,7 +94,8 @@ def read(path: Path) -> Calibration:
     """
     table = imu_table(path)
     try:
-        Tw, Ta, Tg, R_w, R_a = (matrix_of(table[n]) for n in ("Tw", "Ta", "Tg", "R_IMUtoGYRO", "R_IMUtoACC"))
+        Tw, Ta, Tg = (matrix_of(table[name]) for name in ("Tw", "Ta", "Tg"))
+        R_w, R_a = (rotation_of(table[name]) for name in ("R_IMUtoGYRO", "R_IMUtoACC"))
         # a = R_a^T Ta^-1 a': the general form of K_a; Tg acts on the result
         G = -Tg @ R_a.T @ inverse(Ta)
         still = np.zeros((1, 3))
