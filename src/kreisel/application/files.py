@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from kreisel.application.tables import CorrectedTable
@@ -95,7 +95,7 @@ def apply_to_file(
     if is_bag(raw) or mapped is not None:
         samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
         if not force:
-            _check(calibration, samples, stated=mapped is not None)
+            check_units(samples, stated=mapped is not None, warm=follows_temperature(calibration.sensors.effects))
         return _to_table(calibration, samples, out, warnings)
     table = raw
     if raw.is_dir():
@@ -104,12 +104,6 @@ def apply_to_file(
         table = (raw if (raw / "imu0").is_dir() else raw / "mav0") / (imu or "imu0") / "data.csv"
         out = out if out.suffix.lower() == ".csv" else out / (imu or "imu0") / "data.csv"
     return _table_to_table(calibration, table, out, progress, force=force)
-
-
-def _check(calibration: Calibration, samples: ImuSamples, *, stated: bool) -> None:
-    if not follows_temperature(calibration.sensors.effects):
-        samples = replace(samples, temperature=None)
-    check_units(samples, stated=stated)
 
 
 def _is_plain(raw: Path) -> bool:
@@ -228,7 +222,7 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
         raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
     found = imu_messages(raw, imu)
     if not force:
-        _check(calibration, found.samples, stated=False)
+        check_units(found.samples, stated=False, warm=follows_temperature(calibration.sensors.effects))
     omega, f = _corrected(calibration, found.samples)
     copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
     return Applied(out, len(omega), tuple(map(str, found.warnings)))

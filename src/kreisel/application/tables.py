@@ -80,9 +80,9 @@ class CorrectedTable:
             np.concatenate([getattr(part, name) for part in self._first])
             for name in ("stamps_ns", "rates", "accelerations")
         )
-        warm = [part.temperature for part in self._first if part.temperature is not None] if self._warm else []
-        heat = np.concatenate(warm) if warm else None
-        check_units(ImuSamples(stamps, rates, forces, self._source, temperature=heat), stated=False)
+        warm = [part.temperature for part in self._first if part.temperature is not None]
+        samples = ImuSamples(stamps, rates, forces, self._source, temperature=np.concatenate(warm) if warm else None)
+        check_units(samples, stated=False, warm=self._warm)
         self._check, self._first = False, []
 
     def close(self) -> tuple[bytes, str | None]:

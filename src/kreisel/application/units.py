@@ -18,15 +18,15 @@ SLOWEST_RATE, FASTEST_RATE = 1.0, 20e3
 REMEDY = "; --force corrects them as they are"
 
 
-def check_units(samples: ImuSamples, *, stated: bool) -> None:
+def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False) -> None:
     """Raise an error for readings that are in other units than they are taken for.
 
     Parameters
     ----------
-    samples
-        With temperatures if the calibration depends on them.
     stated
         Whether units must be stated: those of a table of another shape.
+    warm
+        Whether temperatures are used, and must be plausible.
 
     Raises
     ------
@@ -44,7 +44,8 @@ def check_units(samples: ImuSamples, *, stated: bool) -> None:
                 )
     try:
         check_gravity(samples)
-        check_temperature(samples)
+        if warm:
+            check_temperature(samples)
     except RecordingError as error:
         raise RecordingError(error.message + REMEDY, file=error.file, line=error.line) from error
     if len(samples.stamps_ns) > 1:

@@ -11,29 +11,24 @@ from kreisel.errors import LibraryError, RecordingError
 SUFFIX = ".minisig"
 
 
-def sign(path: Path, key: Path, password: str | None, comment: str) -> Path:
+def sign(path: Path, secret: Any, comment: str) -> Path:
     """Write the signature of a file beside it, and return its path.
 
     Parameters
     ----------
-    key, password
-        Secret key of minisign; None for one that is not encrypted.
+    secret
+        As `opened` returns it.
     comment
         One line that is signed, too.
-
-    Raises
-    ------
-    RecordingError
-        If the key cannot be read, or the password is wrong or missing.
     """
-    signature = opened(key, password).sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
+    signature = secret.sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
     out = path.with_name(path.name + SUFFIX)
     out.write_bytes(bytes(signature))
     return out
 
 
 def opened(key: Path, password: str | None) -> Any:
-    """Return a secret key, ready to sign.
+    """Return a secret key of minisign, ready to sign; the password of one that is not encrypted is None.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -32,7 +33,7 @@ def certificate(
         raise SettingsError(f"-o {output}: expected a name that ends in .pdf or .html")
     if output.exists() and not force:
         raise RecordingError("exists already; delete it, give another name, or --force", file=output)
-    secret = None if key is None else _password_of(key)
+    secret = None if key is None else _opened(key)  # first: nothing is written for a wrong password
     found = Calibration.load(calibration)
     fields = fields_of(found, _pairs(field))
     known = None if limits is None else limits_named(limits)
@@ -42,10 +43,10 @@ def certificate(
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(content)
     typer.echo(f"written: {output}")
-    if key is not None:
+    if secret is not None:
         digest = "" if found.recording is None else found.recording.digest or ""
         comment = f"{output.name} {today.isoformat()} data sha256 {digest}".strip()
-        typer.echo(f"written: {sign(output, key, secret, comment)}")
+        typer.echo(f"written: {sign(output, secret, comment)}")
 
 
 def verify(
@@ -83,13 +84,10 @@ def _pairs(texts: list[str]) -> dict[str, str]:
     return out
 
 
-def _password_of(key: Path) -> str | None:
-    """Return the password of a key that has one, after trying it: nothing is written for a wrong one."""
+def _opened(key: Path) -> Any:
     from kreisel.certificate.signature import is_encrypted, opened
 
-    password = _password(f"Password of {key}") if is_encrypted(key) else None
-    opened(key, password)
-    return password
+    return opened(key, _password(f"Password of {key}") if is_encrypted(key) else None)
 
 
 def _password(prompt: str, *, confirmed: bool = False) -> str:

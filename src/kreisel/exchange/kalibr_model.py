@@ -146,9 +146,7 @@ def imu_table(path: Path) -> dict[str, Any]:
         text = "\n".join(line for line in lines if not line.startswith("%"))
         content = YAML(typ="safe").load(text)
         check_entries(content)
-    except ValueError as error:
-        raise RecordingError(f"not a YAML file that can be read: {error}", file=path) from error
-    except (OSError, UnicodeDecodeError, YAMLError, RecursionError) as error:
+    except (OSError, ValueError, YAMLError, RecursionError) as error:
         raise RecordingError(f"not a YAML file that can be read: {str(error).splitlines()[0]}", file=path) from error
     if isinstance(content, dict) and isinstance(content.get("imu0"), dict):
         content = content["imu0"]

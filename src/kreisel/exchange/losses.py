@@ -13,16 +13,16 @@ from kreisel.model.groups import group_named
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MRAD, PPM, STANDARD_GRAVITY
 
 RATE = 100.0 * DEG
-"""Rate at which losses are told, rad/s."""
+"""Rate at which losses are stated, rad/s."""
 
 TURNING = 10.0
-"""Angular acceleration at which losses are told, rad/s^2."""
+"""Angular acceleration at which losses are stated, rad/s^2."""
 
 JERK = 10.0
-"""Derivative of the specific force at which losses of delay and smoothing are told, m/s^3 (and m/s^4)."""
+"""Derivative of the specific force at which losses of delay and smoothing are stated, m/s^3 (and m/s^4)."""
 
 WARMTH = 10.0
-"""Kelvin above the calibration's temperature at which losses are told."""
+"""Kelvin above the calibration's temperature at which losses are stated."""
 
 _SMALLEST_MG, _SMALLEST_DEG_H, _SMALLEST_PPM = 1e-3, 1e-3, 0.1
 

@@ -93,11 +93,11 @@ def check_parameters(parameters: SensorParameters) -> None:
         If one is not a finite number, or a matrix has no inverse.
     """
     p = parameters
-    named = {"cross-coupling": p.K_omega, "offset or polynomial": p.k_w, "cross-coupling ": p.K_a,
-             "offset or polynomial ": p.k_a, "lever arm": p.lever_arms, **p.others}  # fmt: skip
-    for name, values in named.items():
+    named = [("cross-coupling", p.K_omega), ("cross-coupling", p.K_a), ("offset or polynomial", p.k_w),
+             ("offset or polynomial", p.k_a), ("lever arm", p.lever_arms), *p.others.items()]  # fmt: skip
+    for name, values in named:
         if not np.isfinite(values).all():
-            raise ValueError(f"a value of the {name.strip()} is not a finite number")
+            raise ValueError(f"a value of the {name} is not a finite number")
     for sensor, K in (("gyroscope", p.K_omega), ("accelerometer", p.K_a)):
         if not 1e-9 < abs(np.linalg.det(K)) < 1e9:
             raise ValueError(f"the cross-coupling matrix of the {sensor} has no inverse")

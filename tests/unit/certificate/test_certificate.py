@@ -153,7 +153,7 @@ def test_signatures(tmp_path):
     assert secret.stat().st_mode & 0o077 == 0
     file = tmp_path / "c.pdf"
     file.write_bytes(b"a certificate")
-    sign(file, secret, "abc", "c.pdf of\n2026")
+    sign(file, opened(secret, "abc"), "c.pdf of\n2026")
     assert verify(file, public) == "c.pdf of 2026"
     other = new_keys(tmp_path / "other", None)[1]
     with pytest.raises(RecordingError, match="the signature is wrong"):
@@ -162,13 +162,13 @@ def test_signatures(tmp_path):
     with pytest.raises(RecordingError, match="the signature is wrong"):
         verify(file, public)
     with pytest.raises(RecordingError, match="cannot sign with it"):
-        sign(file, secret, "wrong", "")
+        sign(file, opened(secret, "wrong"), "")
     with pytest.raises(RecordingError, match="cannot sign with it"):
         opened(secret, "wrong")
     with pytest.raises(RecordingError, match="is encrypted"):
-        sign(file, secret, None, "")
+        sign(file, opened(secret, None), "")
     with pytest.raises(RecordingError, match=r"lab\.pub: not a secret key of minisign"):
-        sign(file, public, None, "")
+        sign(file, opened(public, None), "")
     with pytest.raises(RecordingError, match=r"lab\.key: not a public key of minisign"):
         verify(file, secret)
     (tmp_path / "c.pdf.minisig").write_text("nothing")
@@ -188,7 +188,7 @@ def test_the_program_minisign_verifies_them(tmp_path):
     secret, public = new_keys(tmp_path / "lab", None)
     file = tmp_path / "c.pdf"
     file.write_bytes(b"a certificate")
-    sign(file, secret, None, "hello")
+    sign(file, opened(secret, None), "hello")
     done = subprocess.run([program, "-V", "-p", public, "-m", file], capture_output=True, text=True, check=True)
     assert "hello" in done.stdout
 
