@@ -64,7 +64,7 @@ def this_machine() -> Target:
 
 def zig() -> list[str] | None:
     """Return the compiler of the package `ziglang`, if it is installed."""
-    return [sys.executable, "-m", "ziglang", "c++"] if importlib.util.find_spec("ziglang") else None
+    return [sys.executable, "-P", "-m", "ziglang", "c++"] if importlib.util.find_spec("ziglang") else None
 
 
 def native_compiler() -> list[str] | None:

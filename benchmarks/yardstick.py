@@ -22,7 +22,7 @@ _FLAGS = ("-O3", "-ffast-math", "-march=native", "-shared", "-fPIC")
 
 @cache
 def _compiled() -> Any:
-    compiler = ["cc"] if shutil.which("cc") else [sys.executable, "-m", "ziglang", "cc"]
+    compiler = ["cc"] if shutil.which("cc") else [sys.executable, "-P", "-m", "ziglang", "cc"]
     with tempfile.TemporaryDirectory() as scratch:
         library = str(Path(scratch) / "strapdown_pass.so")
         subprocess.run([*compiler, *_FLAGS, str(_SOURCE), "-o", library], check=True)

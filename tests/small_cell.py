@@ -143,7 +143,7 @@ def simulate(rng: np.random.Generator, seconds: float, path: Path, imu_rate: flo
             gyro_offset_sd=grade.gyro_offset_sd,
             accel_offset_sd=grade.accel_offset_sd,
         ),
-        site=SiteTable(latitude_deg=math.degrees(_LATITUDE)),
+        site=SiteTable(latitude_deg=math.degrees(_LATITUDE), height_m=0.0),
         reference=ReferenceTable(
             kind="robot",
             position_sd=_POSITION_SD,

@@ -2,6 +2,9 @@
 
 Ports for RTDE, scripts and the dashboard, and an IMU that sends lines of text. One thread moves the arm; joints turn at
 constant speed. What it was told is in `told`, with the time.
+
+On a busy machine the threads run late. Joints, stamps and readings then are those of the time that has passed, as those
+of a real arm are: fewer of them are sent, and the motion takes as long as ever. Tests wait for what they need to see.
 """
 
 import math
@@ -14,6 +17,9 @@ from contextlib import suppress
 
 HOST = "127.0.0.1"
 TICK = 0.008
+LIMIT = 180.0
+"""Seconds after which what is waited for is taken not to come; reached by failures alone."""
+
 UR10E = ((0.1807, 0.0, math.pi / 2), (0.0, -0.6127, 0.0), (0.0, -0.57155, 0.0), (0.17415, 0.0, math.pi / 2),
          (0.11985, 0.0, -math.pi / 2), (0.11655, 0.0, 0.0))  # fmt: skip
 UR5E = ((0.1625, 0.0, math.pi / 2), (0.0, -0.425, 0.0), (0.0, -0.3922, 0.0), (0.1333, 0.0, math.pi / 2),
@@ -85,10 +91,12 @@ class UrSimulator:
         self.safety, self.program = 1, 1
         self.script_state = (0, 0)  # emergency, protective
         self.silent = False
+        self.ticks = 0
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
         self._over = threading.Event()
-        self._booted = time.monotonic() - 5.0
+        self._now = time.monotonic()
+        self._booted = self._now - 5.0
         self._streams, self._scripts, self._sockets = {}, [], []
         self._listeners = {name: self._listen(name) for name in ("rtde", "script", "imu")}
         port = self._listen("dashboard").getsockname()[1] if dashboard else self._free_port()
@@ -102,17 +110,26 @@ class UrSimulator:
     def moves(self):
         return [line for _, _, line in self.told if line.startswith("movej")]
 
-    def wait_for_move(self, number, angle_deg=1.0, seconds=30.0):
+    def wait_for_move(self, number, angle_deg=1.0):
         """Wait until so many moves were sent, and the arm has turned on the last one."""
-        self.wait(lambda: len(self.moves()) >= number, seconds)
+        self.wait(lambda: len(self.moves()) >= number)
         begun = list(self.q)
-        self.wait(lambda: max(abs(a - b) for a, b in zip(self.q, begun, strict=True)) > math.radians(angle_deg), 10.0)
+        self.wait(lambda: max(abs(a - b) for a, b in zip(self.q, begun, strict=True)) > math.radians(angle_deg))
 
-    def wait(self, done, seconds):
+    def wait(self, done, seconds=LIMIT):
         ends = time.monotonic() + seconds
         while not done():
             assert time.monotonic() < ends, f"not within {seconds} s; told: {self.told}"
             time.sleep(0.005)
+
+    def wait_for_ticks(self, count, seconds=0.0):
+        """Wait until the arm has lived for so many ticks from now on, and so much time has passed."""
+        begun, ends = self.ticks, time.monotonic() + seconds
+        self.wait(lambda: self.ticks >= begun + count and time.monotonic() >= ends)
+
+    def told_to_stop(self):
+        """Return the times of the stops by script that it was told."""
+        return [at for at, _, line in self.told if line.startswith("stopj")]
 
     def close_scripts(self, *, listen=True):
         """Close the connections for scripts; the arm goes on."""
@@ -148,20 +165,22 @@ class UrSimulator:
 
     def _live(self):
         while not self._over.wait(TICK):
-            target = self._target
-            if target is not None and time.monotonic() >= self._begins:
+            before, now = self._now, time.monotonic()
+            self._now, target = now, self._target
+            if target is not None and now >= self._begins:
                 far = max(abs(b - a) for a, b in zip(self.q, target, strict=True))
-                share = min(1.0, self._speed * TICK / far) if far > 0.0 else 1.0
+                share = min(1.0, self._speed * (now - max(before, self._begins)) / far) if far > 0.0 else 1.0
                 self.q = [a + share * (b - a) for a, b in zip(self.q, target, strict=True)]
                 if share == 1.0:
                     self._target, self.program = None, 1
             if not self.silent:
                 for connection, fields in list(self._streams.items()):
                     self._quietly(connection, self._package(ord("U"), b"\x01" + self._values(fields)))
+            self.ticks += 1
 
     def _values(self, fields):
         known = {
-            "timestamp": [time.monotonic() - self._booted], "actual_q": self.q,
+            "timestamp": [self._now - self._booted], "actual_q": self.q,
             "actual_TCP_pose": tool_pose(self.q, self._robot),
             "safety_status": [self.safety], "safety_mode": [self.safety], "robot_mode": [7],
             "runtime_state": [self.program],
@@ -232,9 +251,8 @@ class UrSimulator:
 
     def _send_imu(self, connection):
         connection.sendall(b"#t [ns],w_x [rad/s],w_y,w_z,a_x [m/s^2],a_y,a_z\n")
-        k = 0
         while not self._over.wait(0.01):
-            k += 1
+            k = round((time.monotonic() - self._booted) * 1e2)
             connection.sendall(f"{k * 10**7},{1e-4 * math.sin(k)},0.0,{1e-4 * math.cos(k)},0.0,0.0,9.8\n".encode())
 
     # sockets

@@ -5,7 +5,7 @@
 
 namespace {
 
-/// A chain of joints, each turning about or moving along one axis. Python's side is `kreisel._kernels.chain`.
+/// A chain of joints, each turning about or moving along one axis. Python's side is `kreisel._kernels.joint_chain`.
 struct Chain {
     Table rotations;     // (joints + 1, 9): of each joint's placement on the link before, row by row; the last is the tool's
     Table translations;  // (joints + 1, 3)

@@ -115,7 +115,8 @@ inline void double_integral(Numbers stamps, Table values, Indices before, Number
 
 /// Write the attitudes q (n, 4) that start at the first and turn with the rate, coning included.
 ///
-/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp.
+/// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp. A step of more than one
+/// radian lies over a gap, where the rates are not known: it is shortened, so that the quaternion stays one of a rotation.
 inline void integrate_attitude(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
     const Index n = stamps.count;
     const auto rate = [&](Table features, Index k) {
@@ -130,7 +131,9 @@ inline void integrate_attitude(Numbers stamps, Table rates, Table integrals, Tab
     for (Index k = 0; k < n - 1; k += LANES) {
         const Lanes dt = load(stamps.data + k + 1, n - 1 - k) - load(stamps.data + k, n - 1 - k);
         const Vector<Lanes> coning = (dt * dt * (1.0 / 12.0)) * cross(rate(rates, k), rate(rates, k + 1));
-        now = products_from(now, small_rotation(rate(integrals, k) + coning));
+        Vector<Lanes> theta = rate(integrals, k) + coning;
+        theta = (1.0 / larger(1.0, dot(theta, theta))) * theta;
+        now = products_from(now, small_rotation(theta));
         if (k + LANES < n) {
             store_transposed(now.w, now.x, now.y, now.z, q.row(k + 1), 4);
         } else {

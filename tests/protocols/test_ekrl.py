@@ -174,7 +174,7 @@ def _array(value):
 
 @pytest.mark.parametrize("closes", [True, False])
 def test_a_controller_that_does_not_answer_is_told(monkeypatch, closes):
-    monkeypatch.setattr("kreisel.acquisition.movers._PATIENCE", 0.3)
+    monkeypatch.setattr("kreisel.acquisition.movers._PATIENCE", 30.0 if closes else 0.3)
 
     async def all_of_it():
         async def deaf(reader, writer):
@@ -206,11 +206,14 @@ def test_a_controller_that_does_not_answer_is_told(monkeypatch, closes):
 )
 def test_what_happens_after_a_move_is_taken_up_is_read_all_the_time(answers, closes, trouble):
     async def all_of_it():
+        told = asyncio.Event()
+
         async def talk(reader, writer):
             await reader.read(4096)
             for doing in answers:
                 writer.write(ekrl.encode_state(ekrl.State(1, doing, HALF)))
                 await asyncio.sleep(0.05)
+            told.set()
             if not closes:
                 await reader.read()
             writer.close()
@@ -220,7 +223,11 @@ def test_what_happens_after_a_move_is_taken_up_is_read_all_the_time(answers, clo
         await mover.connect()
         await mover.move(_array(0.1), 1.0)
         assert mover.trouble is None
-        await asyncio.sleep(0.2)
+        async with asyncio.timeout(30.0):
+            await told.wait()
+            while trouble is not None and mover.trouble is None:
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0.1)
         seen = mover.trouble
         await mover.close()
         server.close()
@@ -236,10 +243,13 @@ def test_the_second_way_to_stop_is_to_close_the_connection():
     arm = Arm()
 
     async def all_of_it():
+        stopped = asyncio.Event()
+
         async def deaf(reader, writer):
             while await reader.read(4096):
                 pass
             arm.stop()
+            stopped.set()
             writer.close()
 
         server = await asyncio.start_server(deaf, "127.0.0.1", 0)
@@ -250,7 +260,8 @@ def test_the_second_way_to_stop_is_to_close_the_connection():
             await first()
         assert arm.told == []
         await second()
-        await asyncio.sleep(0.1)
+        async with asyncio.timeout(30.0):
+            await stopped.wait()
         server.close()
         await asyncio.sleep(0.05)
         return name

@@ -17,6 +17,8 @@ from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 
 HOST = "127.0.0.1"
+LIMIT = 60.0
+"""Seconds after which what is waited for is taken not to come; reached by failures alone."""
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 """Clients of others leave sockets open."""
@@ -69,7 +71,7 @@ class Begin:
 
 def test_ur_rtde_receives_from_the_twin_at_500_hz():
     rtde_receive = pytest.importorskip("rtde_receive")
-    k = np.arange(1500)
+    k = np.arange(15_000)
     stamps = 10**9 + 2_000_000 * k
     positions = np.column_stack([0.1 + 1e-4 * k, np.full(k.size, 0.2), np.full(k.size, 0.3)])
     quaternions = np.column_stack([np.cos(5e-4 * k), 0 * k, 0 * k, np.sin(5e-4 * k)])
@@ -86,15 +88,15 @@ def test_ur_rtde_receives_from_the_twin_at_500_hz():
         with running(recording, "rtde", "csv", robot_port=30004) as (urls, _):
             with socket.create_connection((HOST, int(urls.imu.rpartition(":")[2]))):  # begins the motion
                 client = rtde_receive.RTDEReceiveInterface(HOST, 500.0, ["timestamp", "actual_q", "actual_TCP_pose"])
-                ends = time.monotonic() + 2.0
-                while time.monotonic() < ends:
+                ends = time.monotonic() + LIMIT
+                while len(seen) < 400 and time.monotonic() < ends:  # it keeps only the newest package
                     seen[client.getTimestamp()] = (client.getActualQ(), client.getActualTCPPose())
                     time.sleep(0.0005)
             client.disconnect()
     except DeviceError:
         pytest.skip("port 30004 is taken")
     seen.pop(0.0, None)
-    assert len(seen) > 200  # the client keeps only the newest package, and shares the machine
+    assert len(seen) > 200
     for stamp, (q, pose) in seen.items():
         n = round((stamp - 1.0) / 0.002)
         assert q == pytest.approx(angles[n], abs=1e-12)
@@ -112,7 +114,7 @@ def test_the_vendors_client_reads_the_simulated_imu(background):
     client.add_callback(lambda message, *_: found.append(message) if message.header.msgID == 0 else None)
     client.open_channel(0)
     client.add_log_sync(0, 1)
-    ends = time.monotonic() + 5.0
+    ends = time.monotonic() + LIMIT
     while len(found) < 400 and time.monotonic() < ends:
         time.sleep(0.05)
     assert len(found) == 400
@@ -131,7 +133,7 @@ def test_abbs_library_reads_the_simulated_controller(background):
     background(play_datagrams("egm", poses(250, 4_000_000), HOST, port, Pace(lambda: began)))
     angles = []
     for _ in range(250):
-        received, state = client.receive_from_robot(timeout=1.0)
+        received, state = client.receive_from_robot(timeout=LIMIT)
         assert received
         angles.append(state.joint_angles[0])
     client.close()
@@ -163,7 +165,7 @@ def test_openshowvar_talks_to_our_proxy(background):
     client.write("$OV_PRO", "50", debug=False)
     assert client.read("$OV_PRO", debug=False) == b"50"
     client.close()
-    assert ended.wait(5.0)
+    assert ended.wait(LIMIT)
 
     async def close():
         server.close()

@@ -46,7 +46,9 @@ def largest(outcome, truth):
     return max(float(np.abs(errors[group].error / errors[group].deviation).max()) for group in SENSOR)
 
 
-@pytest.mark.parametrize("group", EFFECTS)
+@pytest.mark.parametrize(
+    "group", [name if name == "accel_asymmetry" else pytest.param(name, marks=pytest.mark.slow) for name in EFFECTS]
+)
 def test_an_effect_is_found_and_nothing_else_is_taken_for_it(group):
     truth, outcome = calibrated(31, EFFECTS[group])
     assert outcome.verdict.accepted, outcome.verdict.reasons
@@ -55,6 +57,7 @@ def test_an_effect_is_found_and_nothing_else_is_taken_for_it(group):
     assert largest(outcome, truth) < BOUND
 
 
+@pytest.mark.slow
 def test_the_values_found_are_those_of_the_device():
     scores = []
     for group in ("gyro_g_sensitivity", "gyro_asymmetry", "accel_asymmetry", "accel_delay"):
@@ -71,6 +74,7 @@ def test_the_values_found_are_those_of_the_device():
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5  # of 16 scores
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [33, 34, 35])
 @pytest.mark.parametrize("grade", ["fog", "fog-mems", "ring-laser"])
 def test_nothing_is_found_where_there_is_nothing(seed, grade):
@@ -80,6 +84,7 @@ def test_nothing_is_found_where_there_is_nothing(seed, grade):
     assert not outcome.estimate.walks
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_a_calibration_that_looks_for_nothing():
     """What is looked for and not found costs a few per cent at most."""
     content = {"seed": 36, "seconds": 100.0}

@@ -77,7 +77,7 @@ MOUNTS = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("mount", list(MOUNTS))
 def test_any_mounting(mount, order):
     """34 or 40 scores of normal variables: the largest is below 4.5 in all but one of 4000 cases."""
@@ -91,7 +91,7 @@ def test_any_mounting(mount, order):
     assert timing["offset"] == pytest.approx(OFFSET, abs=5e-4)
 
 
-@pytest.mark.parametrize("heading", [0.7, 2.0, -1.6])
+@pytest.mark.parametrize("heading", [2.0, *(pytest.param(heading, marks=pytest.mark.slow) for heading in (0.7, -1.6))])
 def test_any_heading(heading):
     """The robot may face anywhere: north is found, or its uncertainty stands in the gyro offsets."""
     truth, recording = make(4, np.eye(3), heading=heading)

@@ -35,7 +35,7 @@ def worst(calibration: Calibration, truth: Truth) -> dict[str, float]:
     return {name: float(np.max(np.abs(g.error / g.deviation))) for name, g in group_errors(calibration, truth).items()}
 
 
-@pytest.mark.parametrize("mount", [1, 2])
+@pytest.mark.parametrize("mount", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_recordings_fit_together_and_the_truth(mount):
     truth, first = recorded(1)
     others = [recorded(run, mount=mount)[1] for run in (2, 3)]
@@ -52,6 +52,7 @@ def test_recordings_fit_together_and_the_truth(mount):
         assert np.max(np.abs(one.turn.value - turn) / one.turn.deviation) < 4.5
 
 
+@pytest.mark.slow
 def test_three_recordings_are_worth_one_of_the_same_length():
     truth, _ = recorded(1)
     together = [recorded(run)[1] for run in (1, 2, 3)]
@@ -67,6 +68,7 @@ def test_three_recordings_are_worth_one_of_the_same_length():
         assert np.mean(a) / np.mean(b) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_gravity_counts_once():
     together, apart = (
         calibrate_joint([recorded(run)[1] for run in (1, 2, 3)], common=common).calibration
@@ -87,6 +89,7 @@ def test_another_device_is_noticed():
     assert "not of the same device" in joint.calibration.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_another_mount_is_noticed_where_it_is_stated_to_be_the_same():
     common = ("robot", "site", "reference", "mount")
     joint = calibrate_joint([recorded(1)[1], recorded(2, mount=2)[1]], common=common)
@@ -94,6 +97,7 @@ def test_another_mount_is_noticed_where_it_is_stated_to_be_the_same():
     assert "leave out --same mount" in joint.calibration.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_a_small_turn_of_the_mount_is_noticed_behind_the_errors_that_recordings_share():
     def turned(run: int, turn: float) -> Recording:
         cell = {
@@ -109,6 +113,7 @@ def test_a_small_turn_of_the_mount_is_noticed_behind_the_errors_that_recordings_
     assert "leave out --same mount" in stated.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_another_place_is_noticed_where_nothing_is_stated():
     def at(run: int, latitude: float) -> Recording:
         cell = {
@@ -122,6 +127,7 @@ def test_another_place_is_noticed_where_nothing_is_stated():
     assert "--own site" in found.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_coefficients_of_temperature_hold_at_another_temperature():
     def warm(run: int, rise: float) -> tuple[Truth, Recording]:
         cell = {
@@ -146,6 +152,7 @@ def test_coefficients_of_temperature_hold_at_another_temperature():
     np.testing.assert_allclose(alone[0], alone[1], atol=6e-3)
 
 
+@pytest.mark.slow
 def test_one_recording_without_temperature_does_not_stop_the_others():
     cell = {
         "seed": 21, "run": 7, "seconds": 60.0, "reference": {"kind": "mocap"},
@@ -157,6 +164,7 @@ def test_one_recording_without_temperature_does_not_stop_the_others():
     assert joint.calibration.accepted
 
 
+@pytest.mark.slow
 def test_a_recording_without_orientations_has_a_body_of_its_own():
     truth, first = recorded(1)
     _, moved = recorded(2, measures="position")
@@ -166,6 +174,7 @@ def test_a_recording_without_orientations_has_a_body_of_its_own():
     assert max(worst(joint.calibration, truth).values()) < 4.5
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_is_left_out_and_named(tmp_path):
     _, first = recorded(1)
     _, wrong = recorded(2)
@@ -198,6 +207,7 @@ def test_bad_arguments_are_named():
         calibrate_joint([recorded(1)[1], recorded(2)[1]], common=("foo",))
 
 
+@pytest.mark.slow
 def test_motions_about_different_axes_complete_each_other():
     def of_joints(run: int, joints: list[int]) -> Recording:
         cell = {

@@ -13,6 +13,8 @@ from kreisel.recording import recording as module
 
 from ..small_cell import simulate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("sigma_points", ["central-difference", "unscented"])
 def test_an_hour_stays_positive_definite(sigma_points):

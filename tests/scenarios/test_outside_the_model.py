@@ -20,6 +20,8 @@ from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 from kreisel.study.truth_comparison import group_errors
 
+pytestmark = pytest.mark.slow
+
 NO_GEOMETRY = {"geometry_length_sd": 0.0, "geometry_angle_sd": 0.0}
 SENSOR = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 

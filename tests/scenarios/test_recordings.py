@@ -89,6 +89,7 @@ def test_real_robot(recordings, name):
         assert np.all(np.abs(scale - 1.015) < np.maximum(0.015, 3.0 * scale_sd))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "bias_deg_s"), [("broad_05", (0.198, 0.117, -0.226)), ("broad_21", (0.181, 0.117, -0.219))]
 )
@@ -100,6 +101,7 @@ def test_motion_capture(recordings, name, bias_deg_s):
     assert np.abs(scale - 1.0).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_flight(recordings):
     document = calibrate(recordings, "euroc_v1_01")
     bias = -np.array(document["gyroscope"]["offset"])
@@ -112,6 +114,7 @@ def test_flight(recordings):
     assert set(weak) <= set(document["verdict"]["unobservable"])
 
 
+@pytest.mark.slow
 def test_printed_equation_leaves_a_trace(recordings):
     """Each fault of the printed equation alone, on the noise-free recording: the completed form is right."""
     true = truth(recordings, "sim_noise_free_60s")
@@ -127,6 +130,7 @@ def test_printed_equation_leaves_a_trace(recordings):
         assert nis[form] > 10.0 * nis["completed"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["quaternions", "positions"])
 def test_part_of_a_pose(recordings, missing):
     """Positions alone, and orientations alone, give what does not depend on the tool's frame."""

@@ -15,7 +15,8 @@ from kreisel.model.robot import pose_regressor
 from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.settings import RobotTable
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import load_arm, parse_arm, with_placement_errors
+from kreisel.robot.description import parse_arm
+from kreisel.robot.kinematics import load_arm, with_placement_errors
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell

@@ -12,6 +12,8 @@ from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import Truth, simulate
 from kreisel.simulation.settings import parse_cell
 
+pytestmark = pytest.mark.slow
+
 RATIO = 3e-3
 
 

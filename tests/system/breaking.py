@@ -1,11 +1,13 @@
-"""What the tests of broken recordings share: a good recording, the command in this process, and what to check."""
+"""What the tests of broken recordings share: a good recording, edits of it, the command in this process, and checks."""
 
 import json
+import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -33,6 +35,22 @@ class Case:
         return self.fault.__name__
 
 
+FAULTS: list[Case] = []
+"""Every fault that is declared with `refused`, `rejected` or `handled`: see the modules `faults_of_*`."""
+
+
+def refused(*words: str) -> Callable[[Break], Break]:
+    return lambda fault: FAULTS.append(Case(fault, 1, words)) or fault
+
+
+def rejected(*words: str) -> Callable[[Break], Break]:
+    return lambda fault: FAULTS.append(Case(fault, 3, words)) or fault
+
+
+def handled(*words: str) -> Callable[[Break], Break]:
+    return lambda fault: FAULTS.append(Case(fault, 0, words)) or fault
+
+
 @dataclass(frozen=True)
 class Ended:
     """How a command ended."""
@@ -48,13 +66,49 @@ def simulated(seed: int = 1) -> tuple[Truth, Recording]:
     return simulate(np.random.default_rng(seed), 40.0, Path("good"))
 
 
+def imu(r: Recording, **parts: object) -> Recording:
+    return replace(r, imu=replace(r.imu, **parts))
+
+
+def poses(r: Recording, **parts: object) -> Recording:
+    return replace(r, reference=replace(r.reference, **parts))
+
+
+def with_rates(r: Recording, change: Callable[[np.ndarray], object]) -> Recording:
+    """Return the recording with rates that a function has changed in place."""
+    rates = r.imu.rates.copy()
+    change(rates)
+    return imu(r, rates=rates)
+
+
+def with_accelerations(r: Recording, change: Callable[[np.ndarray], object]) -> Recording:
+    accelerations = r.imu.accelerations.copy()
+    change(accelerations)
+    return imu(r, accelerations=accelerations)
+
+
+def put(index: object, value: object) -> Callable[[np.ndarray], None]:
+    return lambda array: array.__setitem__(index, value)
+
+
+def samples(r: Recording, keep: object) -> Recording:
+    s = r.imu
+    return imu(r, stamps_ns=s.stamps_ns[keep], rates=s.rates[keep], accelerations=s.accelerations[keep])
+
+
+def between(r: Recording, low: float, high: float) -> np.ndarray:
+    t = r.reference.seconds
+    return (t > low) & (t < high)
+
+
 def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
     """Return the `kreisel` command as a function that runs it in this process."""
 
     def call(*arguments: object) -> Ended:
         monkeypatch.setattr(sys, "argv", ["kreisel", *map(str, arguments)])
         monkeypatch.delenv("KREISEL_DEBUG", raising=False)
-        with pytest.raises(SystemExit) as ended:
+        # the command changes the environment of its process; other tests must not inherit that
+        with patch.dict(os.environ), pytest.raises(SystemExit) as ended:
             run()
         return Ended(ended.value.code or 0, *capsys.readouterr())
 

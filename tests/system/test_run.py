@@ -48,6 +48,9 @@ rest = 1.0
 """
 START = np.radians([0, -90, 60, -60, -90, 0])
 AWAY = np.radians([40, -70, 80, -20, -50, 60])
+LIMIT = 300.0
+"""Seconds after which a command is taken to hang; reached by failures alone."""
+
 ARM = load_arm("ur10e")
 
 
@@ -296,16 +299,16 @@ def test_without_arming_nothing_is_needed_and_nothing_sent(program):
     assert done.stdout.count("movej(") == 7
 
 
-def run_of(program, cell, output, *more):
+def run_of(program, cell, output, *more, name="program.toml"):
     return command(
-        "run", program / "program.toml", "--robot", cell["robot"], "--imu", cell["imu"], "--model", "ur10e",
+        "run", program / name, "--robot", cell["robot"], "--imu", cell["imu"], "--model", "ur10e",
         "-o", output, "--arm", *more,
     )  # fmt: skip
 
 
 def test_a_program_is_driven_recorded_and_found_again(program, cell, tmp_path):
     done = subprocess.run(
-        run_of(program, cell, tmp_path / "run"), capture_output=True, text=True, timeout=120, check=True
+        run_of(program, cell, tmp_path / "run"), capture_output=True, text=True, timeout=LIMIT, check=True
     )
     assert "; done; next" in done.stdout
     calibration = kreisel.calibrate(kreisel.load(tmp_path / "run"))
@@ -313,10 +316,14 @@ def test_a_program_is_driven_recorded_and_found_again(program, cell, tmp_path):
     assert len(calibration.document["accelerometer"]["offset"]) == 3
 
 
+@pytest.mark.slow
 def test_it_ends_early_when_enough_is_known(program, cell, tmp_path):
+    """The arm rests for long before the last move, so that a slow machine has the time to calibrate too."""
+    parts = PROGRAM.rsplit("rest = 1.0", 2)
+    (program / "patient.toml").write_text("rest = 90.0".join(parts[:2]) + "rest = 1.0" + parts[2])
     done = subprocess.run(
-        run_of(program, cell, tmp_path / "run", "--until", "timing.offset=1000ms"),
-        capture_output=True, text=True, timeout=120, check=True,
+        run_of(program, cell, tmp_path / "run", "--until", "timing.offset=1000ms", name="patient.toml"),
+        capture_output=True, text=True, timeout=LIMIT, check=True,
     )  # fmt: skip
     assert "; enough; next" in done.stdout
 
@@ -327,7 +334,7 @@ def test_an_interrupt_stops_the_arm_and_keeps_the_recording(program, cell, tmp_p
         pass
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=LIMIT)
     assert process.returncode == 1
     assert "the motion was stopped: stop requested; what was recorded is kept" in errors
     assert "Traceback" not in errors
@@ -345,15 +352,15 @@ def test_the_page_shows_the_program_while_it_runs(program, cell, tmp_path):
         with client.connect(f"{url.replace('http', 'ws', 1)}/live") as page:
             seen = {}
             while not (seen.get("status", {}).get("imu", {}).get("count") and seen.get("pose", {}).get("arm")):
-                message = json.loads(page.recv(timeout=30.0))
+                message = json.loads(page.recv(timeout=LIMIT))
                 seen[message["kind"]] = message
             begun = seen["pose"]["pose"][:3]
             while np.linalg.norm(np.subtract(seen["pose"]["pose"][:3], begun)) < 0.1:  # it moves
-                message = json.loads(page.recv(timeout=30.0))
+                message = json.loads(page.recv(timeout=LIMIT))
                 seen[message["kind"]] = message
     finally:
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=LIMIT)
     assert "the motion was stopped: stop requested; what was recorded is kept" in errors
     assert "Traceback" not in errors
     with pytest.raises(OSError, match="refused"):  # the page goes with the program
@@ -374,7 +381,7 @@ rest = 1.0
 """
 
 
-@pytest.fixture(params=["rsi", "ekrl"])
+@pytest.fixture(params=[pytest.param("rsi", marks=pytest.mark.slow), "ekrl"])
 def kuka(request, tmp_path):
     """Start an obedient KUKA arm, which tells its poses by RSI or by kreisel's program; give its addresses."""
     (tmp_path / "program.toml").write_text(KUKA)
@@ -397,8 +404,9 @@ def run_kuka(kuka, tmp_path, program="program.toml"):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_kuka_arm_is_driven_and_recorded(kuka, tmp_path):
-    done = subprocess.run(run_kuka(kuka, tmp_path), capture_output=True, text=True, timeout=120)
+    done = subprocess.run(run_kuka(kuka, tmp_path), capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 0, done.stderr
     assert "; done; next" in done.stdout
     recording = kreisel.load(tmp_path / "run")
@@ -409,7 +417,7 @@ def test_a_kuka_arm_is_driven_and_recorded(kuka, tmp_path):
 
 def test_a_kuka_arm_is_stopped_where_a_move_is_refused(kuka, tmp_path):
     (tmp_path / "other.toml").write_text(KUKA.replace("[30, -70, 80, 20, 50, 40]", "[60, -70, 80, 20, 50, 40]"))
-    done = subprocess.run(run_kuka(kuka, tmp_path, "other.toml"), capture_output=True, text=True, timeout=120)
+    done = subprocess.run(run_kuka(kuka, tmp_path, "other.toml"), capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 1
     assert "the controller refuses <Kreisel><Move>" in done.stderr
     assert "what was recorded is kept" in done.stderr

@@ -1,4 +1,8 @@
-"""Driving an arm whose controller does what it should not: see `tests/ur_simulator.py`."""
+"""Driving an arm whose controller does what it should not: see `tests/ur_simulator.py`.
+
+What the command must do quickly is measured from the fault to the stop that the simulator is told. How long a command
+takes to start and to end says more about the machine: there is only a limit that failures reach.
+"""
 
 import math
 import re
@@ -11,7 +15,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from ..ur_simulator import UR5E, UrSimulator
+from kreisel.acquisition.watch import ENDED
+
+from ..ur_simulator import LIMIT, UR5E, UrSimulator
 
 START = (0, -90, 60, -60, -90, 0)
 SHORT = "start_deg = [0, -90, 60, -60, -90, 0]\n" + "".join(
@@ -19,6 +25,9 @@ SHORT = "start_deg = [0, -90, 60, -60, -90, 0]\n" + "".join(
     for joints in ([10, -80, 70, -60, -80, 10], [0, -90, 60, -60, -90, 0])
 )
 LONG = "start_deg = [0, -90, 60, -60, -90, 0]\n[[move]]\njoints_deg = [150, -80, 70, -40, -60, 20]\nrest = 1.0\n"
+PROMPT = 1.0
+"""s; from a fault to the stop."""
+
 BACK = "[[move]]\njoints_deg = [0, -90, 60, -60, -90, 0]\nrest = 1.0\n"
 
 
@@ -40,9 +49,14 @@ def started(tmp_path, simulator, program=LONG + BACK, *more, **how):
     )  # fmt: skip
 
 
-def ended(process, code, seconds=40.0):
+def at_rest_for_long(program):
+    """Return the program with rests that last longer than anything the test waits for."""
+    return program.replace("rest = 0.5", f"rest = {2 * LIMIT}")
+
+
+def ended(process, code):
     """Return what it wrote on standard error."""
-    out, errors = process.communicate(timeout=seconds)
+    out, errors = process.communicate(timeout=LIMIT)
     assert process.returncode == code, (out, errors)
     assert "Traceback" not in errors
     return errors
@@ -54,7 +68,7 @@ def last_line(errors):
 
 def stands(simulator):
     before = list(simulator.q)
-    time.sleep(0.3)
+    simulator.wait_for_ticks(20, 0.3)
     return simulator.q == before
 
 
@@ -76,7 +90,12 @@ def not_confirmed(tmp_path, errors, reason):
 
 
 @pytest.mark.parametrize(
-    "offered", [(), ("safety_mode",), ("safety_status", "safety_mode", "robot_mode", "runtime_state")]
+    "offered",
+    [
+        (),
+        pytest.param(("safety_mode",), marks=pytest.mark.slow),
+        pytest.param(("safety_status", "safety_mode", "robot_mode", "runtime_state"), marks=pytest.mark.slow),
+    ],
 )
 def test_a_controller_with_few_fields_and_a_state_in_pieces_is_driven(tmp_path, offered):
     with controller(offered=offered, pieces=True, dashboard=False) as simulator:
@@ -89,11 +108,10 @@ def test_a_script_connection_closed_in_a_move_stops_the_arm_over_a_new_one(tmp_p
     with controller() as simulator:
         process = started(tmp_path, simulator)
         simulator.wait_for_move(2)
-        simulator.close_scripts()
         closed = time.monotonic()
-        simulator.wait(lambda: any(line.startswith("stopj") for _, _, line in simulator.told), 1.0)
+        simulator.close_scripts()
         errors = ended(process, 1)
-        assert time.monotonic() - closed < 6.0
+        assert simulator.told_to_stop()[0] - closed < PROMPT
         assert stands(simulator)
     assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, "the script connection has ended (closed by the controller)")
@@ -101,10 +119,10 @@ def test_a_script_connection_closed_in_a_move_stops_the_arm_over_a_new_one(tmp_p
 
 def test_a_script_connection_closed_at_rest_gets_no_move(tmp_path):
     with controller() as simulator:
-        process = started(tmp_path, simulator, SHORT.replace("rest = 0.5", "rest = 3.0"))
+        process = started(tmp_path, simulator, at_rest_for_long(SHORT))
         simulator.wait_for_move(2)
-        simulator.wait(lambda: simulator.program == 1, 10.0)
-        time.sleep(1.0)
+        simulator.wait(lambda: simulator.program == 1)
+        simulator.wait_for_ticks(100, 1.0)
         simulator.close_scripts()
         errors = ended(process, 1)
     assert len(simulator.moves()) == 2
@@ -123,7 +141,7 @@ def test_the_dashboard_stops_the_arm_where_no_script_is_taken(tmp_path):
     confirmed(tmp_path, errors, "'stop' to the dashboard server")
 
 
-@pytest.mark.parametrize("dashboard", [True, False])
+@pytest.mark.parametrize("dashboard", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_an_arm_that_moves_on_is_reported_as_not_stopped(tmp_path, dashboard):
     with controller(deaf="all", dashboard=dashboard) as simulator:
         process = started(tmp_path, simulator)
@@ -134,7 +152,9 @@ def test_an_arm_that_moves_on_is_reported_as_not_stopped(tmp_path, dashboard):
     not_confirmed(tmp_path, errors, "the joints still move")
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+@pytest.mark.parametrize(
+    "name", ["SIGINT", *(pytest.param(name, marks=pytest.mark.slow) for name in ("SIGTERM", "SIGHUP", "SIGQUIT"))]
+)
 def test_signals_stop_the_arm(tmp_path, name):
     with controller() as simulator:
         process = started(tmp_path, simulator)
@@ -155,9 +175,9 @@ def test_a_terminal_that_is_gone_does_not_keep_the_arm_from_being_stopped(tmp_pa
         process.stderr.close()
         process.stdout.close()
         process.send_signal(signal.SIGHUP)
-        assert process.wait(20.0) != 0
+        assert process.wait(LIMIT) != 0
         assert stands(simulator)
-    assert any(line.startswith("stopj") for _, _, line in simulator.told)
+    assert simulator.told_to_stop()
 
 
 def test_an_interrupt_that_the_controller_ignores_is_not_a_stop(tmp_path):
@@ -182,21 +202,23 @@ def test_a_stop_that_one_connection_ignores_is_sent_over_another(tmp_path):
     confirmed(tmp_path, errors, "stopj over a new script connection: sent")
 
 
+@pytest.mark.slow
 def test_an_arm_that_has_not_begun_its_move_yet_is_watched_for_longer(tmp_path):
     with controller(deaf="all", delay=1.5) as simulator:
         process = started(tmp_path, simulator)
-        simulator.wait(lambda: len(simulator.moves()) == 2, 30.0)
+        simulator.wait(lambda: len(simulator.moves()) == 2)
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
     not_confirmed(tmp_path, errors, "stop requested")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [2, 4])  # playing, paused
 def test_an_arm_that_stands_within_a_program_is_not_stopped(tmp_path, state):
     with controller(deaf="all") as simulator:
         process = started(tmp_path, simulator)
         simulator.wait_for_move(2)
-        simulator.dwell(30.0)
+        simulator.dwell(LIMIT)
         simulator.program = state
         process.send_signal(signal.SIGINT)
         errors = ended(process, 1)
@@ -205,12 +227,14 @@ def test_an_arm_that_stands_within_a_program_is_not_stopped(tmp_path, state):
 
 def test_an_arm_that_somebody_else_moves_at_rest_is_stopped(tmp_path):
     with controller() as simulator:
-        process = started(tmp_path, simulator, LONG.replace("rest = 1.0", "rest = 9.0") + BACK)
+        process = started(tmp_path, simulator, at_rest_for_long(SHORT))
         simulator.wait_for_move(2)
-        simulator.wait(lambda: simulator.program == 1, 30.0)
-        time.sleep(0.6)
+        simulator.wait(lambda: simulator.program == 1)
+        simulator.wait_for_ticks(100, 1.0)
+        pushed = time.monotonic()
         simulator.push((100, -80, 70, -40, -60, 20))
         errors = ended(process, 1)
+        assert simulator.told_to_stop()[0] - pushed < PROMPT
         assert stands(simulator)
     assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, "the arm moves during a rest")
@@ -230,7 +254,7 @@ def test_an_arm_that_leaves_the_way_of_its_move_is_stopped(tmp_path):
     ("offered", "state", "words"),
     [
         (("safety_status",), 3, "protective stop (safety_status 3)"),
-        (("safety_mode",), 6, "system emergency stop (safety_mode 6)"),
+        pytest.param(("safety_mode",), 6, "system emergency stop (safety_mode 6)", marks=pytest.mark.slow),
         ((), None, "emergency stop"),
     ],
 )
@@ -238,14 +262,14 @@ def test_stops_of_the_controller_end_the_wait_at_once(tmp_path, offered, state, 
     with controller(offered=offered, pieces=True) as simulator:
         process = started(tmp_path, simulator)
         simulator.wait_for_move(2)
+        at = time.monotonic()
         simulator.halt()
         if state is None:
             simulator.script_state = (1, 0)
         else:
             simulator.safety = state
-        at = time.monotonic()
         errors = ended(process, 1)
-        assert time.monotonic() - at < 5.0
+        assert simulator.told_to_stop()[0] - at < PROMPT
     assert len(simulator.moves()) == 2
     confirmed(tmp_path, errors, f"the controller reports: {words}")
 
@@ -262,10 +286,10 @@ def test_a_move_that_the_controller_ends_is_noticed(tmp_path):
     with controller() as simulator:
         process = started(tmp_path, simulator)
         simulator.wait_for_move(2)
-        simulator.halt()
         at = time.monotonic()
+        simulator.halt()
         errors = ended(process, 1)
-        assert time.monotonic() - at < 6.0
+        assert simulator.told_to_stop()[0] - at < ENDED + PROMPT
     confirmed(tmp_path, errors, "the controller has ended the move away from its target")
 
 
@@ -275,10 +299,11 @@ def test_a_stop_that_cannot_be_seen_is_not_confirmed(tmp_path):
         simulator.wait_for_move(2)
         simulator.close_rtde()
         errors = ended(process, 1)
-    assert any(line.startswith("stopj") for _, _, line in simulator.told)
+    assert simulator.told_to_stop()
     not_confirmed(tmp_path, errors, "no joint angles are received")
 
 
+@pytest.mark.slow
 def test_a_silent_robot_stream_stops_the_arm(tmp_path):
     with controller() as simulator:
         process = started(tmp_path, simulator)
@@ -289,6 +314,7 @@ def test_a_silent_robot_stream_stops_the_arm(tmp_path):
     not_confirmed(tmp_path, errors, "silent for 1 s")
 
 
+@pytest.mark.slow
 def test_a_recording_that_cannot_be_written_stops_the_arm_and_its_rest_is_seen(tmp_path):
     def little_space():
         resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
@@ -297,7 +323,7 @@ def test_a_recording_that_cannot_be_written_stops_the_arm_and_its_rest_is_seen(t
         process = started(tmp_path, simulator, preexec_fn=little_space)
         errors = ended(process, 1)
         assert stands(simulator)
-    assert any(line.startswith("stopj") for _, _, line in simulator.told)
+    assert simulator.told_to_stop()
     assert "cannot be written any more (File too large)" in last_line(errors)
     assert "the motion was stopped: the joints have stood still" in last_line(errors)
 
@@ -311,6 +337,7 @@ def test_a_recording_that_exists_is_named_and_nothing_is_moved(tmp_path):
     assert "exists already" in last_line(errors)
 
 
+@pytest.mark.slow
 def test_an_arm_far_from_the_start_is_not_moved_unless_that_is_allowed(tmp_path):
     with controller(joints_deg=(0, -90, 60, -48, -90, 0)) as simulator:
         errors = ended(started(tmp_path, simulator, SHORT), 1)

@@ -133,7 +133,7 @@ def test_a_simulated_folder_is_a_recording(tmp_path):
     [
         (
             "[motion]\nspeed = 1\n",
-            "unknown key 'motion.speed'; known are: first_rest, joints, program, range_share, rest",
+            "unknown key 'motion.speed'; known are: first_rest, joints, kind, program, range_share, rest",
         ),
         ('[imu]\ngrade = "best"\n', f"unknown grade 'best'; known are: {', '.join(sorted(GRADES))}"),
         ('[motion]\nprogram = "moves.toml"\n', "move 1: out of reach: the arm comes no nearer than"),

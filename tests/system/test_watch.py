@@ -30,6 +30,9 @@ from kreisel.recording.settings import RecordingSettings
 
 from ..small_cell import simulate
 
+LIMIT = 120.0
+"""Seconds after which what is waited for is taken not to come; reached by failures alone."""
+
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
@@ -141,8 +144,8 @@ def grow(file, data):
         stream.write(data[file.stat().st_size :])
 
 
-def wait_until(what, seconds=30.0):
-    ends = time.monotonic() + seconds
+def wait_until(what):
+    ends = time.monotonic() + LIMIT
     while not what():
         assert time.monotonic() < ends
         time.sleep(0.1)
@@ -237,7 +240,7 @@ def in_loop(hub, what):
     """Do something in the server's loop."""
     done = threading.Event()
     hub.loop.call_soon_threadsafe(lambda: (what(), done.set()))
-    assert done.wait(10.0)
+    assert done.wait(LIMIT)
 
 
 def much(k):
@@ -275,7 +278,7 @@ def test_a_newcomer_after_hours_of_estimates_stays(small, tmp_path, monkeypatch)
             assert [message["kind"] for message in first] == ["imu", "pose", "estimates", "status"]
             assert {e["seconds"] for e in first[2]["estimates"]} >= set(map(float, range(1000)))
             in_loop(hub, lambda: hub.tell({"kind": "more"}))
-            while json.loads(newcomer.recv(timeout=10.0))["kind"] != "more":
+            while json.loads(newcomer.recv(timeout=LIMIT))["kind"] != "more":
                 pass
 
 

@@ -151,6 +151,7 @@ def integrated() -> tuple[AnalyticMotion, Array, Trajectory]:
     return motion, times, path
 
 
+@pytest.mark.slow
 def test_integration_closes_on_the_motion(integrated: tuple[AnalyticMotion, Array, Trajectory]) -> None:
     assert np.all(worst_errors(*integrated) < [1e-11, 1e-10, 1e-9])
 
@@ -161,6 +162,7 @@ def sampled(motion: AnalyticMotion, rate_hz: float) -> tuple[Array, Trajectory]:
     return t, two_sample(t, omega, f, *start_of(motion), GRAVITY_R, EARTH_RATE_R)
 
 
+@pytest.mark.slow
 def test_two_sample_at_400_hz_against_integration(
     integrated: tuple[AnalyticMotion, Array, Trajectory],
 ) -> None:
@@ -299,6 +301,7 @@ class Example:
 
 
 # At 200 Hz three-point differences of the rate leave more in f than the noise of this example.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weights", "rate_hz", "alpha_points"),
     [("central", 400.0, 3), ("unscented", 200.0, 5)],

@@ -3,37 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels.arrays import Array, Mask, Pointer, StackView, Table, TableView, check_lengths
+from kreisel._kernels.arrays import Array, Pointer, StackView, TableView, check_lengths
 from kreisel._kernels.compiled import function
-
-MOST_JOINTS = 64
-
-
-class Chain(NamedTuple):
-    """A chain of joints, each turning about or moving along one axis.
-
-    Attributes
-    ----------
-    rotations, translations : (joints + 1, 9), (joints + 1, 3)
-        Placement of each joint on the link before, matrices row by row; the last is that of the tool on the last link.
-    axes : (joints, 3)
-        In the placement's own frame.
-    turning : (joints,)
-        Whether it turns about its axis; else it moves along it.
-    bodies : (joints, 4)
-        Mass of what moves with each joint, kg, and its centre in the joint's frame, m.
-    """
-
-    rotations: Table
-    translations: Table
-    axes: Table
-    turning: Mask
-    bodies: Table
-
+from kreisel._kernels.joint_chain import MOST_JOINTS, Chain
 
 _motion = function("chain_motion", Pointer(Chain), *[TableView] * 9)
 _derivatives = function(

@@ -14,7 +14,7 @@ from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
 from kreisel.protocols.samples import RobotSample
 from kreisel.robot.agreement import tool_of
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 from kreisel.robot.program import Program
 
 SLOW = 0.25

@@ -18,7 +18,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.opening import events
 from kreisel.errors import DeviceError, RecordingError
 from kreisel.recording.settings import RecordingSettings
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 from kreisel.robot.program import Program
 
 _PATIENCE = 10.0

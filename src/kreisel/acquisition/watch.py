@@ -15,7 +15,7 @@ from kreisel.devices.events import Arrival, Event, Level
 from kreisel.geometry.rotation import Array
 from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.robot.agreement import Agreement
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 
 NEAR = 3e-3
 """rad; an arm that stands within this distance of its target has arrived."""

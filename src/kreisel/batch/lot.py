@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.batch.run import Run
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
-from kreisel.calibration.limits import Decision, Judged, Limits, judged
+from kreisel.calibration.limits import Judged, Limits, judged, overall
 from kreisel.geometry.rotation import Array
 
 OUTLYING = 4.5
@@ -59,12 +59,8 @@ class Unit:
             return "failed"
         if not self.run.accepted:
             return "rejected"
-        decisions = {one.decision for one in self.judged if one.decision is not None}
-        if Decision.FAILS in decisions:
-            return "does not conform"
-        if Decision.UNDECIDED in decisions:
-            return "no decision"
-        return "conforms" if decisions else "accepted"
+        decision = overall(self.judged)
+        return "accepted" if decision is None else decision.value
 
 
 OUTCOMES = ("conforms", "accepted", "no decision", "does not conform", "rejected", "failed")

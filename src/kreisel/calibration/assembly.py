@@ -123,7 +123,6 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
         filter_seconds=judged.seconds,
         polynomial_order=settings.polynomial_order,
         fixed=(*settings.fixed, *settings.fixed_parameters),
-        held=problem.held,
         noise=FinalNoise(
             gyro_density,
             accel_density,
@@ -142,14 +141,13 @@ def _covariance(found: Estimate, n: int) -> Array:
 
 
 def _deviation_of(found: Estimate, group: str) -> Array:
-    """Return the standard deviations of a group: those of the prior for a held group, zero for a fixed one."""
+    """Return the standard deviations of a group, zero for a fixed one."""
     problem = found.problem
     if group in problem.layout:
         deviation = found.run.belief.standard_deviation[problem.layout[group]].copy()
         deviation[problem.fixed_places[problem.layout[group]]] = 0.0
         return deviation
-    size = group_named(group).degrees(problem.settings.polynomial_order, problem.joints)
-    return np.resize(problem.prior.width[group], size) if group in problem.held else np.zeros(size)
+    return np.zeros(group_named(group).degrees(problem.settings.polynomial_order, problem.joints))
 
 
 def _sensor_deviations(found: Estimate) -> SensorParameters:
@@ -238,7 +236,13 @@ def _derived(found: Estimate) -> Mapping[str, Measured]:
             values[group] = stored[group] + change[layout[group]]
         return CellParameters.from_stored(values).sensors
 
-    return derive(p.sensors, _covariance(found, n), moved)
+    return derive(p.sensors, _covariance(found, n), moved, _not_determined(problem))
+
+
+def _not_determined(problem: Problem) -> tuple[str, ...]:
+    """Return the groups whose values nobody measured or stated: those that are fixed without a value."""
+    settings = problem.settings
+    return tuple(group for group in settings.fixed if settings.value_of(group) is None)
 
 
 def _others(found: Estimate) -> dict[str, Measured]:

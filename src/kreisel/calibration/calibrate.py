@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from kreisel.calibration.assembly import Judged, assemble
@@ -16,12 +16,14 @@ from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.split_halves import split_halves, with_disagreement
-from kreisel.calibration.verdict import consistency, judge
-from kreisel.filtering.estimate import without_passing
+from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
+from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
+from kreisel.errors import EstimationError, KreiselError, SettingsError
+from kreisel.filtering.estimate import Estimate, without_passing
 from kreisel.filtering.iteration import Given, estimate
 from kreisel.filtering.observability import observability
 from kreisel.model.known import place_of
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, without_forces
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
@@ -64,14 +66,11 @@ def run_calibration(
     if progress is not None:
         progress("synchronise", 0.0)
     settings = settings.with_stated(recording.settings.fixed, recording.settings.prior)
-    preparation = prepare_recording(recording, settings, together)
-    check_start_values(preparation)
-    problem = build_problem(preparation, settings)
+    recording = _in_use(recording, settings)
     began = time.perf_counter()
-    table = recording.settings.reference
-    stated = table.position_sd is not None or table.orientation_sd is not None
-    given = Given(stated, preparation.imu_noise.given)
-    found = with_unestimated_errors(estimate(problem, given, progress, together))
+    first = _with_time_base(_begun(recording, settings, progress, together), settings, progress, together)
+    preparation, problem, given = first.preparation, first.problem, first.given
+    found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
     halves = split_halves(found, progress, together)
     found = with_interval_disagreement(found, progress)
@@ -93,6 +92,79 @@ def run_calibration(
     calibration = assemble(preparation.recording, found, Judged(seen, facts, verdict, seconds), warnings)
     return Outcome(
         recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
+    )
+
+
+def _in_use(recording: Recording, settings: CalibrationSettings) -> Recording:
+    """Return the recording with the part of its reference that is to be used.
+
+    Raises
+    ------
+    SettingsError
+        If the reference does not have it.
+    """
+    reference = recording.reference
+    if settings.use is None or reference is None:
+        return recording
+    if reference.quaternions is None:
+        raise SettingsError(f"--use {settings.use}: {reference.source} holds positions only")
+    return replace(recording, reference=replace(reference, positions=None))
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A recording's estimate before it is judged: what it was prepared to, the problem as stated, and the result."""
+
+    preparation: Preparation
+    problem: Problem
+    given: Given
+    found: Estimate
+
+
+def _begun(
+    recording: Recording, settings: CalibrationSettings, progress: Progress | None, together: Together
+) -> _Begun:
+    """Return the estimate of a recording."""
+    preparation = prepare_recording(recording, settings, together)
+    check_start_values(preparation)
+    problem = build_problem(preparation, settings)
+    table = recording.settings.reference
+    stated = table.position_sd is not None or table.orientation_sd is not None
+    given = Given(stated, preparation.imu_noise.given)
+    if problem.reference.positions is not None or settings.only == "accelerometer":
+        return _Begun(preparation, problem, given, estimate(problem, given, progress, together))
+    try:
+        found = estimate(problem, given, progress, together)
+    except EstimationError:
+        found = None
+    if found is None or found.moved > MAX_MOVED:
+        # velocities that nothing measures; the gyros need none
+        problem = without_forces(problem)
+        found = estimate(problem, given, progress, together)
+    return _Begun(preparation, problem, given, found)
+
+
+def _with_time_base(
+    first: _Begun, settings: CalibrationSettings, progress: Progress | None, together: Together
+) -> _Begun:
+    """Return the estimate by the seconds of the clock that the data show to be right, where they do."""
+    preparation = first.preparation
+    if settings.passes is not None or not is_open(preparation):
+        return first
+    skew = preparation.rate_fit.clock.skew
+    try:
+        other = _begun(with_time_base(preparation.recording, "reference"), settings, progress, together)
+    except KreiselError:
+        return first
+    base = better_base(first.found, other.found)
+    if base is None:
+        return replace(first, found=with_either(first.found, other.found))
+    chosen = first if base == "imu" else other
+    warnings = tuple(w for w in chosen.preparation.warnings if w.subject != "clocks")
+    return replace(
+        chosen,
+        preparation=replace(chosen.preparation, warnings=warnings),
+        found=with_choice(chosen.found, base, skew),
     )
 
 

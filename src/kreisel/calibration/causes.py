@@ -13,6 +13,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise import coarse_step
 from kreisel.model.considered import describe
 from kreisel.model.problem import Problem
+from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.recording.recording import excerpt
 
 _WALKS = {
@@ -102,7 +103,9 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
         score = float(prior_scores(estimate.problem, estimate.run, "gravity").max())
         if score > MAX_SCORE:
             name = "stated gravity" if estimate.problem.site.earth_rate_n is None else "stated latitude"
-            out.append(Cause(name, f"what is stated about gravity, {score:.1f} deviations off", 0.5 * score**2))
+            stated = estimate.problem.site.gravity_sd < UNKNOWN_SD
+            what = "what is stated about gravity" if stated else "gravity, of which nothing is stated,"
+            out.append(Cause(name, f"{what} {score:.1f} deviations off", 0.5 * score**2))
     return out
 
 

@@ -6,7 +6,7 @@ is what a sensor reads too much at standstill, -k_0; a scale-factor error is pos
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -124,8 +124,45 @@ OF_SCHEMA_1: dict[str, tuple[str, float]] = {
 """Names in schema 1, with the names in schema 2 and the sign between the two."""
 
 
+_AGREES, _ROUNDING = 0.01, 1e-6
+"""Of a standard deviation, which is half the last digit of a certificate; of the value, and in the quantity's unit."""
+
+_MOUNTING = "mounting_rotation_deg"
+"""Of half a turn there are two, so that rounding may change all of it."""
+
+
+def of_parameters(derived: Mapping[str, Measured], parameters: SensorParameters) -> dict[str, Measured]:
+    """Return derived quantities as read from a file, with the values that the parameters give.
+
+    Raises
+    ------
+    ValueError
+        If they differ by more than rounding: then somebody changed one of them.
+    """
+    out = dict(derived)
+    for quantity in QUANTITIES:
+        stated = derived.get(quantity.name)
+        if stated is None:
+            continue
+        value = np.where(np.isnan(stated.value), np.nan, quantity.value(parameters))
+        apart = np.abs(stated.value - value)
+        within = apart <= np.maximum(_AGREES * np.nan_to_num(stated.deviation), _ROUNDING * (1.0 + np.abs(value)))
+        within |= np.isnan(stated.value)  # not determined
+        if quantity.name != _MOUNTING and not within.all():
+            k = int(np.argmin(within))
+            raise ValueError(
+                f"derived.{quantity.name}[{k}] is {stated.value[k]:.9g}, but the parameters give {value[k]:.9g}: "
+                "somebody changed one of them"
+            )
+        out[quantity.name] = Measured(value, stated.deviation)
+    return out
+
+
 def derive(
-    parameters: SensorParameters, covariance: Array, unpack: Callable[[Array], SensorParameters]
+    parameters: SensorParameters,
+    covariance: Array,
+    unpack: Callable[[Array], SensorParameters],
+    unknown: Collection[str] = (),
 ) -> dict[str, Measured]:
     """Return derived quantities with their standard deviations, by name.
 
@@ -135,11 +172,16 @@ def derive(
         Of the estimated sensor parameters.
     unpack
         Returns the parameters moved by changes (n,) of the estimated ones.
+    unknown
+        Groups that were neither estimated nor stated: what depends on them is NaN.
     """
     n = covariance.shape[0]
     moved = [(unpack(_STEP * e), unpack(-_STEP * e)) for e in np.eye(n)]
     out = {}
     for quantity in QUANTITIES:
+        if any(group in unknown for group in quantity.groups):
+            out[quantity.name] = Measured(np.full(3, np.nan), np.full(3, np.nan))
+            continue
         value = quantity.value
         J = np.array([(value(a) - value(b)) / (2.0 * _STEP) for a, b in moved]).reshape(n, 3).T
         deviation = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))

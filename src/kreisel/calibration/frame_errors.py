@@ -23,11 +23,30 @@ def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array
     return frame_columns(problem, parameters, (share * noise.standstill_position, share * noise.standstill_orientation))
 
 
+def axis_columns(problem: Problem, parameters: CellParameters) -> Array:
+    """Return the effect of an arm that turns about other axes than it reports on the state, one deviation each, (n, k).
+
+    Where all motion is about a few axes, one after the other, each has an error of its own, in two directions. It
+    changes what readings of a rotation about this axis are turned to, and likewise what gravity is.
+    """
+    layout, sensors, axes = problem.layout, parameters.sensors, problem.noise.axes
+    columns = []
+    for group, K in (("gyro_cross_coupling", sensors.K_omega), ("accel_cross_coupling", sensors.K_a)):
+        if group not in layout or not len(axes):
+            continue
+        to_axes = np.linalg.inv(axes.T) @ K
+        for own, share in zip(axes, to_axes, strict=True):
+            for across in np.linalg.svd(own[None])[2][1:]:
+                column = np.zeros((layout.degrees, 1))
+                column[layout[group], 0] = problem.noise.axis_sd * np.outer(across, share).ravel()
+                columns.append(column)
+    return np.hstack([np.zeros((layout.degrees, 0)), *columns])
+
+
 def frame_columns(problem: Problem, parameters: CellParameters, frame_sd: tuple[float, float] | None = None) -> Array:
     """Return the effect of errors of the base and tool frames on the state, one deviation each, (degrees, 8).
 
     frame_sd: their deviations, m and rad; those of a robot whose errors cannot be estimated by default.
-
 
     A small rotation of the tool frame rotates both cross-coupling matrices and the lever arms; a shift of it shifts
     the lever arms. A rotation of the base frame rotates gravity.

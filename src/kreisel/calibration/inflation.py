@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
-from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
+from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
 from kreisel.estimation.belief import inflate_variance, with_errors
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
@@ -16,6 +16,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
+from kreisel.preparation.gravity import ANOMALY_SD
 from kreisel.recording.recording import DataWarning
 
 _TERMS = {"accel_delay": 0.01, "accel_smoothing": 1.5e-4, "reference_smoothing": 1.5e-4}
@@ -39,6 +40,9 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         common = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
         belief = with_errors(belief, common)
         warnings.append(_frame_warning(problem))
+    if len(problem.noise.axes):
+        belief = with_errors(belief, axis_columns(problem, run.parameters))
+        warnings.append(_axes_warning(problem))
     repeats = repeatability_columns(problem, run.parameters)
     if repeats.any():
         belief = with_errors(belief, repeats)
@@ -110,6 +114,16 @@ def _as_filtered(found: Estimate) -> FilterRun:
     return replace(found.run, belief=replace(belief, factor=belief.factor / found.correlation_factor))
 
 
+def _axes_warning(problem: Problem) -> DataWarning:
+    axes = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in np.round(problem.noise.axes, 2) + 0.0)
+    message = (
+        f"all rotation is about three axes, one after the other: {axes} in b. Errors of the arm's axes are not "
+        f"distinguished from those of the gyros' axes, and deviations contain {1e3 * problem.noise.axis_sd:.2g} mrad "
+        "for them (move several joints at once, record joint angles, or state robot.angle_sd in recording.toml)"
+    )
+    return DataWarning("motion", message)
+
+
 def _frame_warning(problem: Problem) -> DataWarning:
     length, angle = (1e3 * sd for sd in problem.noise.frame_sd)
     message = (
@@ -155,6 +169,15 @@ def _gravity_warning(problem: Problem, run: FilterRun) -> list[DataWarning]:
     message = (
         f"gravity is known to {problem.site.gravity_sd:.2g} m/s^2 only and limits the accelerometers' scale factors: "
         f"{1e6 * with_gravity**0.5:.0f} ppm instead of {1e6 * max(known, 0.0) ** 0.5:.0f} ppm "
-        "(state site.latitude_deg and site.height_m, or site.gravity with site.gravity_sd, in recording.toml)"
+        f"({_missing_of(problem)} in recording.toml)"
     )
     return [DataWarning("site", message)]
+
+
+def _missing_of(problem: Problem) -> str:
+    """Return what a user may still state of gravity, in words."""
+    sd = problem.site.gravity_sd
+    if sd <= ANOMALY_SD * 1.01:
+        return "state site.gravity with site.gravity_sd, if it was measured,"
+    height = "site.height_m" if problem.site.earth_rate_n is not None else "site.latitude_deg and site.height_m"
+    return f"state {height}, or site.gravity with site.gravity_sd,"

@@ -18,12 +18,11 @@ from kreisel.calibration.parts import (
     JointRecording,
     Measured,
     RecordingFacts,
-    Verdict,
 )
 from kreisel.calibration.repeatability import repeatability
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.sharing import DEFAULT, SHARED, Sharing, shift_of, turn_of, values_of
-from kreisel.calibration.verdict import motion_reasons
+from kreisel.calibration.verdict import Reason, motion_reasons, verdict_by
 from kreisel.errors import KreiselError, SettingsError, unknown_name
 from kreisel.estimation.consistency import normalised_bounds
 from kreisel.filtering.observability import observability
@@ -186,7 +185,7 @@ def _brought_together(
     seen = [observability(one.problem, one.run) for one in honest]
     reasons = [*_reasons(differing, factor, remedy), *motion_reasons(seen[0])]
     causes = max((one.verdict.causes for one in outcomes), key=lambda found: found[0].weight if found else 0.0)
-    verdict = Verdict(not reasons, tuple(reasons), seen[0].unobservable, causes)
+    verdict = verdict_by(reasons, seen[0], causes)
     warnings = _warnings(names, outcomes, left_out, differing, factor, remedy)
     seconds = sum(one.calibration.estimator.filter_seconds for one in outcomes if one.calibration.estimator is not None)
     consistency = _pooled(outcomes)
@@ -239,13 +238,11 @@ def _remedy(outcomes: tuple[Outcome, ...], names: tuple[str, ...], common: tuple
     return "they are not of the same device, or one of them is wrong"
 
 
-def _reasons(differing: tuple[str, ...], factor: float, remedy: str) -> list[str]:
+def _reasons(differing: tuple[str, ...], factor: float, remedy: str) -> list[Reason]:
     if factor <= MAX_FACTOR:
         return []
-    return [
-        f"recordings differ from the others by more than {MAX_FACTOR:g} times their standard deviations explain: "
-        f"{', '.join(differing)}; {remedy}"
-    ]
+    text = f"recordings differ from the others by more than {MAX_FACTOR:g} times their standard deviations explain"
+    return [Reason(f"{text}: {', '.join(differing)}; {remedy}")]
 
 
 def _warnings(

@@ -18,6 +18,10 @@ from kreisel.progress import Progress, of_step
 _MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
 """The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be accepted."""
 
+_NO_LATITUDE, _VAGUE_DEG = 9.0, 10.0
+"""Square of the deviations by which a rotation of the Earth's size may miss what is found, and deviation (deg) of a
+latitude, beyond which it is not the latitude that is found."""
+
 SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
 
@@ -33,20 +37,27 @@ def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None =
         return None
     step = of_step(progress, "latitude")
     free = _with_free_earth_rate(problem, run)
-    found = first_pass(free, progress=step)
+    found, stated = first_pass(free, progress=step), down / EARTH_RATE
     if _MIMICS in layout:
         # A wrong latitude looks like gyros that respond to acceleration: along gravity, and equally in all axes.
         plain = replace(run, parameters=with_nominal(problem, run.parameters, (_MIMICS,)))
         simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
         other = first_pass(simpler, progress=step)
         if other.history.log_likelihood.sum() > found.history.log_likelihood.sum() - _AS_GOOD:
-            free, found = simpler, other
+            check = _check_of(simpler, other, stated)
+            if check is not None:
+                return check
+    return _check_of(free, found, stated)
+
+
+def _check_of(free: Problem, found: FilterRun, stated: float) -> LatitudeCheck | None:
+    """Return the check of a run with a free Earth's rotation; None where it says nothing of the latitude."""
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = found.belief.covariance[np.ix_(index, index)]
     if float(np.sqrt(np.diag(P)).max()) > SEEN:
         return None
-    return _compared(found.parameters.north, found.parameters.earth_down, P, down / EARTH_RATE)
+    return _compared(found.parameters.north, found.parameters.earth_down, P, stated)
 
 
 def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
@@ -59,8 +70,8 @@ def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
     return replace(free, prior=replace(free.prior, start=start, value=value))
 
 
-def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck:
-    """Return the check of an estimated Earth's rotation, in units of its rate.
+def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck | None:
+    """Return the check of an estimated Earth's rotation, in units of its rate; None where no latitude explains it.
 
     Parameters
     ----------
@@ -68,14 +79,28 @@ def _compared(north: Array, vertical: float, P: Array, stated: float) -> Latitud
         Covariance of its two level components and the downward one.
     stated
         Downward component at the stated latitude.
+
+    Notes
+    -----
+    The size of the rotation is known, so only its direction is free: the score is the root of how much better the best
+    latitude fits than the stated one.
     """
     horizontal = float(np.linalg.norm(north))
     J = np.zeros((2, 3))
     J[0, :2], J[1, 2] = north / horizontal if horizontal > 0.0 else (1.0, 0.0), 1.0
-    S = J @ P @ J.T
-    off = np.array([horizontal - (1.0 - stated**2) ** 0.5, vertical - stated])
-    score = float(np.sqrt(np.maximum(off @ np.linalg.solve(S, off), 0.0)))
-    latitude = np.arctan2(-vertical, horizontal)
-    g = -np.array([np.sin(latitude), np.cos(latitude)]) / np.hypot(horizontal, vertical)
-    deviation = float(np.degrees(np.sqrt(g @ S @ g)))
-    return LatitudeCheck(float(np.degrees(np.arcsin(-stated))), float(np.degrees(latitude)), deviation, score)
+    information = np.linalg.inv(J @ P @ J.T)
+
+    def misfit(latitude: Array) -> Array:
+        off = np.array([horizontal - np.cos(latitude), vertical + np.sin(latitude)])
+        return np.einsum("i...,ij,j...->...", off, information, off)
+
+    everywhere = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 18_001)
+    fits = misfit(everywhere)
+    best = float(everywhere[int(np.argmin(fits))])
+    along = np.array([-np.sin(best), -np.cos(best)])
+    deviation = float(np.degrees((along @ information @ along) ** -0.5))
+    if float(fits.min()) > _NO_LATITUDE or deviation > _VAGUE_DEG:
+        return None
+    here = float(misfit(np.array(np.arcsin(-stated))))
+    score = float(np.sqrt(max(here - float(fits.min()), 0.0)))
+    return LatitudeCheck(float(np.degrees(np.arcsin(-stated))), float(np.degrees(best)), deviation, score)

@@ -7,7 +7,7 @@ if it is outside by as much. Between lies the guard band: no decision.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -75,11 +75,17 @@ class Judged:
     @property
     def decision(self) -> Decision | None:
         """Of all three together."""
-        if not self.decisions:
-            return None
-        if Decision.FAILS in self.decisions:
-            return Decision.FAILS
-        return Decision.UNDECIDED if Decision.UNDECIDED in self.decisions else Decision.CONFORMS
+        return _together(self.decisions)
+
+
+def _together(decisions: Sequence[Decision]) -> Decision | None:
+    most_serious_first = (Decision.FAILS, Decision.UNDECIDED, Decision.CONFORMS)
+    return next((decision for decision in most_serious_first if decision in decisions), None)
+
+
+def overall(found: Sequence[Judged]) -> Decision | None:
+    """Return the decision on several quantities together; None where none has a limit."""
+    return _together([one.decision for one in found if one.decision is not None])
 
 
 def limits_of_grade(name: str) -> Limits:
@@ -160,6 +166,7 @@ def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[Judged
         U = COVERAGE * found.deviation
         limit = None if limits is None else limits.values.get(quantity.name)
         seen = not any(_concerns(quantity, name) for name in parts.verdict.unobservable)
+        seen &= not any(group_named(group).owner in parts.verdict.not_usable for group in quantity.groups)
         decisions: tuple[Decision, ...] = ()
         if limit is not None:
             decisions = tuple(_decided(x, u, limit, seen=seen) for x, u in zip(found.value, U, strict=True))

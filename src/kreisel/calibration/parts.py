@@ -142,7 +142,8 @@ class FinalNoise:
 class EstimatorFacts:
     """How the parameters were estimated.
 
-    `filter_seconds` is the duration of the estimation; `fixed` are groups the user fixed, `held` those not observable.
+    `filter_seconds` is the duration of the estimation; `fixed` are groups the user fixed, `held` those that
+    earlier versions held at nominal values, because they were not observable.
     """
 
     name: str
@@ -154,8 +155,8 @@ class EstimatorFacts:
     filter_seconds: float
     polynomial_order: int
     fixed: tuple[str, ...]
-    held: tuple[str, ...]
     noise: FinalNoise
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -222,6 +223,9 @@ class Cause:
     weight: float
 
 
+_NAMES = {"gyroscope": "gyros", "accelerometer": "accelerometers"}
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Whether a result may be used: the same text on the terminal, in the report and in the result file.
@@ -235,12 +239,33 @@ class Verdict:
         Names of parameters that are not observable, or too weakly to be of use.
     causes
         What the data show beyond the usual model, the likeliest first; estimated, where that is possible.
+    sensors
+        Of gyroscope and accelerometer: accepted, not_observable (with this motion) or rejected. Empty in older files.
+    unasked
+        Reasons against a sensor that nobody asked for.
     """
 
     accepted: bool
     reasons: tuple[str, ...]
     unobservable: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
+    sensors: Mapping[str, str] = field(default_factory=dict)
+    unasked: tuple[str, ...] = ()
+
+    @property
+    def not_usable(self) -> tuple[str, ...]:
+        """Sensors that are not accepted although the result is: nobody asked for them."""
+        return tuple(sensor for sensor, state in self.sensors.items() if state != "accepted") if self.accepted else ()
+
+    @property
+    def caution(self) -> str:
+        """A sentence about the sensor that is not accepted although the result is; empty without one."""
+        if not self.not_usable:
+            return ""
+        sensor = self.not_usable[0]
+        state = self.sensors[sensor].replace("_", " ")
+        why = f" ({self.unasked[0]})" if self.unasked else ""
+        return f"The {_NAMES[sensor]} are {state}{why}: do not rely on their parameters."
 
     @property
     def headline(self) -> str:
@@ -249,15 +274,20 @@ class Verdict:
             return "Rejected"
         if self.reasons:
             return "Not judged"
+        if self.not_usable:
+            return f"Accepted for the {_NAMES[next(s for s in self.sensors if s not in self.not_usable)]} alone"
         return "Accepted, not all observable" if self.unobservable else "Accepted"
 
     @property
     def sentence(self) -> str:
         """What to do with the result."""
         if not self.accepted:
-            return "Do not use this calibration."
+            alone = [f"--only {sensor}" for sensor, state in self.sensors.items() if state == "accepted"]
+            return f"Do not use this calibration{f' ({alone[0]} would be accepted)' if alone else ''}."
         if self.reasons:
             return f"{'; '.join(self.reasons)}."
+        if self.not_usable:
+            return f"The result fits the data and may be used for them. {self.caution}"
         lost = len(self.unobservable)
         if lost == 0:
             return "The result fits the data, and every estimated parameter is observable. It may be used."

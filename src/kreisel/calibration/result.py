@@ -14,7 +14,7 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.calibration.arguments import elapsed_seconds, triads, warmth_of
 from kreisel.calibration.axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
-from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.parts import CalibrationParts
 from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.calibration.stream import CorrectedStream
@@ -131,7 +131,7 @@ class Calibration(CalibrationParts):
             self,
             sensors=found.sensors,
             sensor_sd=deviation,
-            derived=derive(found.sensors, P, unpack),
+            derived=derive(found.sensors, P, unpack, self._not_determined),
             names=names,
             covariance=P,
             prior_deviation=np.array([prior.get(name, np.nan) for name in names]),
@@ -142,6 +142,13 @@ class Calibration(CalibrationParts):
     def stream(self) -> CorrectedStream:
         """Return an object that corrects readings as they come; see `calibration.stream`."""
         return CorrectedStream(self.sensors, self.size_effect, self._temperature)
+
+    @property
+    def _not_determined(self) -> tuple[str, ...]:
+        """Groups on which quantities depend that are NaN here."""
+        lost = {q.name for q in QUANTITIES if q.name in self.derived and np.isnan(self.derived[q.name].value).any()}
+        known = {group for q in QUANTITIES if q.name not in lost for group in q.groups}
+        return tuple({group for q in QUANTITIES if q.name in lost for group in q.groups} - known)
 
     @property
     def _temperature(self) -> float | None:
@@ -189,8 +196,7 @@ class Calibration(CalibrationParts):
         RecordingError
             If the file is missing, is not a calibration, or has another schema.
         """
-        path = Path(path)
-        file = path / "calibration.yaml" if path.is_dir() else path
+        file = result_file(Path(path))
         parts = _read_parts(file)
         values = {part.name: getattr(parts, part.name) for part in fields(CalibrationParts)}
         extra = file.parent / "covariance.npz"
@@ -204,6 +210,11 @@ class Calibration(CalibrationParts):
         if not parts.triads and parts.axes == "tool":
             values["triads"] = device_triads(parts.sensors, parts.sensor_sd, names, covariance)
         return cls(**values, names=names, covariance=covariance, prior_deviation=prior, estimates=estimates)
+
+
+def result_file(path: Path) -> Path:
+    """Return the file of a result: that in its folder, or the file itself."""
+    return path / "calibration.yaml" if path.is_dir() else path
 
 
 def _read_parts(file: Path) -> CalibrationParts:
@@ -223,9 +234,12 @@ def _read_parts(file: Path) -> CalibrationParts:
         raise RecordingError(f"schema is {named}, expected '{READ[-1]}' or '{READ[0]}'", file=file)
     try:
         check_entries(document)
-        return from_document(document)
+        parts = from_document(document)
+        return replace(parts, derived=of_parameters(parts.derived, parts.sensors))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise RecordingError(f"incomplete: {error}; write it again with `kreisel calibrate`", file=file) from error
+        raise RecordingError(
+            f"incomplete or changed: {error}; write it again with `kreisel calibrate`", file=file
+        ) from error
 
 
 def _check_size(archive: Path) -> None:

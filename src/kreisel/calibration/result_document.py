@@ -167,7 +167,7 @@ def _no_deviations(p: SensorParameters) -> SensorParameters:
 
 
 def _timing_table(timing: Timing) -> dict[str, Any]:
-    return {"offset": timing.offset, "skew": timing.skew}
+    return {"offset": float(timing.offset), "skew": float(timing.skew)}
 
 
 def _timing_sd_table(timing: Timing) -> dict[str, Any]:
@@ -412,6 +412,8 @@ def _verdict_table(verdict: Verdict) -> dict[str, Any]:
     return {
         "accepted": verdict.accepted,
         "summary": verdict.summary,
+        **({"sensors": dict(verdict.sensors)} if verdict.sensors else {}),
+        **({"unasked": list(verdict.unasked)} if verdict.unasked else {}),
         "reasons": list(verdict.reasons),
         "unobservable": list(verdict.unobservable),
         "causes": [{"name": cause.name, "text": cause.text, "weight": float(cause.weight)} for cause in verdict.causes],
@@ -423,7 +425,10 @@ def _verdict(table: Mapping[str, Any]) -> Verdict:
     if not isinstance(accepted, bool):
         raise TypeError(f"verdict.accepted is {accepted!r}, expected true or false")
     causes = tuple(Cause(str(c["name"]), str(c["text"]), _number(c["weight"])) for c in table.get("causes", ()))
-    return Verdict(accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())), causes)
+    return Verdict(
+        accepted, _names(table.get("reasons", ())), _names(table.get("unobservable", ())), causes,
+        _texts(_table(table, "sensors")), _names(table.get("unasked", ())),
+    )  # fmt: skip
 
 
 def _effect_table(effect: Considered) -> dict[str, Any]:

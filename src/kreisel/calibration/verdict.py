@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes
+from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.parts import Consistency, Verdict
+from kreisel.calibration.parts import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.observability import Observability
 from kreisel.filtering.prior_conflict import MAX_SCORE, largest_score
 from kreisel.model.considered import describe
+from kreisel.model.settings import SENSORS
+from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0
@@ -33,6 +37,10 @@ MAX_OFFSET_SCORE = 100.0
 
 MAX_POSITION_SCALE = 2.5e-3
 """Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
+
+MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
+"""Scale factor, difference of scale factors between axes, and angle between axes less a right one (rad): no device has
+more."""
 
 _LARGEST = {"accel_delay": 50e-3, "accel_smoothing": 1.5e-3, "reference_smoothing": 1.5e-3}
 """Sizes (s, s^2) up to which the first terms of a series describe an effect."""
@@ -60,10 +68,30 @@ def consistency(estimate: Estimate, correlation: Correlation) -> Consistency:
     )
 
 
+@dataclass(frozen=True)
+class Reason:
+    """A reason against a result.
+
+    Attributes
+    ----------
+    text
+        In words.
+    sensors
+        The sensors it is about.
+    motion
+        Whether it is the motion that does not show enough, and nothing that contradicts the model.
+    """
+
+    text: str
+    sensors: tuple[str, ...] = SENSORS
+    motion: bool = False
+
+
 def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     """Return the verdict."""
     causes = find_causes(estimate, evidence.halves, evidence.latitude)
     named = frozenset(cause.name for cause in causes)
+    settings = estimate.problem.settings
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),
@@ -73,83 +101,107 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_expansions(estimate),
         *_passes(estimate),
         *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA)),
-        *(() if estimate.problem.settings.partial else motion_reasons(evidence.observability)),
+        *(() if settings.partial else motion_reasons(evidence.observability)),
         *_scale(estimate),
     ]
-    if reasons and causes:
-        reasons = [f"{reasons[0]}. Likeliest cause: {causes[0].text}", *reasons[1:]]
-    return Verdict(not reasons, tuple(reasons), evidence.observability.unobservable, causes)
+    asked = SENSORS if estimate.problem.reference.positions is not None else ("gyroscope",)
+    return verdict_by(reasons, evidence.observability, causes, (settings.only,) if settings.only else asked)
 
 
-def _innovations(facts: Consistency, *, outliers: bool) -> list[str]:
+def verdict_by(
+    reasons: Sequence[Reason], seen: Observability, causes: tuple[Cause, ...], asked: tuple[str, ...] = SENSORS
+) -> Verdict:
+    """Return the verdict for reasons against a result.
+
+    asked: the sensors that must be accepted.
+    """
+    sensors = {}
+    for sensor in SENSORS:
+        own = [reason for reason in reasons if sensor in reason.sensors]
+        sensors[sensor] = "rejected" if any(not r.motion for r in own) else "not_observable" if own else "accepted"
+    if sensors["gyroscope"] != "accepted" and sensors["accelerometer"] == "accepted":
+        sensors["accelerometer"] = "not_observable"  # forces and attitudes are turned by what the gyros measure
+    texts = [reason.text for reason in reasons if set(asked) & set(reason.sensors)]
+    others = [reason.text for reason in reasons if not set(asked) & set(reason.sensors)]
+    accepted = all(sensors[sensor] == "accepted" for sensor in asked)
+    if texts and causes:
+        texts[0] += f". Likeliest cause: {causes[0].text}"
+    return Verdict(accepted, tuple(texts), seen.unobservable, causes, sensors, tuple(others))
+
+
+def _of(parameter: str) -> tuple[str, ...]:
+    """Return the sensor that a parameter belongs to, by its name; both for others."""
+    return tuple(sensor for sensor in SENSORS if parameter.startswith(f"{sensor}.")) or SENSORS
+
+
+def _innovations(facts: Consistency, *, outliers: bool) -> list[Reason]:
     reasons = []
     allowed = MAX_OUTLIERS if outliers else MAX_REJECTED
     for name, nis in (("on the path", facts.nis_path), ("at standstill", facts.nis_standstill)):
         if nis > MAX_NIS:
-            reasons.append(
-                f"innovations {name} are {np.sqrt(nis):.1f} times larger than expected: "
-                "model or noise figures do not fit"
-            )
+            size = f"{np.sqrt(nis):.1f} times larger than expected: model or noise figures do not fit"
+            reasons.append(Reason(f"innovations {name} are {size}"))
     if facts.rejected > allowed * facts.updates:
-        reasons.append(
-            f"{facts.rejected} of {facts.updates} updates were rejected: reference and IMU disagree; "
-            "look for wrong units, lost samples, a slipping mount, or another run's poses"
-        )
+        text = f"{facts.rejected} of {facts.updates} updates were rejected: reference and IMU disagree; look for "
+        reasons.append(Reason(f"{text}wrong units, lost samples, a slipping mount, or another run's poses"))
     return reasons
 
 
-def _halves(halves: SplitHalves | None) -> list[str]:
+def _halves(halves: SplitHalves | None) -> list[Reason]:
+    found = []
     if halves is None:
         return []
-    name, score = halves.worst()
-    if score <= MAX_SCORE:
-        return []
-    return [
-        f"the two halves of the recording give values of {name} that differ by {score:.1f} standard deviations: "
-        "something changed during the recording (an offset that drifts or steps, a mount that slips), or the reference "
-        "has errors that are not modelled"
-    ]
+    for sensor in SENSORS:
+        name, score = halves.worst((f"{sensor}.",))
+        if score > MAX_SCORE:
+            text = (
+                f"the two halves of the recording give values of {name} that differ by {score:.1f} standard "
+                "deviations: something changed during the recording (an offset that drifts or steps, a mount that "
+                "slips), or the reference has errors that are not modelled"
+            )
+            found.append((score, Reason(text, (sensor,))))
+    return [reason for _, reason in sorted(found, key=lambda one: -one[0])]
 
 
-def _latitude(check: LatitudeCheck | None) -> list[str]:
+def _latitude(check: LatitudeCheck | None) -> list[Reason]:
     if check is None or check.score <= MAX_SCORE:
         return []
-    return [
+    text = (
         f"the stated latitude of {check.stated_deg:.4g} deg contradicts the Earth's rotation in the gyros' readings, "
         f"which gives {check.found_deg:.1f} ± {check.deviation_deg:.1g} deg: "
         "correct site.latitude_deg in recording.toml"
-    ]
+    )
+    return [Reason(text)]
 
 
-def _known(scores: Mapping[str, float]) -> list[str]:
+def _known(scores: Mapping[str, float]) -> list[Reason]:
     """Return the reasons about single parameters that lie far from the prior the user states."""
-    return [
-        f"{name} lies {score:.1f} standard deviations from the prior that is stated: correct it (prior in "
-        "recording.toml, --prior)"
-        for name, score in scores.items()
-        if score > MAX_SCORE
-    ]
+    text = "standard deviations from the prior that is stated: correct it (prior in recording.toml, --prior)"
+    return [Reason(f"{name} lies {score:.1f} {text}", _of(name)) for name, score in scores.items() if score > MAX_SCORE]
 
 
 _STATED = {
-    "gyro_offset": ("gyro offsets", "imu.gyro_offset_sd or imu.grade"),
-    "accel_offset": ("accelerometer offsets", "imu.accel_offset_sd or imu.grade"),
-    "gravity": ("gravity", "site.gravity, site.gravity_sd, site.latitude_deg or site.height_m"),
-    "robot_placement": ("the robot's placement errors", "robot.length_sd and robot.angle_sd"),
+    "gyro_offset": ("gyro offsets", "imu.gyro_offset_sd or imu.grade", ("gyroscope",)),
+    "accel_offset": ("accelerometer offsets", "imu.accel_offset_sd or imu.grade", ("accelerometer",)),
+    "gravity": ("gravity", "site.gravity, site.gravity_sd, site.latitude_deg or site.height_m", ("accelerometer",)),
+    "robot_placement": ("the robot's placement errors", "robot.length_sd and robot.angle_sd", SENSORS),
 }
-"""Groups with a prior the user states or accepts: their titles, and the keys of recording.toml."""
+"""Groups with a prior the user states or accepts: titles, keys of recording.toml, and the sensors they matter to."""
 
 
-def _priors(estimate: Estimate) -> list[str]:
+def _priors(estimate: Estimate) -> list[Reason]:
     """Return the reasons about estimates that lie far from their stated prior."""
     problem = estimate.problem
     reasons = [
-        f"{_STATED[group][0]} lie {score:.0f} stated standard deviations away: this is not the device that "
-        f"recording.toml describes; correct {_STATED[group][1]}"
+        Reason(
+            f"{_STATED[group][0]} lie {score:.0f} stated standard deviations away: this is not the device that "
+            f"recording.toml describes; correct {_STATED[group][1]}",
+            _STATED[group][2],
+        )
         for group, score in estimate.contradicted.items()
         if score > MAX_OFFSET_SCORE
     ]
-    for group, (title, keys) in _STATED.items():
+    for group, (title, keys, sensors) in _STATED.items():
         if group not in problem.layout or (group.endswith("_offset") and group not in problem.prior.stated):
             continue
         if group in estimate.walks:
@@ -157,69 +209,92 @@ def _priors(estimate: Estimate) -> list[str]:
         far = largest_score(problem, estimate.run, group)
         if far > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
-            reasons.append(
+            text = (
                 f"{title} {verb} up to {far:.1f} stated standard deviations from the prior: correct {keys} "
                 "in recording.toml, or look for an effect that is not modelled"
             )
+            if group == "gravity" and problem.site.gravity_sd >= UNKNOWN_SD:
+                text = (
+                    f"gravity is found to be {estimate.run.parameters.gravity:.3f} m/s^2, {far:.1f} standard "
+                    "deviations from that of places on Earth: look for a wrong scale of the positions or of the "
+                    "clocks, for offsets that are fixed (--fix), or an effect that is not modelled"
+                )
+            reasons.append(Reason(text, sensors))
     return reasons
 
 
-def _expansions(estimate: Estimate) -> list[str]:
+def _expansions(estimate: Estimate) -> list[Reason]:
     """Return the reasons about effects that are too large: for their model, or to be what they seem."""
     scale = next((e for e in estimate.considered if e.included and e.group == "position_scale"), None)
     found = []
     if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE:
-        found.append(
+        text = (
             f"{describe(scale)}: more than a reference errs. The positions' unit, or what is stated about gravity "
             "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which"
         )
+        found.append(Reason(text, ("accelerometer",)))
+    series = "this is too large for its model, which is a series; correct the cause, or record more slowly"
     return found + [
-        f"{describe(effect)}: this is too large for its model, which is a series; mend the cause, or record more slowly"
+        Reason(f"{describe(effect)}: {series}", ("accelerometer",) if effect.group.startswith("accel") else SENSORS)
         for effect in estimate.considered
         if effect.included and float(np.abs(effect.value).max()) > _LARGEST.get(effect.group, np.inf)
     ]
 
 
-def _passes(estimate: Estimate) -> list[str]:
+def _passes(estimate: Estimate) -> list[Reason]:
     if estimate.problem.settings.passes is not None or estimate.moved <= MAX_MOVED:
         return []
-    return [
+    text = (
         f"after {estimate.passes} passes the estimates still move by {estimate.moved:.1f} standard deviations per "
         "pass: the motion is too weak for this model; move faster and farther, or fix groups (--fix)"
-    ]
+    )
+    return [Reason(text)]
 
 
-def _noise(estimate: Estimate, *, explained: bool) -> list[str]:
-    reasons = []
+def _noise(estimate: Estimate, *, explained: bool) -> list[Reason]:
     white = estimate.correlation_factor == 1.0 and estimate.problem.noise.correlation_time == 0.0
-    if estimate.contradiction > (MAX_WHITE_CONTRADICTION if white or explained else MAX_CONTRADICTION):
-        reasons.append(
-            "the data contradict the given noise figures: the noise found is up to "
-            f"{estimate.contradiction:.1f} times as large. The model does not fit (record "
-            "the robot's joint angles), or the figures are wrong"
-        )
-    return reasons
+    if estimate.contradiction <= (MAX_WHITE_CONTRADICTION if white or explained else MAX_CONTRADICTION):
+        return []
+    text = (
+        "the data contradict the given noise figures: the noise found is up to "
+        f"{estimate.contradiction:.1f} times as large. The model does not fit (record "
+        "the robot's joint angles), or the figures are wrong"
+    )
+    return [Reason(text)]
 
 
-def motion_reasons(seen: Observability) -> list[str]:
+def motion_reasons(seen: Observability) -> list[Reason]:
     """Return the reasons about parameters that every use needs and the motion does not show."""
     reasons = []
-    lost = [name for name in seen.not_narrowed if name.startswith(_NEEDED)]
-    if lost:
-        reasons.append(
-            f"not observable with this motion: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
-            "turn about all three axes, with standstills in different attitudes"
-        )
+    for sensor in SENSORS:
+        lost = [name for name in seen.not_narrowed if name.startswith(_NEEDED) and sensor in _of(name)]
+        if lost:
+            text = (
+                f"not observable with this motion: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
+                "turn about all three axes, with standstills in different attitudes"
+            )
+            reasons.append(Reason(text, (sensor,), motion=True))
     return reasons
 
 
-def _scale(estimate: Estimate) -> list[str]:
+def _scale(estimate: Estimate) -> list[Reason]:
+    """Return the reasons about scale factors and axes that no device has."""
     reasons = []
-    sensors = estimate.run.parameters.sensors
-    for name, K in (("gyroscope", sensors.K_omega), ("accelerometer", sensors.K_a)):
-        scale = np.linalg.norm(np.linalg.inv(K), axis=1)
-        if scale.max() > 1.5 or scale.min() < 0.67:
-            reasons.append(
-                f"{name} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range"
-            )
+    parameters, layout = estimate.run.parameters, estimate.problem.layout
+    for sensor, group in (("gyroscope", "gyro_cross_coupling"), ("accelerometer", "accel_cross_coupling")):
+        if group not in layout:
+            continue
+        K = parameters.stored(group).reshape(3, 3)
+        sd = float(np.max(estimate.run.belief.standard_deviation[layout[group]]))
+        scale, off = sensitivity(K)[0], np.abs(non_orthogonality(K))
+        text = ""
+        if scale.max() > MAX_SCALE or scale.min() < 1.0 / MAX_SCALE:
+            text = f"{sensor} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range"
+        elif float(np.ptp(scale)) > MAX_SPREAD + 3.0 * sd:
+            text = f"{sensor} scale factors {np.round(scale, 3).tolist()} differ more than those of any device"
+        elif float(off.max()) > MAX_ANGLE + 3.0 * sd:
+            text = f"{sensor} axes are {np.degrees(off.max()):.0f} deg off right angles, more than those of any device"
+        if text:
+            hint = "" if "unit" in text else ": the motion or the reference has errors that are not modelled"
+            reasons.append(Reason(text + hint, (sensor,)))
     return reasons

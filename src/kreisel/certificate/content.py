@@ -11,7 +11,7 @@ from decimal import Decimal
 import numpy as np
 
 from kreisel._version import __version__
-from kreisel.calibration.limits import COVERAGE, Judged, Limits, judged
+from kreisel.calibration.limits import COVERAGE, Decision, Judged, Limits, judged, overall
 from kreisel.calibration.parts import Measured
 from kreisel.calibration.result import Calibration
 from kreisel.certificate.words import LANGUAGES, number, words
@@ -53,8 +53,12 @@ class Certificate:
         Rows of the results.
     notes
         Sentences below the results.
-    digest
-        Fingerprint of the data.
+    digest, result_digest
+        Fingerprints of the data and of calibration.yaml.
+    serial_number
+        As stated; empty where it is not.
+    judged, decision
+        The quantities that have a limit, and the decision on all of them; None without limits.
     """
 
     language: str
@@ -65,7 +69,15 @@ class Certificate:
     effects: tuple[Row, ...]
     notes: tuple[str, ...]
     digest: str
-    with_limits: bool
+    result_digest: str
+    serial_number: str
+    judged: tuple[Judged, ...]
+    decision: Decision | None
+
+    @property
+    def with_limits(self) -> bool:
+        """Whether there are limits."""
+        return bool(self.judged)
 
 
 def fields_of(calibration: Calibration, given: Mapping[str, str]) -> dict[str, str]:
@@ -87,9 +99,21 @@ def fields_of(calibration: Calibration, given: Mapping[str, str]) -> dict[str, s
 
 
 def certificate_of(
-    calibration: Calibration, fields: Mapping[str, str], limits: Limits | None, language: str, today: date
+    calibration: Calibration,
+    fields: Mapping[str, str],
+    limits: Limits | None,
+    language: str,
+    today: date,
+    result_digest: str = "",
 ) -> Certificate:
     """Return the certificate of a calibration.
+
+    Parameters
+    ----------
+    fields
+        As `fields_of` returns them.
+    result_digest
+        SHA-256 of its calibration.yaml, which the certificate shows.
 
     Raises
     ------
@@ -131,7 +155,10 @@ def certificate_of(
         tuple(_effects(calibration, own, language)),
         tuple(notes),
         "" if calibration.recording is None else calibration.recording.digest or "",
-        limits is not None,
+        result_digest,
+        fields.get("serial_number", ""),
+        tuple(one for one in found if one.limit is not None),
+        overall(found),
     )
 
 

@@ -17,11 +17,7 @@ def html(certificate: Certificate) -> str:
     environment = Environment(
         loader=PackageLoader("kreisel.certificate"), autoescape=True, undefined=StrictUndefined, lstrip_blocks=True
     )
-    facts = dict(certificate.facts)
-    serial = facts.get(certificate.words["serial_number"], "")
-    if serial == certificate.words["not_stated"]:
-        serial = ""
-    return environment.get_template("certificate.html").render(c=certificate, version=__version__, serial=serial)
+    return environment.get_template("certificate.html").render(c=certificate, version=__version__)
 
 
 def pdf(page: str) -> bytes:

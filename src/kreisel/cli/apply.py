@@ -50,6 +50,8 @@ def apply(
 
     found = Calibration.load(calibration)
     check_usable(found, force=force)
+    if found.verdict.caution:
+        typer.echo(f"· {found.verdict.caution}", err=True)
     chosen = found.in_axes(axes)
     _tell(chosen)
     if raw == _STREAM or "://" in raw:

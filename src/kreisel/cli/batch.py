@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli.conformity import FAILED, REJECTED, UNDECIDED, most_serious
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
@@ -31,7 +33,11 @@ def batch(
     seconds: float = typer.Option(60.0, min=30.0, help="With --simulate: length of each recording, s."),
     json: bool = typer.Option(False, "--json", help="Print the summary as one JSON object."),
 ) -> None:
-    """Calibrate all recordings in a folder, and write one table, one page and one file of results."""
+    """Calibrate all recordings in a folder, and write one table, one page and one file of results.
+
+    Exit status 0 if all units are good; 1 if one could not be calibrated; 3 if one was rejected or does not conform; 4
+    if of one no decision can be made; the first of 1, 3, 4 that occurs. The last line names these units.
+    """
     from kreisel.batch.found import jobs_in
     from kreisel.batch.lot import table, units_of
     from kreisel.batch.pages import write_batch
@@ -64,6 +70,12 @@ def batch(
     (output / "table.csv").write_text(table(units), encoding="utf-8")
     write_batch(units, known, f"{folder}", reports, output / "batch.html")
     _say(units, output, as_json=json)
+    if status := most_serious(_STATUS.get(unit.outcome, 0) for unit in units):
+        raise typer.Exit(status)
+
+
+_STATUS = {"failed": FAILED, "rejected": REJECTED, "does not conform": REJECTED, "no decision": UNDECIDED}
+"""Exit status by what became of a unit; 0 for all else."""
 
 
 def history(
@@ -187,6 +199,7 @@ def _say(units: Sequence[Unit], output: Path, *, as_json: bool) -> None:
 
     if as_json:
         summary = {"units": len(units), "good": good(units), "outcomes": counts(units), "output": str(output)}
+        summary["not_good"] = _not_good(units)
         typer.echo(json.dumps(summary))
         return
     own = ", ".join(f"{count} {outcome}" for outcome, count in counts(units).items())
@@ -197,3 +210,18 @@ def _say(units: Sequence[Unit], output: Path, *, as_json: bool) -> None:
     if len(outlying) > 5:
         typer.echo(f"· and {len(outlying) - 5} more outliers")
     typer.echo(f"written: {output}/batch.html, table.csv, results.db, results/")
+    if named := _not_good(units):
+        typer.echo("not good: " + "; ".join(f"{outcome}: {_some(names)}" for outcome, names in named.items()))
+
+
+def _not_good(units: Sequence[Unit]) -> dict[str, list[str]]:
+    """Return the names of recordings by what became of them, the most serious first; without those that are good."""
+    out: dict[str, list[str]] = {outcome: [] for outcome in _STATUS}
+    for unit in units:
+        if unit.outcome in out:
+            out[unit.outcome].append(unit.run.name)
+    return {outcome: names for outcome, names in out.items() if names}
+
+
+def _some(names: Sequence[str], most: int = 10) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

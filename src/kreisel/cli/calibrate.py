@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from kreisel.calibration.evidence import Injection
+    from kreisel.calibration.limits import Limits
     from kreisel.calibration.outcome import Outcome
+    from kreisel.calibration.result import Calibration
 
 
 def calibrate(
@@ -40,6 +44,10 @@ def calibrate(
         None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."
     ),
     size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
+    only: str | None = typer.Option(
+        None, help="gyroscope or accelerometer: the verdict, and the exit status, are for this sensor."
+    ),
+    use: str | None = typer.Option(None, help="orientations: leave out the reference's positions."),
     passes: int | None = typer.Option(None, help="Passes over the data; by default until another pass changes little."),
     inject: bool = typer.Option(
         False, "--inject", help="Add known errors to the data and check whether they are found."
@@ -52,11 +60,16 @@ def calibrate(
     own: list[str] = typer.Option(
         [], help="With --joint: what is each recording's own, robot, site or reference; may be repeated."
     ),
+    limits: str | None = typer.Option(None, help="Limits for conformity: a TOML file with [limits], or a grade."),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:
-    """Calibrate an IMU from a recording of its readings and of reference poses."""
+    """Calibrate an IMU from a recording of its readings and of reference poses.
+
+    Exit status 3 if the result is rejected; with --limits also if it does not conform, and 4 without a decision.
+    """
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.injection import inject as inject_errors
+    from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
     from kreisel.cli.threads import releasing_memory, side_by_side
@@ -76,16 +89,21 @@ def calibrate(
         skew=skew,
         size_effect=size_effect,  # type: ignore[arg-type]  # the settings check the names
         passes=passes,
+        only=only,
+        use=use,
     )
+    within = None if limits is None else limits_named(limits)
     if output is not None:
         check_output(output)
     read_one = partial(load, reference=reference, imu=imu, columns=columns, together=side_by_side)
     if joint:
         if inject:
             raise SettingsError("--inject is for one recording; leave out --joint")
-        from kreisel.cli.joint import calibrate_together
+        from kreisel.cli.joint import calibrate_together, say_joint
 
-        calibrate_together(recordings, read_one, settings, _in_common(same, own), output, as_json=json)
+        found = calibrate_together(recordings, read_one, settings, _in_common(same, own), output)
+        document = _with_output(found.calibration.document, output)
+        _end(found.calibration, document, partial(say_joint, found, output), within, as_json=json)
         return
     if len(recordings) > 1 or same or own:
         raise SettingsError(
@@ -98,15 +116,36 @@ def calibrate(
         )
     injection: Injection | None = None
     with releasing_memory(), progress_bar() as show:
-        read = read_one(recordings[0])
+        read = read_one(recordings[0], progress=show)
         outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
         if inject:
             injection = inject_errors(outcome, show)
         if output is not None:
             _save(outcome, output, injection)
-    _say(outcome, output, injection, as_json=json)
-    if not outcome.verdict.accepted:
-        raise typer.Exit(3)
+    document = _document(outcome, output, injection)
+    _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, as_json=json)
+
+
+def _end(
+    calibration: Calibration, document: dict[str, Any], say: Callable[[], None], limits: Limits | None, *, as_json: bool
+) -> None:
+    """Print a result, and whether it is within limits; end with the exit status for that."""
+    import json
+
+    from kreisel.cli.conformity import as_table, conformity, sentence, status_of
+
+    decision = None
+    if limits is not None and calibration.accepted:
+        judged, decision = conformity(calibration, limits)
+        document["conformity"] = as_table(judged, decision, limits)
+    if as_json:
+        typer.echo(json.dumps(document))
+    else:
+        say()
+        if decision is not None:
+            typer.echo(sentence(judged, decision))
+    if status := status_of(calibration, decision):
+        raise typer.Exit(status)
 
 
 def _in_common(same: list[str], own: list[str]) -> tuple[str, ...]:
@@ -136,22 +175,24 @@ def _save(
         write_report(outcome, writing / "report.html", injection=injection)
 
 
-def _say(outcome: Outcome, output: Path | None, injection: Injection | None, *, as_json: bool) -> None:
-    import json
+def _with_output(document: dict[str, Any], output: Path | None) -> dict[str, Any]:
+    return document if output is None else {**document, "output": str(output)}
 
-    if as_json:
-        document: dict[str, Any] = dict(outcome.calibration.document)
-        if output is not None:
-            document["output"] = str(output)
-        if injection is not None:
-            document["injection"] = {
-                name: {"injected": float(a), "found": float(b), "standard_deviation": float(c)}
-                for name, a, b, c in zip(
-                    injection.names, injection.injected, injection.found, injection.deviation, strict=True
-                )
-            }
-        typer.echo(json.dumps(document))
-        return
+
+def _document(outcome: Outcome, output: Path | None, injection: Injection | None) -> dict[str, Any]:
+    """Return the JSON object of a result."""
+    document = _with_output(dict(outcome.calibration.document), output)
+    if injection is not None:
+        document["injection"] = {
+            name: {"injected": float(a), "found": float(b), "standard_deviation": float(c)}
+            for name, a, b, c in zip(
+                injection.names, injection.injected, injection.found, injection.deviation, strict=True
+            )
+        }
+    return document
+
+
+def _say(outcome: Outcome, output: Path | None, injection: Injection | None) -> None:
     from kreisel.cli.tables import print_injection, print_result
 
     print_result(outcome.calibration, outcome.warnings)

@@ -19,7 +19,11 @@ def certificate(
     key: Path | None = typer.Option(None, help="Secret key of minisign: the signature is written beside the file."),
     force: bool = typer.Option(False, "--force", help="Replace the file."),
 ) -> None:
-    """Write the certificate of a calibration: one page, values with expanded uncertainties (k = 2)."""
+    """Write the certificate of a calibration: one page, values with expanded uncertainties (k = 2).
+
+    Exit status with --limits: 0 if all conform, 3 if something does not, 4 if of something no decision can be made; the
+    certificate is written all the same. 3 also for a rejected calibration, which gets no certificate.
+    """
     from datetime import UTC, datetime
 
     from kreisel.calibration.limits import limits_named
@@ -27,6 +31,8 @@ def certificate(
     from kreisel.certificate.content import certificate_of, fields_of
     from kreisel.certificate.page import html, pdf
     from kreisel.certificate.signature import sign
+    from kreisel.certificate.statement import as_comment, digest_of, statement_of
+    from kreisel.cli.conformity import REJECTED, sentence, status_of
     from kreisel.errors import RecordingError, SettingsError
 
     if output.suffix.lower() not in (".pdf", ".html"):
@@ -35,29 +41,60 @@ def certificate(
         raise RecordingError("exists already; delete it, give another name, or --force", file=output)
     secret = None if key is None else _opened(key)  # first: nothing is written for a wrong password
     found = Calibration.load(calibration)
+    if not found.accepted:
+        typer.echo(f"kreisel: {calibration}: was rejected, and gets no certificate; see its report", err=True)
+        raise typer.Exit(REJECTED)
     fields = fields_of(found, _pairs(field))
     known = None if limits is None else limits_named(limits)
     today = datetime.now(tz=UTC).astimezone().date()
-    page = html(certificate_of(found, fields, known, language, today))
+    digest = digest_of(calibration)
+    made = certificate_of(found, fields, known, language, today, digest)
+    page = html(made)
     content = page.encode() if output.suffix.lower() == ".html" else pdf(page)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(content)
     typer.echo(f"written: {output}")
     if secret is not None:
-        digest = "" if found.recording is None else found.recording.digest or ""
-        comment = f"{output.name} {today.isoformat()} data sha256 {digest}".strip()
-        typer.echo(f"written: {sign(output, secret, comment)}")
+        stated = statement_of(output.name, today.isoformat(), made.serial_number, found, digest)
+        typer.echo(f"written: {sign(output, secret, as_comment(stated))}")
+    if made.decision is not None:
+        typer.echo(sentence(made.judged, made.decision))
+    if status := status_of(found, made.decision):
+        raise typer.Exit(status)
 
 
 def verify(
     file: Path = typer.Argument(..., help="A signed file; its signature is beside it, FILE.minisig."),
     public_key: Path = typer.Option(..., "--public-key", help="Public key of minisign of who signed."),
+    calibration: Path | None = typer.Option(
+        None, help="Result folder, or calibration.yaml, that the certificate must belong to."
+    ),
 ) -> None:
-    """Verify the signature of a certificate, or of any file signed with minisign."""
+    """Verify the signature of a certificate, or of any file signed with minisign.
+
+    A certificate must have the name under which it was signed. With --calibration its result file, recording and serial
+    number must be those that were signed.
+    """
     from kreisel.certificate.signature import verify as verified
+    from kreisel.certificate.statement import check_calibration, check_name, stated_in
 
     comment = verified(file, public_key)
-    typer.echo(f"{file}: the signature is right. Signed comment: {comment}")
+    statement = stated_in(comment)
+    if statement is not None:
+        check_name(file, statement)
+    if calibration is not None:
+        check_calibration(file, statement, calibration)
+    if statement is None:
+        typer.echo(f"{file}: the signature is right. Signed comment: {comment}")
+        return
+    typer.echo(
+        f"{file}: the signature is right. Issued {statement.issued} for serial number "
+        f"{statement.serial_number or '(not stated)'}, recording {statement.recording or '(not stated)'}"
+    )
+    typer.echo(f"data SHA-256 {statement.data_sha256 or '(not stated)'}")
+    typer.echo(f"calibration.yaml SHA-256 {statement.calibration_sha256}")
+    if calibration is not None:
+        typer.echo(f"it is the certificate of {calibration}")
 
 
 def key(

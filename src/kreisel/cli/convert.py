@@ -30,10 +30,12 @@ def convert(
     if is_trace(source):
         _convert_trace(source, target, reference or imu)
         return
+    from kreisel.cli.progress import progress_bar
     from kreisel.formats.loading import load
     from kreisel.formats.write import write
 
-    recording = load(source, reference, imu, columns=columns)
+    with progress_bar() as show:
+        recording = load(source, reference, imu, columns=columns, progress=show)
     write(recording, target)
     typer.echo(f"written: {target}")
 

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import typer
 
+
+@dataclass(frozen=True)
+class _Extra:
+    """Modules that come with an extra, and the commands that need them."""
+
+    modules: tuple[str, ...]
+    needed_by: str
+
+    def missing(self) -> list[str]:
+        """Return the modules that are not installed."""
+        from importlib.util import find_spec
+
+        return [name for name in self.modules if find_spec(name) is None]
+
+
 _EXTRAS = {
-    "robot": ("pinocchio", "ruckig", "scipy"),
-    "live": ("serial",),
-    "serve": ("starlette", "uvicorn", "websockets"),
-    "study": ("distributed",),
-    "tables": ("h5py", "pyarrow", "scipy"),
-    "certificate": ("weasyprint", "minisign"),
+    "live": _Extra(("serial",), "record, run and apply at serial lines"),
+    "serve": _Extra(("starlette", "uvicorn", "websockets"), "--dashboard of record, run and watch"),
+    "study": _Extra(("distributed",), "study, and batch with several --jobs"),
+    "tables": _Extra(("h5py", "pyarrow", "scipy"), "recordings in MATLAB and Parquet files"),
+    "certificate": _Extra(("weasyprint", "minisign"), "certificate as PDF or with --key, key and verify"),
 }
-"""Modules of each extra."""
+
+_MOTION = _Extra(("ruckig",), "simulate, demo, virtual-cell, run and batch --simulate")
+"""A part of kreisel itself, except on platforms for which there is no wheel of it."""
 
 _SECONDS, _SEED, _WITHIN = 30.0, 3, 5.0
 """Of the recording of the self-check; standard deviations within which its errors must lie."""
@@ -23,24 +40,63 @@ _SECONDS, _SEED, _WITHIN = 30.0, 3, 5.0
 def doctor(json: bool = typer.Option(False, "--json", help="Print one JSON object.")) -> None:
     """Check the installation: environment, compiled library, extras, and a calibration of a simulated recording.
 
-    Exit status 1 if the self-check fails.
+    Exit status 1 if the self-check fails; extras that are missing are named, with the commands that need them.
     """
     import json as json_module
 
     facts = {"environment": _environment(), "extras": _extras(), "self-check": _self_check()}
     good = bool(facts["self-check"]["passed"])
+    missing = _missing()
     if json:
-        typer.echo(json_module.dumps(facts))
+        typer.echo(json_module.dumps({**facts, "missing": missing}))
     else:
         for title, table in facts.items():
             typer.echo(title)
             for name, value in table.items():
                 typer.echo(f"  {name:<20}{value}")
-        typer.echo(
-            "everything works" if good else "the self-check failed: install kreisel again, and report this output"
-        )
+        for line in _summary(missing, good=good):
+            typer.echo(line)
     if not good:
         raise typer.Exit(1)
+
+
+def _summary(missing: dict[str, str], *, good: bool) -> list[str]:
+    """Return what works and what does not, in a few lines."""
+    if not good:
+        return ["the self-check failed: install kreisel again, and report this output"]
+    if not missing:
+        return ["everything works"]
+    return [
+        "calibration works; not installed is what these need:",
+        *(f"  {use}: {get}" for use, get in missing.items()),
+    ]
+
+
+def _missing() -> dict[str, str]:
+    """Return what does not work here, and what to install for it."""
+    out = {one.needed_by: f"pip install 'kreisel[{name}]'" for name, one in _EXTRAS.items() if one.missing()}
+    if _MOTION.missing():
+        out[_MOTION.needed_by] = "pip install ruckig"
+    if (pango := _without_pango()) is not None:
+        out["certificate as PDF"] = (
+            f"the system's Pango ({pango}); on Debian apt install libpango-1.0-0 libpangoft2-1.0-0"
+        )
+    return out
+
+
+def _without_pango() -> str | None:
+    """Return why certificates cannot be PDF although their extra is installed; None if they can, or if it is not."""
+    if _EXTRAS["certificate"].missing():
+        return None
+    import warnings
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what later versions of weasyprint will need
+            import weasyprint  # noqa: F401 - it loads the system's library
+    except OSError as error:
+        return str(error).splitlines()[0][:60]
+    return None
 
 
 def _environment() -> dict[str, Any]:
@@ -74,17 +130,12 @@ def _environment() -> dict[str, Any]:
 
 def _extras() -> dict[str, str]:
     """Return for each extra whether it is installed; of certificates whether the system's Pango is there, too."""
-    from importlib.util import find_spec
-
     out = {}
-    for extra, modules in _EXTRAS.items():
-        missing = [name for name in modules if find_spec(name) is None]
+    for extra, one in _EXTRAS.items():
+        missing = one.missing()
         out[extra] = "installed" if not missing else f"missing: {', '.join(missing)}; pip install 'kreisel[{extra}]'"
-    if out["certificate"] == "installed":
-        try:
-            import weasyprint  # noqa: F401 - it loads the system's library
-        except OSError as error:
-            out["certificate"] = f"HTML only: the system's Pango is missing ({str(error).splitlines()[0][:60]})"
+    if (pango := _without_pango()) is not None:
+        out["certificate"] = f"HTML only: the system's Pango is missing ({pango})"
     return out
 
 

@@ -45,6 +45,8 @@ def export(
     target = target_named(to)
     found = Calibration.load(calibration) if source is None else read_from(source, calibration, instance)
     check_usable(found, force=force)
+    if found.verdict.caution:
+        typer.echo(f"· {found.verdict.caution}", err=True)
     chosen = found.in_axes(axes)
     facts = chosen.recording
     wanted = Wanted(

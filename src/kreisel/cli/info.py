@@ -23,9 +23,12 @@ def info(
     """Print the contents of a recording: rates, jitter, gaps, excitation, standstills, warnings."""
     import json as json_module
 
+    from kreisel.cli.progress import progress_bar
     from kreisel.formats.loading import load
 
-    facts = _facts(load(recording, reference, imu, columns=columns))
+    with progress_bar() as show:
+        read = load(recording, reference, imu, columns=columns, progress=show)
+    facts = _facts(read)
     if json:
         typer.echo(json_module.dumps(facts))
         return
@@ -89,7 +92,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
             facts["reference"]["workspace x y z m"] = np.ptp(reference.positions, axis=0).tolist()
         try:
             found = correlate(imu, reference)
-            noise = assumed_noise(recording.settings, reference)
+            noise = assumed_noise(recording, reference)
             standstills = find_standstills(imu_stillness(imu), reference, found.clock, noise)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {

@@ -21,20 +21,14 @@ def calibrate_together(
     settings: CalibrationSettings,
     common: tuple[str, ...],
     output: Path | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Calibrate a device from several recordings, write the result and say what was found.
+) -> Joint:
+    """Calibrate a device from several recordings, and write the result.
 
     Raises
     ------
     KreiselError
         If a recording cannot be read, or fewer than two can be used.
-    typer.Exit
-        With 3 if the result is rejected.
     """
-    import json
-
     from kreisel.calibration.joint import calibrate_joint
     from kreisel.cli.progress import progress_bar
     from kreisel.cli.threads import releasing_memory, side_by_side
@@ -45,13 +39,7 @@ def calibrate_together(
         joint = calibrate_joint(recordings, settings, common, show, names=names, together=side_by_side)
         if output is not None:
             _save(joint, output)
-    if as_json:
-        document = dict(joint.calibration.document)
-        typer.echo(json.dumps(document if output is None else {**document, "output": str(output)}))
-    else:
-        _say(joint, output)
-    if not joint.calibration.accepted:
-        raise typer.Exit(3)
+    return joint
 
 
 def names_of(paths: list[Path]) -> list[str]:
@@ -71,7 +59,8 @@ def _save(joint: Joint, output: Path) -> None:
         write_joint(joint, writing / "report.html")
 
 
-def _say(joint: Joint, output: Path | None) -> None:
+def say_joint(joint: Joint, output: Path | None) -> None:
+    """Print the result."""
     from kreisel.cli.tables import print_result, wide_console
 
     calibration = joint.calibration

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import os
 import sys
+
+# `python -m` looks for modules in the working folder first, which may hold anybody's files.
+if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != __file__.rsplit(os.sep, 3)[0]:
+    del sys.path[0]
+
+import ctypes
+import gc
 from contextlib import suppress
 
 import typer
@@ -33,6 +38,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     virtual_cell,
     watch,
 )
+from kreisel.cli.foreign_warnings import keep_from_terminal  # noqa: E402
 from kreisel.errors import KreiselError, UnknownColumnsError  # noqa: E402
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # as in malloc.h
@@ -85,6 +91,8 @@ def version(
 
 def run() -> None:
     """Run the command line; print our errors as one line on standard error and exit with status 1."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # nor do processes that are started from here look there
+    keep_from_terminal()
     gc.set_threshold(_ALLOCATIONS, 20, 50)
     _keep_freed_memory()
     try:

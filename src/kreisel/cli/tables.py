@@ -31,6 +31,8 @@ def _pair(value: float, deviation: float) -> str:
     """Return value ± standard deviation, rounded to two digits of the latter; a value without deviation was held."""
     from math import floor, log10
 
+    if isnan(value):
+        return "not determined"
     if not deviation > 0.0:
         return f"held at {value:.6g}"
     digits = max(0, min(6, 1 - floor(log10(deviation))))
@@ -64,7 +66,7 @@ def _rows(calibration: Calibration) -> list[_Row]:
         pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
         rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
     estimator = calibration.estimator
-    fixed = set() if estimator is None else {*estimator.fixed, *estimator.held}
+    fixed = set() if estimator is None else set(estimator.fixed)
     arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
     for j, axis in enumerate("xyz"):
         known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()

@@ -46,8 +46,8 @@ def page_of(output: Path, port: int, *, wanted: bool) -> Iterator[None]:
     if not wanted:
         yield
         return
-    command = [sys.executable, "-m", "kreisel.cli.main", "watch", str(output), "--dashboard", "--port", str(port)]
-    server = subprocess.Popen(command)
+    program = [sys.executable, "-P", "-m", "kreisel.cli.main"]  # -P: no modules from the working folder
+    server = subprocess.Popen([*program, "watch", str(output), "--dashboard", "--port", str(port)])
     try:
         yield
     finally:

@@ -15,7 +15,8 @@ from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import RobotError
 from kreisel.formats.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
 from kreisel.protocols.samples import ImuSample
-from kreisel.robot.kinematics import Arm, parse_arm, skeleton
+from kreisel.robot.description import Arm, parse_arm
+from kreisel.robot.kinematics import skeleton
 
 WINDOW = 10.0
 """Seconds of readings sent to a newly connected browser."""

@@ -1,34 +1,42 @@
-"""Attenuation: noise of the readings looks like information that the matrices they are multiplied by are small.
+"""Attenuation: noise looks like information that the matrices it is multiplied by are small.
 
-The filter knows how an error of K_a changes the velocity: by what the accelerometers read. It takes these readings as
-exact. Their noise enters the innovations by K_a, and the filter sees that they would be smaller with a smaller K_a: to
-it the noise is a motion that the reference denies. This is the attenuation of regression with errors in the variables.
-In fast motion it is far below the deviations; in weak motion it is several of them.
+The filter knows how an error of K_a changes the velocity: by what the accelerometers read, turned by the attitude it
+estimates. It takes both as exact. Their noise enters the innovations by K_a, and the filter sees that they would be
+smaller with a smaller K_a: to it the noise is a motion that the reference denies. This is the attenuation of regression
+with errors in the variables. In fast motion it is far below the deviations; in weak motion it is several of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from kreisel.estimation.belief import with_errors
 from kreisel.filtering.history import FilterRun, Pass
-from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.result_change import result_moved
-from kreisel.geometry.rotation import Indices
+from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress, Together, one_by_one
 
 _NEGLIGIBLE = 0.15
 """Standard deviations; smaller shifts are not worth the passes by which they are computed."""
 
-_STEP = 0.05
-"""Relative change of the noise by which the innovations' share of it is found."""
-
 _MOST = 0.5
 """Largest share of the information about a parameter that is taken for false."""
+
+_HOW_WELL = 0.25
+"""Relative deviation of the power of the noise, and so of the shift."""
+
+_MAX_DRAWS = 4
+
+_LOCAL = 1.0
+"""s; time over which the size of the noise may change."""
+
+_SEED, _ENOUGH = 20_051, 400
+"""Of the noise that is added: a result must not depend on chance. Updates over which its products average enough."""
 
 _SHOWN_BY = (np.arange(9), np.array([0, 1, 2, 6, 7, 8]))
 """Rows of the innovations that noise of gyros, and of accelerometers, enters: position, orientation, velocity."""
@@ -37,41 +45,121 @@ _MATRICES = {"gyro_cross_coupling": 0, "accel_cross_coupling": 1}
 """The matrices, and whether they multiply the noise of gyros or of accelerometers."""
 
 
-def false_information(
+def pull_of_noise(
     problem: Problem,
     run: FilterRun,
     further_pass: Pass,
     progress: StepProgress | None = None,
     together: Together = one_by_one,
-) -> dict[str, float]:
-    """Return the false information that noise adds about every element of each matrix; empty where it does not matter.
+) -> Array | None:
+    """Return by how much as much noise again moves the parameters (n,); None where that is not worth the passes.
 
     Notes
     -----
-    With innovations nu of covariance S and their derivative N by an element, the part of N that is noise gives
-    E[N^T S^-1 N] information and E[N^T S^-1 nu] pull. Both equal the innovations' share of that noise, and this is half
-    the derivative of ln det S by the logarithm of its standard deviation: gains are optimal, so their change has no
-    effect. A unit of noise moves every axis alike, so each of the three columns has a third. Noise that is assumed, but
-    that the readings do not have, does not pull.
+    Simulation and extrapolation (Cook and Stefanski 1994), with noise of both signs: what is proportional to the noise
+    cancels in the mean of both, and what is proportional to its power is left. Noise that is assumed, but that the
+    readings do not have, is not added.
     """
-    wanted = [
-        g for g, sensor in _MATRICES.items()
-        if g in problem.layout and _pull(problem, run, g, _most(run, _SHOWN_BY[sensor])) > _NEGLIGIBLE
-    ]  # fmt: skip
-    if not wanted:
-        return {}
-    noisier = [
-        replace(problem, readings=problem.readings.with_noise(*(1.0 + _STEP * (i == _MATRICES[g]) for i in range(2))))
-        for g in wanted
-    ]
-    works = [partial(further_pass, one, run, progress=progress) for one in (problem, *noisier)]
-    base, *others = (_log_determinants(one) for one in together(works))
-    out = {}
-    for group, changed in zip(wanted, others, strict=True):
-        sensor = _MATRICES[group]
-        there = min(1.0, problem.noise.observed[sensor] / imu_density(problem)[sensor]) ** 2
-        out[group] = there * max(0.0, changed - base) / (2.0 * np.log1p(_STEP)) / 3.0
+    worth = (
+        g in problem.layout and _bound(problem, run, g, _most(run, _SHOWN_BY[sensor])) > _NEGLIGIBLE
+        for g, sensor in _MATRICES.items()
+    )  # fmt: skip
+    if not any(worth):
+        return None
+    rng, draws = np.random.default_rng(_SEED), math.ceil(_ENOUGH / len(problem.schedule.updates))
+    noisier = [one for _ in range(min(draws, _MAX_DRAWS)) for one in _with_more_noise(problem, rng)]
+    base, *others = together([partial(further_pass, one, run, progress=progress) for one in (problem, *noisier)])
+    n = len(problem.parameter_names)
+    means = np.column_stack([one.belief.mean for one in others])
+    return np.asarray(problem.layout.minus(means, base.belief.mean)[:n].mean(axis=1))
+
+
+def without_attenuation(problem: Problem, run: FilterRun, change: Array) -> FilterRun:
+    """Return a run's result without what noise does to it.
+
+    Parameters
+    ----------
+    change : (n,)
+        What as much noise again does to the parameters.
+
+    Notes
+    -----
+    By equation (26). The false information is limited to a share of the whole; the pull is random too, with a variance
+    of as much information, and its size is known as well as the power of the noise.
+    """
+    n = change.size
+    P = run.belief.covariance[:n, :n]
+    information = np.linalg.inv(P)
+    F = _false_information(problem, run, -information @ change)
+    F = _false_information(problem, run, pull := -(information @ change + F * change))
+    root = np.sqrt(F)
+    share = float(np.linalg.eigvalsh(root[:, None] * P * root)[-1])
+    if share > _MOST:
+        F, pull = (_MOST / share * part for part in (F, pull))
+    cleaned = np.linalg.solve(np.eye(n) - P * F, P)  # (I - F)^-1 with I = P^-1
+    step = cleaned @ pull
+    moved = result_moved(problem, run, step, np.asarray(cleaned + (cleaned * F) @ cleaned))
+    column = np.zeros((problem.layout.degrees, 1))
+    column[:n, 0] = _HOW_WELL * step
+    return replace(moved, belief=with_errors(moved.belief, column))
+
+
+def _false_information(problem: Problem, run: FilterRun, pull: Array) -> Array:
+    """Return the false information about each parameter (n,) that pulls with a gradient (n,) of the likelihood.
+
+    It is the same about all elements of a column of a matrix, which one reading is multiplied by, and it pulls at each
+    by as much as its value.
+    """
+    out = np.zeros(pull.size)
+    for group in _MATRICES:
+        if group in problem.layout:
+            d = problem.layout[group]
+            K, own = run.parameters.stored(group).reshape(3, 3), pull[d].reshape(3, 3)
+            out[d] = np.tile(np.maximum(np.sum(K * own, axis=0) / np.sum(K**2, axis=0), 0.0), 3)
     return out
+
+
+def _with_more_noise(problem: Problem, rng: np.random.Generator) -> tuple[Problem, Problem]:
+    """Return the problem with as much noise again in readings and orientations, and with its opposite."""
+    readings, reference = problem.readings, problem.reference
+    interval = float(np.median(np.diff(readings.stamps)))
+    width = max(3, round(_LOCAL / interval))
+    power = np.minimum(np.square(problem.noise.observed), readings.noise[:2]) / interval
+    added = [
+        rng.standard_normal(values.shape) * np.sqrt(own * _profile(values, width))
+        for values, own in zip((readings.rates, readings.accelerations), power, strict=True)
+    ]
+    turned = None
+    if reference.quaternions is not None:
+        moving = np.ones(reference.stamps_ns.size, dtype=bool)
+        seconds = problem.schedule.clock.imu_time(reference.seconds)
+        for standstill in problem.schedule.standstills:
+            moving[np.searchsorted(seconds, standstill.start) : np.searchsorted(seconds, standstill.stop)] = False
+        size = problem.noise.reference.orientation * problem.noise.coloured.white_factor
+        turned = rng.normal(0.0, size, (moving.size, 3)) * moving[:, None]
+
+    def with_sign(sign: float) -> Problem:
+        noisy = replace(
+            readings, rates=readings.rates + sign * added[0], accelerations=readings.accelerations + sign * added[1],
+            _ready={}, _crossing={},
+        )  # fmt: skip
+        if turned is None or reference.quaternions is None:
+            return replace(problem, readings=noisy)
+        moved = replace(reference, quaternions=multiply(reference.quaternions, exp(sign * turned)))
+        return replace(problem, readings=noisy, reference=moved)
+
+    return with_sign(1.0), with_sign(-1.0)
+
+
+def _profile(values: Array, width: int) -> Array:
+    """Return the power of the noise in readings (n, 3) over time, one on average: by third differences."""
+    squares = np.zeros_like(values)
+    squares[3:] = np.diff(values, n=3, axis=0) ** 2
+    summed = np.cumsum(np.vstack([np.zeros(3), squares]), axis=0)
+    i = np.arange(len(values))
+    low, high = np.maximum(i - width // 2, 0), np.minimum(i + width // 2 + 1, len(values))
+    local = (summed[high] - summed[low]) / (high - low)[:, None]
+    return np.asarray(local / np.maximum(local.mean(axis=0), 1e-300))
 
 
 def _most(run: FilterRun, rows: Indices) -> float:
@@ -87,38 +175,8 @@ def _most(run: FilterRun, rows: Indices) -> float:
     return max(share, 0.0) * float(np.sum(seen)) / 3.0
 
 
-def _pull(problem: Problem, run: FilterRun, group: str, size: float) -> float:
+def _bound(problem: Problem, run: FilterRun, group: str, size: float) -> float:
     """Return how far so much false information about each element of a matrix moves any parameter, in deviations."""
     lasting = problem.lasting
     pull = run.belief.covariance[np.ix_(lasting, np.r_[problem.layout[group]])] @ run.parameters.stored(group)
     return size * float(np.max(np.abs(pull) / run.belief.standard_deviation[lasting]))
-
-
-def without_attenuation(problem: Problem, run: FilterRun, false: Mapping[str, float]) -> FilterRun:
-    """Return a run's result without false information, as if it had measured that the matrices are zero.
-
-    Notes
-    -----
-    The shift of equation (26). The pull is random too: its variance is that of as much information.
-    """
-    false = {group: size for group, size in false.items() if group in problem.layout and size > 0.0}
-    if not false:
-        return run
-    n = len(problem.parameter_names)
-    P = run.belief.covariance[:n, :n]
-    F, value = np.zeros(n), np.zeros(n)
-    for group, size in false.items():
-        F[problem.layout[group]] = size
-        value[problem.layout[group]] = run.parameters.stored(group)
-    root = np.sqrt(F)
-    share = float(np.linalg.eigvalsh(root[:, None] * P * root)[-1])
-    F *= min(1.0, _MOST / share)
-    # (I - F)^-1 with I = P^-1
-    cleaned = np.linalg.solve(np.eye(n) - P * F, P)
-    step = cleaned @ (F * value)
-    return result_moved(problem, run, step, np.asarray(cleaned + (cleaned * F) @ cleaned))
-
-
-def _log_determinants(run: FilterRun) -> float:
-    """Return the sum of the logarithms of the determinants of the innovations' covariances."""
-    return float(-2.0 * np.sum(run.history.log_likelihood + 0.5 * run.history.nis))

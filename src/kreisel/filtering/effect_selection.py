@@ -30,8 +30,9 @@ from kreisel.progress import StepProgress
 MIN_GAIN = 6.0
 """Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
 
-USUAL_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 20.0
-"""Odds, before any look at the data, that a device has an effect, and one that its grade states."""
+USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 1.0, 20.0
+"""Odds, before any look at the data, that a device has an effect, one that is common in devices like it, and one that
+its grade states."""
 
 _CAREFUL = 0.25
 """Power of the tempering by which more evidence is needed."""
@@ -61,7 +62,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= not group_named(group).rare or group in problem.prior.expected
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
-        if possible and group not in problem.layout and group not in (*problem.settings.fixed, *problem.held):
+        if possible and group not in problem.layout and group not in problem.settings.fixed:
             out.append(group)
     return tuple(group for group in GROUPS if group in out)
 
@@ -151,8 +152,7 @@ class Survey:
         degrees, base = self.before.layout.degrees, self._plain[0]
         columns = [np.zeros((degrees, 0))]
         for group in self.groups:
-            before = EXPECTED_ODDS if group in self.before.prior.expected else USUAL_ODDS
-            odds = before * np.exp(min(self.gain((group,)), MIN_GAIN))
+            odds = self._odds(group) * np.exp(min(self.gain((group,)), MIN_GAIN))
             more, P = self._with_one[group]
             i = self.places((group,))
             spread = P[np.ix_(self._others, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
@@ -161,6 +161,11 @@ class Survey:
             part[: self._others.size] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
             columns.append(part)
         return np.hstack(columns)
+
+    def _odds(self, group: str) -> float:
+        """Return the odds, before any look at the data, that the device has an effect."""
+        prior = self.before.prior
+        return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
 
     @cached_property
     def _others(self) -> Indices:

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, with_errors
 from kreisel.estimation.consistency import gate_bounds
-from kreisel.filtering.attenuation import false_information, without_attenuation
+from kreisel.filtering.attenuation import pull_of_noise, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
 from kreisel.filtering.estimate import Estimate
@@ -26,8 +26,8 @@ from kreisel.filtering.noise_adaptation import (
     with_factors,
     within_bounds,
 )
+from kreisel.filtering.nominal_values import with_nominal_values
 from kreisel.filtering.nonlinearity import curved
-from kreisel.filtering.observability import unobservable_groups
 from kreisel.filtering.parameter_walk import found_walks
 from kreisel.filtering.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
 from kreisel.filtering.prior_exchange import first_pass, further_pass
@@ -35,7 +35,7 @@ from kreisel.filtering.rescheduling import assigns_otherwise, rescheduled, with_
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import Problem, hold, with_correlation_time
+from kreisel.model.problem import Problem, with_correlation_time
 from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
 from kreisel.recording.recording import DataWarning
 
@@ -143,22 +143,13 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
-    lost: tuple[str, ...] = ()
-    if not problem.settings.partial:
-        lost = unobservable_groups(passes.problem, factor * passes.run.belief.standard_deviation)
     warnings: list[DataWarning] = []
-    if lost:
-        passes = _until_settled(hold(passes.problem, lost), passes.count, given, progress)
-        adapted |= passes.adapted
-        factor = correlation_factor(passes.run)
-        message = f"not observable: {', '.join(lost)}; held at nominal values (--fix does so from the first pass)"
-        warnings.append(DataWarning("motion", message))
     passes = _without_attenuation(passes, progress, together)
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
     last = _last_survey(passes, progress)
-    run, found = passes.run, passes.problem
+    run, found = with_nominal_values(passes.problem, passes.run, factor), passes.problem
     scaled = factor * run.belief.factor
     undecided = np.zeros((len(scaled), 0)) if last is None else last.undecided()
     widened = replace(run, belief=with_errors(Belief(run.belief.mean, scaled), undecided))
@@ -186,8 +177,8 @@ def _without_attenuation(passes: _Passes, progress: Progress | None, together: T
     """Return the passes with a result in which noise of the readings does not count as information."""
     if passes.problem.settings.passes is not None:
         return passes
-    false = false_information(passes.problem, passes.run, further_pass, of_step(progress, "noise"), together)
-    return replace(passes, run=without_attenuation(passes.problem, passes.run, false))
+    pull = pull_of_noise(passes.problem, passes.run, further_pass, of_step(progress, "noise"), together)
+    return passes if pull is None else replace(passes, run=without_attenuation(passes.problem, passes.run, pull))
 
 
 def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str, float]:

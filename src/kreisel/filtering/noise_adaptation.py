@@ -118,10 +118,14 @@ def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
 
 
 def _trimmed_ratio(observed: Array, assumed: Array) -> float:
-    """Return the root of the mean ratio, without its largest and smallest two per cent."""
-    if observed.size < 15 or not np.isfinite(observed).all():
+    """Return the root of the mean ratio, without its largest and smallest two per cent; 1 where too few have one.
+
+    A variance is zero where nothing was measured, or nothing is estimated.
+    """
+    known = np.isfinite(assumed) & (assumed > 0.0)
+    if known.sum() < 15 or not np.isfinite(observed).all():
         return 1.0
-    ratio = np.sort(observed / assumed)
+    ratio = np.sort(observed[known] / assumed[known])
     cut = max(1, ratio.size // 50)
     return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
 

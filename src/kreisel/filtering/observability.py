@@ -26,7 +26,7 @@ class Observability:
     prior, posterior : (n,)
         Standard deviations.
     unobservable
-        Names of those that are not observable, or too weakly to be of use; held ones included.
+        Names of those that are not observable, or too weakly to be of use.
     not_narrowed
         Those of them whose standard deviation hardly decreased.
     """
@@ -36,25 +36,6 @@ class Observability:
     posterior: Array
     unobservable: tuple[str, ...]
     not_narrowed: tuple[str, ...]
-
-
-def unobservable_groups(problem: Problem, deviation: Array) -> tuple[str, ...]:
-    """Return the groups to be held: those of which less than half is observable.
-
-    Parameters
-    ----------
-    deviation : (degrees,)
-        Posterior standard deviations.
-    """
-    groups = []
-    for group in (known.name for known in REGISTRY if known.held):
-        if group == "lever_arms" and problem.reference.positions is None:
-            continue  # no data move them, and their uncertainty must enter the other deviations
-        if group in problem.layout:
-            ratio = deviation[problem.layout[group]] / problem.prior.width[group]
-            if float(np.median(ratio)) > MAX_SHARE:
-                groups.append(group)
-    return tuple(groups)
 
 
 def observability(problem: Problem, run: FilterRun) -> Observability:
@@ -70,9 +51,6 @@ def observability(problem: Problem, run: FilterRun) -> Observability:
     for known in REGISTRY:
         group, own = known.name, known.names(order, problem.joints)
         if group not in problem.layout:
-            if group in problem.held:
-                unobservable += own
-                not_narrowed += own
             continue
         d = problem.layout[group]
         size = d.stop - d.start

@@ -20,7 +20,8 @@ from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, read_settings
-from kreisel.robot.kinematics import parse_arm, poses
+from kreisel.robot.description import parse_arm
+from kreisel.robot.kinematics import poses
 from kreisel.units import DEG
 
 SUFFIXES = (".dat", ".r64", ".trc", ".asc", ".txt")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from kreisel.errors import RecordingError
 from kreisel.formats.folder import is_folder, load_folder
-from kreisel.progress import Together, one_by_one
+from kreisel.progress import Progress, Together, one_by_one
 from kreisel.recording.checks import check_streams
 from kreisel.recording.recording import Recording
 
@@ -20,6 +20,7 @@ def load(
     *,
     columns: Iterable[str] | Mapping[str, str] = (),
     together: Together = one_by_one,
+    progress: Progress | None = None,
 ) -> Recording:
     """Return the recording at a path: a folder, an MCAP file, a ROS 1 bag, a ROS 2 bag folder, or tables of any shape.
 
@@ -34,6 +35,8 @@ def load(
         `[columns]` in recording.toml.
     together
         Reads the files of a folder, which do not depend on each other.
+    progress
+        Shows how far the search for a mapping has come, where nobody says what columns hold.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def load(
     path = Path(path)
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
-    mapped = mapped_recording(path, columns)
+    mapped = mapped_recording(path, columns, progress)
     if mapped is not None:
         recording = mapped
     elif is_folder(path):
@@ -71,7 +74,9 @@ def not_a_recording(path: Path) -> RecordingError:
     )
 
 
-def mapped_recording(path: Path, columns: Iterable[str] | Mapping[str, str]) -> Recording | None:
+def mapped_recording(
+    path: Path, columns: Iterable[str] | Mapping[str, str], progress: Progress | None = None
+) -> Recording | None:
     """Return the recording in tables of another shape, or None where the path is no such thing.
 
     Raises
@@ -96,7 +101,7 @@ def mapped_recording(path: Path, columns: Iterable[str] | Mapping[str, str]) -> 
             return None
         from kreisel.formats.proposal import unknown_columns
 
-        raise unknown_columns(path)
+        raise unknown_columns(path, progress)
     from kreisel.formats.mapping import merged
 
     return load_mapped(path, settings, merged(settings.columns, given))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +19,20 @@ from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.nanoseconds import in_nanoseconds
-from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import (
+    NO_STAMP,
+    DataWarning,
+    ImuSamples,
+    JointAngles,
+    Recording,
+    ReferencePoses,
+    Stamps,
+)
 from kreisel.recording.settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
 from kreisel.units import ZERO_CELSIUS
 
 _DAY = 86_400 * 10**9
+_GERMAN_DATE = re.compile(r"\b(\d\d)\.(\d\d)\.(\d{4})\b")
 _HELD = 0.3
 """Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""
 
@@ -93,8 +104,8 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
     sheet.check_lengths(term.name for term in (*rate, *acceleration, *parse_time(str(own.time)).terms))
     rates, rate_unit = _vectors(sheet, rate, "rate", 3)
     forces, force_unit = _vectors(sheet, acceleration, "acceleration", 3)
-    stamps, known, time_unit = _stamps(sheet, parse_time(str(own.time)))
-    keep = known & ~np.isnan(np.hstack([rates, forces])).all(axis=1)
+    stamps, known, time_unit = stamps_of(sheet, parse_time(str(own.time)))
+    keep = _own_rows(sheet, np.hstack([rates, forces]), (*rate, *acceleration), str(own.time), columns)
     temperature = None
     if own.temperature is not None:
         values, unit = _vectors(sheet, parse_terms(own.temperature, "temperature"), "temperature", 1)
@@ -102,12 +113,13 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
     _note(sheet, "IMU", keep, warnings)
     units = HeaderUnits(time_unit, rate_unit, force_unit)
     return ImuSamples(
-        _counted(stamps, keep, str(own.time)),
+        _counted(np.where(known, stamps, NO_STAMP), keep, str(own.time)),
         rates[keep],
         forces[keep],
         sheet.source / "imu",
         units,
         temperature=temperature,
+        rows=np.flatnonzero(keep),
     )
 
 
@@ -119,7 +131,7 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
     time = own.time or (columns.imu.time if sheet is tables.of(columns.imu.file, "imu") else None)
     if time is None:
         raise RecordingError("columns.reference.time is missing; name the column of the stamps", file=tables.folder)
-    stamps, known, time_unit = _stamps(sheet, parse_time(time))
+    stamps, known, time_unit = stamps_of(sheet, parse_time(time))
     sheet.check_lengths(term.name for term in (*_pose_terms(own), *parse_time(time).terms))
     parts: list[Array] = []
     positions, quaternions, unit = None, None, None
@@ -139,22 +151,36 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
         except RecordingError as error:
             raise RecordingError(error.message, file=sheet.source) from error
     together = np.hstack(parts)
-    keep = known & ~np.isnan(together).all(axis=1)
+    keep = _own_rows(sheet, together, tuple(_pose_terms(own)), time, columns)
     _note(sheet, "pose", keep, warnings)
     if sheet is tables.of(columns.imu.file, "imu"):
         if time == columns.imu.time:
             keep = _where_new(together, keep, sheet, warnings)
         else:
-            rows = np.flatnonzero(keep)
+            rows = np.flatnonzero(keep & known)
             keep[rows[1:][stamps[rows[1:]] == stamps[rows[:-1]]]] = False
     return ReferencePoses(
         "pose0",
-        _counted(stamps, keep, time),
+        _counted(np.where(known, stamps, NO_STAMP), keep, time),
         None if positions is None else np.ascontiguousarray(positions[keep]),
         None if quaternions is None else np.ascontiguousarray(quaternions[keep]),
         sheet.source / "reference",
         HeaderUnits(time_unit, length=unit),
+        rows=np.flatnonzero(keep),
     )
+
+
+def _places_read(sheet: Sheet, columns: ColumnsTable) -> set[int]:
+    """Return the columns of a table that any stream reads its values from."""
+    imu, joints = columns.imu, columns.joints
+    texts = ((imu.rate, "rate"), (imu.acceleration, "acceleration"), (joints.angles, "angle"))
+    triads = [parse_terms(text, quantity) for text, quantity in texts if text is not None]
+    names = {term.name for terms in (*triads, _pose_terms(columns.reference)) for term in terms}
+    found = set()
+    for name in names:
+        with suppress(RecordingError):  # a column of another file
+            found.add(sheet.place(name))
+    return found
 
 
 def _pose_terms(own: ReferenceColumns) -> list[Term]:
@@ -192,11 +218,35 @@ def _joints(tables: _Tables, columns: ColumnsTable) -> JointAngles | None:
     terms = parse_terms(own.angles, "angle")
     sheet.check_lengths(term.name for term in (*terms, *parse_time(time).terms))
     angles, unit = _vectors(sheet, terms, "angle", len(terms))
-    stamps, known, time_unit = _stamps(sheet, parse_time(time))
-    keep = known & ~np.isnan(angles).all(axis=1)
+    stamps, known, time_unit = stamps_of(sheet, parse_time(time))
+    keep = _own_rows(sheet, angles, terms, time, columns)
     return JointAngles(
-        _counted(stamps, keep, time), angles[keep], sheet.source / "joints", HeaderUnits(time_unit, angle=unit)
+        _counted(np.where(known, stamps, NO_STAMP), keep, time),
+        angles[keep],
+        sheet.source / "joints",
+        HeaderUnits(time_unit, angle=unit),
+        rows=np.flatnonzero(keep),
     )
+
+
+def _own_rows(
+    sheet: Sheet, values: Array, terms: tuple[Term, ...], time: str, columns: ColumnsTable
+) -> NDArray[np.bool_]:
+    """Return the rows of a stream: those that hold some of its values (n, k), or that hold nothing at all.
+
+    A row that holds other values, but none of the stream's, belongs to another stream of a common table. One that holds
+    nothing was lost. Where rows are counted, only columns that are read show another stream: what is left out there
+    would move all later rows.
+    """
+    clock = parse_time(time).terms
+    own = {sheet.place(term.name) for term in (*terms, *clock)}
+    known = set(range(len(sheet.columns))) if clock else _places_read(sheet, columns)
+    length = sheet.lengths[sheet.place(terms[0].name)] if sheet.lengths else sheet.rows
+    other = np.zeros(sheet.rows, dtype=bool)
+    for k, column in enumerate(sheet.columns):
+        if k in known - own and column.dtype.kind in "fiu" and (not sheet.lengths or sheet.lengths[k] == length):
+            other |= np.isfinite(column)
+    return (np.arange(sheet.rows) < length) & (~np.isnan(values).all(axis=1) | ~other)
 
 
 def _vectors(sheet: Sheet, terms: tuple[Term, ...], quantity: str, count: int) -> tuple[Array, str | None]:
@@ -226,7 +276,7 @@ def _own_unit(sheet: Sheet, name: str, quantity: str) -> str | None:
     return unit
 
 
-def _stamps(sheet: Sheet, rule: TimeRule) -> tuple[Stamps, NDArray[np.bool_], str | None]:
+def stamps_of(sheet: Sheet, rule: TimeRule) -> tuple[Stamps, NDArray[np.bool_], str | None]:
     """Return stamps in ns, (n,), which rows have one, and their unit, if they have one."""
     total, known = np.zeros(sheet.rows, dtype=np.int64), np.ones(sheet.rows, dtype=bool)
     if not rule.terms:
@@ -236,7 +286,7 @@ def _stamps(sheet: Sheet, rule: TimeRule) -> tuple[Stamps, NDArray[np.bool_], st
     for term in rule.terms:
         column = sheet.columns[sheet.place(term.name)]
         if column.dtype.kind in "OUS":
-            part, good = _of_dates(sheet, term.name, column)
+            part, good = _of_dates(sheet, term.name, column, alone=len(rule.terms) == 1)
         else:
             stated = None if rule.hertz else term.unit or _own_unit(sheet, term.name, "time") or "s"
             if stated == "date":
@@ -263,9 +313,13 @@ def _in_nanoseconds(column: NDArray[Any], factor: float, sheet: Sheet, name: str
     return in_nanoseconds(np.where(good, column, 0.0).astype(np.float64), factor), good
 
 
-def _of_dates(sheet: Sheet, name: str, column: NDArray[Any]) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Return the nanoseconds of dates (ISO 8601, or with slashes), or of times of a day, which may pass midnight."""
+def _of_dates(sheet: Sheet, name: str, column: NDArray[Any], *, alone: bool) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return the nanoseconds of dates (ISO 8601, with slashes, or 31.12.2026), or of times of a day.
+
+    Times of a day that stand `alone` may pass midnight; beside a date the date says it.
+    """
     texts = [str(cell).strip().replace("/", "-").replace(",", ".").rstrip("Z").replace(" ", "T", 1) for cell in column]
+    texts = [_GERMAN_DATE.sub(r"\3-\2-\1", text) for text in texts]
     good = np.array([bool(text) for text in texts])
     only_time = all("-" not in text for text in texts)
     try:
@@ -276,14 +330,17 @@ def _of_dates(sheet: Sheet, name: str, column: NDArray[Any]) -> tuple[Stamps, ND
     except ValueError as error:
         raise RecordingError(f"column '{name}': {error}; expected dates such as 2026-05-01T12:00:00.25",
                              file=sheet.source) from error  # fmt: skip
-    if only_time:
+    if only_time and alone:
         ns[good] += _DAY * np.append(0, np.cumsum(np.diff(ns[good]) < -_DAY // 2))
     return ns, good
 
 
 def _note(sheet: Sheet, what: str, keep: NDArray[np.bool_], warnings: list[DataWarning]) -> None:
-    empty = int(np.sum(~keep))
     if not keep.any():
         raise RecordingError(f"holds no row with {what} numbers", file=sheet.source)
+    inside = keep[: int(np.flatnonzero(keep)[-1]) + 1] if sheet.lengths else keep
+    empty = int(np.sum(~inside))
     if empty:
-        warnings.append(DataWarning(sheet.source.name, f"{empty} of {keep.size} rows hold no {what}"))
+        first = int(np.argmin(inside)) + 1
+        text = f"{empty} of {inside.size} rows hold no {what}, the first is row {first}"
+        warnings.append(DataWarning(sheet.source.name, text))

@@ -1,83 +1,84 @@
-"""A mapping proposed from the data: gravity shows the accelerometers, unit length the quaternions, rotation the rest.
+"""A mapping proposed from names and data: names and units first, then the motion, which must confirm it.
 
-Every combination that is possible is held against the motion: the rates must turn the body as the orientations say.
+Where names and motion contradict each other, or several mappings are equally good, all of them are written as comments,
+and the user chooses.
 """
 
 from __future__ import annotations
 
-import re
-import warnings
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kreisel.errors import KreiselError, RecordingError, UnknownColumnsError
-from kreisel.formats.mapped import load_mapped, settings_beside, tables_in
-from kreisel.formats.mapping import parse_terms
+from kreisel.errors import RecordingError, UnknownColumnsError
+from kreisel.formats import readings_in_tables as tables
+from kreisel.formats.column_names import Group, known_unit, read_name
+from kreisel.formats.mapped import settings_beside, tables_in
+from kreisel.formats.motion_check import NO_FIT, Fit, by_gravity, compare, thinned_imu, thinned_poses
+from kreisel.formats.readings_in_tables import Attitude, Device, text_of
 from kreisel.formats.sheet import Sheet, read_sheet
+from kreisel.formats.time_columns import (
+    SLOWEST_IMU,
+    SLOWEST_POSES,
+    TimeColumn,
+    called,
+    counter_of,
+    rates_of,
+    times_of,
+)
 from kreisel.formats.write import toml_table
-from kreisel.geometry.rotation import Array, apply, nearest_rotation
-from kreisel.inertial.readings import Readings
+from kreisel.progress import Progress
 from kreisel.recording.header import UNITS
-from kreisel.recording.recording import Recording
-from kreisel.recording.settings import ColumnsTable, RecordingSettings
-from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.correlation import correlate
-from kreisel.synchronization.rate_fit import fit_linear_rates
-from kreisel.units import DEG, STANDARD_GRAVITY
+from kreisel.recording.recording import ImuSamples
 
-_GRAVITY = {"m/s^2": 1.0, "g": 1.0 / STANDARD_GRAVITY, "mg": 1e3 / STANDARD_GRAVITY}
-_ANGLE_FORMS = (
-    "kuka abc", "rotation vector", *(f"euler {s}" for s in ("XYZ", "xyz", "ZXY", "YXZ", "XZY", "YZX", "ZYZ", "ZXZ")),
-    *(f"euler {s}" for s in ("zxy", "yxz", "xzy", "yzx", "zyz", "zxz")),
-)  # fmt: skip
-_NO_TIME = "100 Hz"
-_LONGEST_ROBOT = 20.0
-"""m; larger numbers of positions are millimetres."""
+CONFIRMED = 0.9
+"""Share of the rotation that rates explain, from which a mapping is confirmed."""
 
-_ALIKE = 2e-3
-"""Difference in the share explained below which two mappings are equally good."""
+_CLEARLY, _ALIKE, _STEADY = 0.1, 2e-3, 0.004
+"""Differences of shares: of different devices or bodies; of two ways to read one; of how steady gravity stands."""
 
-_NAMES = {
-    "time": r"time|stamp|^t$|^t_|tick|sec|date|utc",
-    "rate": r"gyr|omega|^w_?[xyz]|^g_?[xyz]|rate|angvel|ang_vel|angular",
-    "acceleration": r"acc|^a_?[xyz]|force|lin",
-    "position": r"pos|^p_?[xyz]|trans|^t_?[xyz]$|^[xyz]$|act$",
-    "magnetometer": r"mag|^m_?[xyz]$|temp|press|baro",
-}
+_UPRIGHT, _MOVED, _ACCELERATED = 0.05, 0.1, 0.5
+_UNIT = (0.7, 1.4)
+_STANDS = 0.85
+"""Length of the mean acceleration in the axes of the reference, over the mean length, below which gravity turns."""
 
+_FOLLOWS = 0.3
+"""Correlation with the turn of gravity from which that shows the unit of the rates."""
 
-@dataclass(frozen=True)
-class _Part:
-    """Adjacent columns of a sheet: numbers of the first and behind the last."""
+_FASTEST_TURN = 60.0
+"""rad/s; larger numbers are no rates in rad/s."""
 
-    sheet: int
-    first: int
-    last: int
-
-    def overlaps(self, other: _Part | None) -> bool:
-        return other is not None and self.sheet == other.sheet and self.first < other.last and other.first < self.last
+_MOST_TRIES = 40
+_RATE_UNITS = ("rad/s", "deg/s", "mdps")
 
 
 @dataclass(frozen=True)
 class _Try:
-    """A mapping, how much of the rotation it explains, the size of the rates' matrix, and how upright gravity is."""
+    """An IMU and, if there are some, orientations, with their times and how well they agree."""
 
-    columns: ColumnsTable
-    explained: float
-    size: float
-    upright: float
+    device: Device
+    times: tuple[str, ...]
+    attitude: Attitude | None = None
+    pose_times: tuple[str, ...] = ()
+    fit: Fit = NO_FIT
 
 
-def unknown_columns(path: Path) -> UnknownColumnsError:
+@dataclass(frozen=True)
+class _Option:
+    """Entries of the mapping, and what is to be known of them."""
+
+    imu: dict[str, str]
+    reference: dict[str, str]
+    why: str = ""
+
+
+def unknown_columns(path: Path, progress: Progress | None = None) -> UnknownColumnsError:
     """Return the error for tables of which nobody said what their columns are, with a proposal where there is one."""
     found = tables_in(path)
     try:
-        text = proposal(path)
+        text = proposal(path, progress)
     except RecordingError as error:
         return UnknownColumnsError(
             f"which columns hold what is not said, and the data suggest no mapping ({error.message}); write [columns] "
@@ -87,41 +88,58 @@ def unknown_columns(path: Path) -> UnknownColumnsError:
         )
     names = ", ".join(file.name for file in found)
     place = (path if path.is_dir() else path.parent) / "recording.toml"
+    choose = "choose among its lines, and " if _CHOOSE in text or _NO_TIME in text else ""
     return UnknownColumnsError(
-        f"which columns of {names} hold what is not said; write the mapping above into {place}, if it is right, or "
-        "give --map",
+        f"which columns of {names} hold what is not said; {choose}write the mapping above into {place}, if it is "
+        "right, or give --map",
         text,
         file=path,
     )
 
 
-def proposal(path: Path) -> str:
-    """Return the mapping that the data suggest, as TOML to paste.
+_CHOOSE = "# several are possible: remove the marks before the lines of one"
+_NO_TIME = "# no column of time was found: write the rate of the rows, or the column"
+
+
+def proposal(path: Path, progress: Progress | None = None) -> str:
+    """Return the mapping that names and data suggest, as TOML to paste; what is open stands there as comments.
 
     Raises
     ------
     RecordingError
         If no readings of an IMU are found.
     """
-    sheets = _readable(path)
-    best = _best(path, sheets)
+    sheets = _readable(path, progress)
+    groups = tables.all_groups(sheets)
+    devices = tables.devices(sheets, groups)
+    if not devices:
+        raise RecordingError(
+            "no three columns are accelerations by name or by the length of gravity, with rates beside", file=path
+        )
+    taken = {(one.sheet, k) for one in devices if one.named for k in one.places}
+    bodies = tables.attitudes(sheets, groups, taken)
+    tries = _tried(sheets, devices, bodies, progress)
+    best, notes = _chosen(sheets, tries)
+    best = [_with_positions(sheets, groups, one, notes) for one in best]
+    against = _contradictions(best)
+    notes += against + _own_estimates(best)
+    if not any(one.attitude for one in best):
+        notes.append("no orientations were found: if there are poses, name their columns")
+    options = [option for one in best for option in _options(sheets, one)]
     comment = "# proposed from the data; check it"
-    if best.explained > 0.0:
-        comment += f": the rates explain {100 * best.explained:.1f} % of the rotation"
-    elif best.columns.reference.orientation is not None:
-        comment += ": the motion does not confirm it, the stamps may be in another unit"
-    lines = [comment]
-    if best.columns.imu.time == _NO_TIME:
-        lines.append("# no column of time was found: write the rate of the rows, or the column")
-    for name, table in best.columns.model_dump(exclude_none=True).items():
-        if table:
-            lines.append(toml_table(f"columns.{name}", table))
-    if best.columns.reference.time is not None and settings_beside(path).reference.kind is None:
+    if len(options) == 1:
+        comment += options[0].why
+    lines = [comment, *(f"# {note}" for note in dict.fromkeys(notes))]
+    hidden = {"rate", "acceleration"} if against else set()
+    if any(one.attitude is not None and one.fit.explained < CONFIRMED for one in best):
+        hidden |= {"time"} if any(_guessed(option.imu.get("time", "")) for option in options) else set()
+    lines += _tables(options, hidden)
+    if any(option.reference for option in options) and settings_beside(path).reference.kind is None:
         lines.append('# are these poses of motion capture? Then state [reference] kind = "mocap"; a robot is assumed')
     return "\n".join(lines).rstrip()
 
 
-def _readable(path: Path) -> list[Sheet]:
+def _readable(path: Path, progress: Progress | None) -> list[Sheet]:
     """Return the tables that can be read; others may lie beside them.
 
     Raises
@@ -130,7 +148,10 @@ def _readable(path: Path) -> list[Sheet]:
         If none can be read.
     """
     found, first = [], None
-    for file in tables_in(path):
+    files = tables_in(path)
+    for k, file in enumerate(files):
+        if progress is not None:
+            progress("read tables", k / len(files))
         try:
             found.append(read_sheet(file))
         except RecordingError as error:
@@ -140,254 +161,345 @@ def _readable(path: Path) -> list[Sheet]:
     return found
 
 
-def _best(path: Path, sheets: list[Sheet]) -> _Try:
-    accelerations = list(_accelerations(sheets))
-    if not accelerations:
-        raise RecordingError("no three adjacent columns have the length of gravity", file=path)
-    tried: list[_Try] = []
-    orientations = list(_orientations(sheets))
-    rate_parts, positions = _triads(sheets, "rate"), _triads(sheets, "position")
-    for force, force_unit in accelerations[:3]:
-        for rates in rate_parts:
-            if rates.sheet != force.sheet or rates.overlaps(force):
-                continue
-            imu = {
-                "file": sheets[force.sheet].source.name,
-                "time": _time(sheets[force.sheet], force) or _NO_TIME,
-                "rate": _named(sheets, rates, "rate"),
-                "acceleration": _named(sheets, force, "acceleration", force_unit),
-            }
-            before = len(tried)
-            for reference in _references(sheets, orientations, positions, (force, rates)):
-                columns = ColumnsTable.model_validate({"imu": imu, "reference": reference})
-                tried.append(_Try(columns, *_agreement(path, sheets, columns)))
-            if len(tried) == before:
-                tried.append(_Try(ColumnsTable.model_validate({"imu": imu}), -1.0, 1.0, 0.0))
-    if not tried:
-        raise RecordingError("no three columns beside the accelerometers' look like rates", file=path)
-    most = max(one.explained for one in tried)
-    # axes in another order explain the rotation as well, but not where up is
-    best = max((one for one in tried if one.explained > most - _ALIKE), key=lambda one: one.upright)
-    return _with_rate_unit(best, sheets)
+# ---- trying
 
 
-def _with_rate_unit(best: _Try, sheets: list[Sheet]) -> _Try:
-    """Return a mapping with the unit of the rates that the rotation shows, where no header states one."""
-    imu = best.columns.imu
-    sheet = next(sheet for sheet in sheets if sheet.source.name == imu.file)
-    named = [term.name for term in parse_terms(str(imu.rate), "rate")]
-    if any(sheet.units[sheet.place(name)] for name in named) or best.explained < 0.0:
-        return best
-    for unit in ("rad/s", "deg/s", "mdps"):
-        if 0.7 < best.size / UNITS["rate"][unit] < 1.4:
-            told = imu.model_copy(update={"rate": f"{imu.rate} [{unit}]"})
-            return replace(best, columns=best.columns.model_copy(update={"imu": told}))
-    return best
+def _tried(
+    sheets: list[Sheet], devices: list[Device], bodies: list[list[Attitude]], progress: Progress | None
+) -> list[_Try]:
+    """Return what was tried: the likely ways to read each, and, where these do not fit, the others."""
+    work = _Work(sheets, progress)
+    likely = [(device, one) for device in devices for found in bodies for one in found
+              if one.likely and not _overlap(device, one)]  # fmt: skip
+    tries = work.run(likely)
+    if likely and max(one.fit.explained for one in tries) < CONFIRMED:
+        rest = [(device, one) for device in devices for found in bodies for one in found
+                if not one.likely and not _overlap(device, one)]  # fmt: skip
+        rest += [(device, replace(one, form=form, places=one.group.places)) for device, one in likely
+                 if one.form.startswith(("euler", "kuka")) for form in tables.OTHER_SEQUENCES]  # fmt: skip
+        tries += work.run(rest)
+    if not tries:
+        tries = [_Try(device, work.imu_times(device)) for device in devices]
+    return tries
 
 
-def _agreement(path: Path, sheets: list[Sheet], columns: ColumnsTable) -> tuple[float, float, float]:
-    """Return the share of the rotation that the rates explain, the size of the matrix, and how upright gravity is."""
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore", RuntimeWarning)  # most combinations make no sense
-        return _compared(path, sheets, columns)
+def _overlap(device: Device, attitude: Attitude) -> bool:
+    return device.sheet == attitude.group.sheet and bool(set(device.places) & set(attitude.group.places))
 
 
-def _compared(path: Path, sheets: list[Sheet], columns: ColumnsTable) -> tuple[float, float, float]:
-    try:
-        recording = load_mapped(path, RecordingSettings(), columns, {sheet.source: sheet for sheet in sheets})
-        readings, tau, q = _thinned(recording)
-        clock = correlate(recording.imu, recording.reference).clock if recording.reference is not None else None
-        if clock is None:
-            return -1.0, 1.0, 0.0
-        K, explained = fit_linear_rates(readings, tau, q, clock)
-        return explained, float(np.cbrt(abs(np.linalg.det(K)))), _upright(readings, tau, q, clock, K)
-    except (KreiselError, ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
-        return -1.0, 1.0, 0.0
+class _Work:
+    """Comparisons of devices and orientations, each stream thinned once."""
+
+    def __init__(self, sheets: list[Sheet], progress: Progress | None) -> None:
+        self._sheets, self._progress = sheets, progress
+        self._samples: dict[tuple[Device, str], ImuSamples | None] = {}
+        self._times: dict[object, list[TimeColumn]] = {}
+        self._done = 0.0
+
+    def run(self, pairs: Sequence[tuple[Device, Attitude]]) -> list[_Try]:
+        """Return the comparisons of pairs, not too many."""
+        out = []
+        for device, attitude in pairs:
+            if self._done >= _MOST_TRIES:
+                break
+            found = self._compared(device, attitude)
+            self._done += 1.0 if found.fit.explained > 0.3 or found.fit.explained < 0.0 else 0.2
+            if self._progress is not None:
+                self._progress("compare motion", min(self._done / _MOST_TRIES, 1.0))
+            out.append(found)
+        return out
+
+    def imu_times(self, device: Device) -> tuple[str, ...]:
+        """Return the times of an IMU, the likeliest first."""
+        return tuple(one.text for one in self._of_device(device)) or _rates(self._sheets[device.sheet], device.rate)
+
+    def _of_device(self, device: Device) -> list[TimeColumn]:
+        if device not in self._times:
+            self._times[device] = times_of(
+                self._sheets[device.sheet], device.rate.places, device.rate.owner, SLOWEST_IMU
+            )
+        return self._times[device]
+
+    def _compared(self, device: Device, attitude: Attitude) -> _Try:
+        group = attitude.group
+        if group not in self._times:
+            self._times[group] = times_of(self._sheets[group.sheet], group.places, group.owner, SLOWEST_POSES)
+        own, other = self._of_device(device), self._times[group]
+        pairs = [(a, b) for a in own for b in other if 0.2 <= b.seconds / a.seconds <= 5.0
+                 and (device.sheet != group.sheet or a.places != b.places or a.text == b.text)]  # fmt: skip
+        first = tuple(dict.fromkeys(a.text for a, _ in pairs)) or self.imu_times(device)
+        second = tuple(dict.fromkeys(b.text for _, b in pairs)) or tuple(b.text for b in other)
+        second = second or _rates(self._sheets[group.sheet], group)
+        tried = _Try(device, first, attitude, second)
+        fits = [(a, b, self.fit(device, attitude, a, b)) for a in first[:2] for b in second[:2]]
+        if not fits:
+            return tried
+        best = max(fit.explained for _, _, fit in fits)
+        good = [(a, b) for a, b, fit in fits if fit.explained > best - _CLEARLY]
+        fit = max((fit for _, _, fit in fits), key=lambda one: one.explained)
+        return replace(tried, times=tuple(dict.fromkeys(a for a, _ in good)),
+                       pose_times=tuple(dict.fromkeys(b for _, b in good)), fit=fit)  # fmt: skip
+
+    def fit(self, device: Device, attitude: Attitude, time: str, pose_time: str) -> Fit:
+        """Return how well a device and orientations agree, by times."""
+        imu = self.samples(device, time)
+        sheet = self._sheets[attitude.group.sheet]
+        position = None if attitude.position is None else tables.numbers(sheet, attitude.position.places)
+        poses = thinned_poses(sheet, pose_time, tables.values_of(sheet, attitude), position)
+        if imu is None or poses is None:
+            return NO_FIT
+        return compare(imu, poses, one_clock=device.sheet == attitude.group.sheet and time == pose_time)
+
+    def samples(self, device: Device, time: str) -> ImuSamples | None:
+        """Return the thinned samples of a device, accelerations in SI, rates as in the table."""
+        if (device, time) not in self._samples:
+            imu = thinned_imu(self._sheets[device.sheet], time, device.rate.places, device.force.places)
+            size = UNITS["acceleration"][device.force_unit]
+            self._samples[device, time] = None if imu is None else replace(imu, accelerations=size * imu.accelerations)
+        return self._samples[device, time]
 
 
-def _upright(readings: Readings, tau: Array, q: Array, clock: Clock, K: Array) -> float:
-    """Return the share of the mean acceleration that lies along the reference's third axis."""
-    k = np.clip(np.searchsorted(readings.stamps, clock.imu_time(tau)), 0, readings.stamps.size - 1)
-    mean = apply(q, readings.accelerations[k] @ nearest_rotation(K).T).mean(axis=0)
-    return float(abs(mean[2]) / np.linalg.norm(mean))
+def _rates(sheet: Sheet, group: Group) -> tuple[str, ...]:
+    """Return rates that single numbers state, with the column that counts rows where there is one."""
+    found, counter = rates_of(sheet, group.owner), counter_of(sheet, group.places)
+    return tuple(text if counter is None else f"{called(sheet, counter)} [{text}]" for text in found)
 
 
-def _thinned(recording: Recording) -> tuple[Readings, Array, Array]:
-    imu, reference = recording.imu, recording.reference
-    if reference is None or reference.quaternions is None:
-        raise RecordingError("has no orientations", file=recording.path)
-    streams = (imu.rates, imu.accelerations, reference.quaternions)
-    if not all(np.isfinite(values).all() for values in streams):
-        raise RecordingError("holds numbers that are not finite", file=recording.path)
-    readings = Readings(imu.seconds, imu.rates, imu.accelerations, ((0, imu.stamps_ns.size - 1),))
-    q = reference.quaternions / np.linalg.norm(reference.quaternions, axis=1)[:, None]
-    return readings, reference.seconds, q
+# ---- choosing
 
 
-def _time(sheet: Sheet, part: _Part) -> str | None:
-    """Return the time of columns of a table, with its unit, or None where there is none."""
-    found: list[tuple[float, str]] = []
-    rows = _known(sheet.columns[part.first])
-    prefix = sheet.names[part.first].partition(".")[0]
-    for k, (name, column) in enumerate(zip(sheet.names, sheet.columns, strict=True)):
-        by_name = bool(re.search(_NAMES["time"], name.lower()))
-        if column.dtype.kind in "OUS":
-            if by_name or re.search(r"\d:\d\d:\d\d", str(column[0])):
-                found.append((3 if by_name else 1, f"{name} [date]"))
+def _chosen(sheets: list[Sheet], tries: list[_Try]) -> tuple[list[_Try], list[str]]:
+    """Return what fits best, several where they fit alike, and notes."""
+    most = max(one.fit.explained for one in tries)
+    if most < CONFIRMED:
+        return _unconfirmed(tries, most)
+    good = [one for one in tries if one.fit.explained > most - _CLEARLY]
+    good = [one for group in _by_columns(good) for one in _best_reading(group)]
+    notes = []
+    likely = [one for one in good if one.attitude is not None and one.attitude.likely]
+    if not likely:
+        notes.append("the names alone do not fit the motion; read as below they do")
+    followers = {one.attitude.group: one for one in good if one.attitude is not None}
+    preferred = {group for group, one in followers.items() if one.attitude is not None and one.attitude.of_a_reference}
+    if len(preferred) == 1 and len(followers) > 1:
+        others = [_listed(sheets, group) for group in followers if group not in preferred]
+        notes.append(f"{'; '.join(others)} follow the motion, too: an estimate of the device itself is no reference")
+        good = [one for one in good if one.attitude is not None and one.attitude.group in preferred]
+    return good, notes
+
+
+def _contradictions(best: list[_Try]) -> list[str]:
+    """Return what contradicts the names of the readings, though the rates explain the rotation."""
+    out = []
+    confirmed = [one.fit for one in best if one.fit.explained >= CONFIRMED]
+    if any(fit.handed < 0.0 for fit in confirmed):
+        out.append("names and motion contradict each other: the rates mirror the rotation; an axis has the wrong sign, "
+                   "or two are exchanged")  # fmt: skip
+    elif any(fit.steady < _STANDS for fit in confirmed):
+        out.append("names and motion contradict each other: gravity does not stand still where the accelerations are "
+                   "turned as the rates and orientations say; are their axes in another order")  # fmt: skip
+    return out
+
+
+def _own_estimates(best: list[_Try]) -> list[str]:
+    """Return the note about orientations that may be the device's own."""
+    for one in best:
+        body = one.attitude
+        if body is not None and not body.of_a_reference and body.position is None and (
+            body.group.sheet == one.device.sheet and body.form != "pose matrix"
+        ):  # fmt: skip
+            return ["are these orientations an estimate of the device itself? Then they are no reference"]
+    return []
+
+
+def _unconfirmed(tries: list[_Try], most: float) -> tuple[list[_Try], list[str]]:
+    """Return what names say, where the motion confirms nothing."""
+    known = [one for one in tries if one.attitude is not None and one.attitude.likely and one.attitude.group.named]
+    if not known:
+        found = {one.device: replace(one, attitude=None, pose_times=()) for one in reversed(tries)}
+        return list(found.values()), []
+    if most >= 0.0:
+        notes = [f"the motion does not confirm it: rates explain {100 * most:.0f} % of the rotation at most"]
+    else:
+        notes = ["the motion does not confirm it, the stamps may be in another unit"]
+    best = [max(group, key=lambda one: one.fit.explained) for group in _by_columns(known)]
+    return (best if len(best) == 1 and _clear(best[0]) else known[:8]), notes
+
+
+def _clear(one: _Try) -> bool:
+    """Return whether names alone say how orientations are read."""
+    return one.device.named and one.attitude is not None and (
+        one.attitude.group.axes == "wxyz" or one.attitude.form in ("kuka abc",)
+    )  # fmt: skip
+
+
+def _by_columns(tries: list[_Try]) -> list[list[_Try]]:
+    """Return tries in groups of the same columns."""
+    out: dict[object, list[_Try]] = {}
+    for one in tries:
+        assert one.attitude is not None  # noqa: S101 - for the type checker: something was explained
+        out.setdefault((one.device, one.attitude.group), []).append(one)
+    return list(out.values())
+
+
+def _best_reading(tries: list[_Try]) -> list[_Try]:
+    """Return the ways to read the same columns that fit about as well as the best one."""
+    most = max(one.fit.explained for one in tries)
+    alike = [one for one in tries if one.fit.explained > most - _ALIKE]
+    steady = max(one.fit.steady for one in alike)
+    alike = [one for one in alike if one.fit.steady > steady - _STEADY]
+    for value, least in (("moved", _MOVED), ("upright", _UPRIGHT)):
+        best = max(float(getattr(one.fit, value)) for one in alike)
+        alike = [one for one in alike if float(getattr(one.fit, value)) > best - least]
+    return [alike[0]] if len({_same(one) for one in alike}) == 1 else alike
+
+
+def _same(one: _Try) -> tuple[object, ...]:
+    attitude = one.attitude
+    if attitude is None:
+        return ()
+    form = attitude.form
+    if form == "kuka abc":
+        form = "euler ZYX"
+    if form.startswith("euler") and form[-3:].islower():  # about fixed axes: the other way round about the body's
+        return (form.upper()[-1:-4:-1], attitude.places[::-1], attitude.signs[::-1])
+    return (form[-3:] if form.startswith("euler") else form, attitude.places, attitude.signs)
+
+
+def _with_positions(sheets: list[Sheet], groups: Sequence[Group], one: _Try, notes: list[str]) -> _Try:
+    """Return a try with positions without names, where their accelerations are those of the IMU; notes get the rest."""
+    if one.attitude is None or one.attitude.position is not None:
+        return one
+    named = tables.named_positions(sheets, groups, one.attitude)
+    if named:
+        notes.append(f"which are the positions: {', or '.join(_listed(sheets, group) for group in named)}")
+        return one
+    found, work = [], _Work(sheets, None)
+    for window in tables.possible_positions(sheets, groups, one.device, one.attitude):
+        if one.fit.explained < CONFIRMED:
+            break
+        fit = work.fit(one.device, replace(one.attitude, position=window), one.times[0], one.pose_times[0])
+        found.append((fit.moved, window.places, replace(one, attitude=replace(one.attitude, position=window), fit=fit)))
+    found.sort(key=lambda each: each[:2], reverse=True)
+    if found and found[0][0] > _ACCELERATED and all(found[0][0] > other[0] + _MOVED for other in found[1:]):
+        return found[0][2]
+    if found:
+        notes.append("positions have no name, and the motion does not show which columns they are; add them if there "
+                     "are some")  # fmt: skip
+    return one
+
+
+# ---- entries
+
+
+def _options(sheets: list[Sheet], one: _Try) -> list[_Option]:
+    """Return the mappings of a try: several if a time or a unit is open."""
+    sheet, work = sheets[one.device.sheet], _Work(sheets, None)
+    out = []
+    for time in one.times or ("",):
+        for unit in _rate_units(one, work.samples(one.device, time) if time else None, sheet):
+            for force_unit in _force_units(one.device):
+                imu = {"file": sheet.source.name}
+                imu |= {"time": time} if time else {}
+                imu["rate"] = text_of(sheet, one.device.rate.places, "rate", unit)
+                imu["acceleration"] = text_of(sheet, one.device.force.places, "acceleration", force_unit)
+                references = [_reference(sheets, one, pose_time) for pose_time in one.pose_times or ("",)]
+                out += [_Option(imu, reference, _why(one)) for reference in references]
+    return out
+
+
+def _why(one: _Try) -> str:
+    if one.fit.explained >= CONFIRMED:
+        return f": the rates explain {100 * one.fit.explained:.1f} % of the rotation"
+    return ""
+
+
+def _force_units(device: Device) -> list[str]:
+    """Return the unit of accelerations; two where the header states another one than gravity shows."""
+    stated = known_unit(device.force.unit, "acceleration")
+    if stated is None or UNITS["acceleration"][stated] == UNITS["acceleration"][device.force_unit]:
+        return [stated or device.force_unit]
+    return [device.force_unit, stated]
+
+
+def _rate_units(one: _Try, imu: ImuSamples | None, sheet: Sheet) -> list[str]:
+    """Return the unit of the rates; several where what is stated and what is seen differ, or nothing shows it."""
+    stated = known_unit(one.device.rate.unit, "rate")
+    seen = [unit for unit in _RATE_UNITS if one.fit.explained >= CONFIRMED
+            and _UNIT[0] < one.fit.size / UNITS["rate"][unit] < _UNIT[1]]  # fmt: skip
+    if imu is not None:
+        size, correlation = by_gravity(imu)
+        fallen = [unit for unit in _RATE_UNITS if 0.25 < size / UNITS["rate"][unit] < 4.0]
+        seen += fallen if correlation > _FOLLOWS else []
+    if stated is not None:
+        others = [unit for unit in seen if UNITS["rate"][unit] != UNITS["rate"][stated]]
+        return list(dict.fromkeys([stated, *others]))
+    if seen:
+        return list(dict.fromkeys(seen))
+    largest = float(np.nanmax(np.abs(tables.numbers(sheet, one.device.rate.places))))
+    return ["deg/s"] if largest > _FASTEST_TURN else ["rad/s", "deg/s"]
+
+
+def _reference(sheets: list[Sheet], one: _Try, time: str) -> dict[str, str]:
+    """Return the entries of the reference."""
+    attitude = one.attitude
+    if attitude is None:
+        return {}
+    sheet = sheets[attitude.group.sheet]
+    out = {"file": sheet.source.name}
+    out |= {"time": time} if time else {}
+    if attitude.position is not None:
+        out["position"] = text_of(sheet, attitude.position.places, "length", _length_unit(sheet, attitude, one.fit))
+    unit = attitude.unit if attitude.form.startswith(("euler", "kuka", "rotation")) else None
+    columns = text_of(sheet, attitude.places, "angle", unit, attitude.signs)
+    out["orientation"] = f"{attitude.form}: {columns}"
+    return out
+
+
+def _length_unit(sheet: Sheet, attitude: Attitude, fit: Fit) -> str:
+    """Return the unit of positions: as stated, as their accelerations show, or by their size."""
+    group = attitude.position
+    assert group is not None  # noqa: S101 - for the type checker; the caller looked
+    stated = known_unit(group.unit, "length")
+    if stated is not None:
+        return stated
+    if fit.moved > 0.5:
+        return min(("m", "cm", "mm"), key=lambda unit: abs(np.log(fit.length / UNITS["length"][unit])))
+    usual = float(np.nanmedian(np.abs(tables.numbers(sheet, group.places))))
+    return "mm" if usual > 20.0 else "m"
+
+
+def _listed(sheets: list[Sheet], group: Group) -> str:
+    sheet = sheets[group.sheet]
+    return ", ".join(called(sheet, k) for k in group.places)
+
+
+def _guessed(time: str) -> bool:
+    """Return whether the unit of a time is neither in its name nor in the header, but follows from its rate."""
+    name, _, unit = time.partition(" [")
+    return bool(unit) and " + " not in time and not unit.endswith("Hz]") and read_name(name).unit is None
+
+
+def _tables(options: list[_Option], unsure: set[str]) -> list[str]:
+    """Return the tables of a mapping; entries in which the options differ are comments, one block for each option.
+
+    So are entries of the IMU that are `unsure`.
+    """
+    lines: list[str] = []
+    for name, all_of_them in (("imu", [o.imu for o in options]), ("reference", [o.reference for o in options])):
+        blocks = list(dict.fromkeys(tuple(entries.items()) for entries in all_of_them))
+        if blocks == [()]:
             continue
-        values = column[np.isfinite(column)] if column.dtype.kind == "f" else column
-        steps = np.diff(values.astype(np.float64))
-        if np.sum(steps > 0.0) < 10 or np.mean(steps >= 0.0) < 0.99:
-            continue
-        fits = float(4.0 * np.mean(_known(column)[rows]) - 2.0 * np.mean(_known(column) & ~rows))
-        own = not rows.all() and bool((_known(column) == rows).all())
-        fits += (name.partition(".")[0] == prefix) + 3.0 * (own or _held_alike(column, sheet.columns[part.first]))
-        step, duration = float(np.median(steps[steps > 0.0])), float(steps.sum())
-        for unit, size in UNITS["time"].items():
-            if 1.0 <= 1e9 / (step * size) <= 20e3 and 2.0 <= duration * size * 1e-9 <= 1e6:
-                stated = sheet.units[k]
-                text = name if stated is not None else f"{name} [{unit}]"
-                found.append((fits + (2 if by_name else 0) + (stated == unit) + (k == 0), text))
-        if k + 1 < len(sheet.columns) and (steps[steps > 0.0] == 1.0).all():  # whole seconds, and what is left
-            rest = sheet.columns[k + 1]
-            for unit, size in (("ns", 1e9), ("us", 1e6), ("ms", 1e3)):
-                whole = rest.dtype.kind in "iuf" and (np.mod(rest, 1.0) == 0.0).all()
-                if whole and rest.min() >= 0 and 0.5 * size < rest.max() < size:
-                    found.append((fits + 4.0, f"{name} [s] + {sheet.names[k + 1]} [{unit}]"))
-    return max(found)[1] if found else None
-
-
-def _held_alike(time: NDArray[Any], column: NDArray[Any]) -> bool:
-    """Return whether a time repeats just where another column does: both are held until the next pose."""
-    same, held = time[1:] == time[:-1], column[1:] == column[:-1]
-    return bool(np.mean(same) > 0.1 and np.mean(held[same]) > 0.98)
-
-
-def _known(column: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which cells of a column are not empty."""
-    if column.dtype.kind == "f":
-        return np.isfinite(column)
-    return column != "" if column.dtype.kind in "OUS" else np.ones(column.size, dtype=bool)
-
-
-def _accelerations(sheets: list[Sheet]) -> Iterator[tuple[_Part, str | None]]:
-    """Yield three columns each whose length is usually that of gravity, with the unit; the likeliest first."""
-    found = []
-    for part, values in _windows(sheets, 3):
-        length = np.linalg.norm(values, axis=1)
-        usual = float(np.median(length))
-        for unit, size in _GRAVITY.items():
-            if not 0.9 < usual / (STANDARD_GRAVITY * size) < 1.15:
-                continue
-            spread = float(np.percentile(np.abs(length / usual - 1.0), 50))
-            named = _name_score(sheets, part, "acceleration")
-            if spread < 0.3 and named > -2:
-                stated = any(sheets[part.sheet].units[k] for k in range(part.first, part.last))
-                found.append((-named, spread, part.sheet, part.first, part, None if stated else unit))
-    for *_, part, named_unit in sorted(found, key=lambda one: one[:4]):
-        yield part, named_unit
-
-
-def _references(
-    sheets: list[Sheet],
-    orientations: list[tuple[_Part, str]],
-    positions: list[_Part],
-    taken: tuple[_Part, ...],
-) -> Iterator[dict[str, str]]:
-    """Yield possible columns of poses."""
-    for orientation, form in orientations:
-        time = _time(sheets[orientation.sheet], orientation)
-        if any(orientation.overlaps(other) for other in taken) or time is None:
-            continue
-        angle_unit = _angle_unit(sheets, orientation) if form in _ANGLE_FORMS else None
-        out: dict[str, str] = {
-            "file": sheets[orientation.sheet].source.name,
-            "time": time,
-            "orientation": f"{form}: {_named(sheets, orientation, 'angle', angle_unit)}",
-        }
-        free = [part for part in positions
-                if part.sheet == orientation.sheet and not part.overlaps(orientation)
-                and not any(part.overlaps(other) for other in taken)]  # fmt: skip
-        if free and form != "pose matrix":
-            out["position"] = _named(sheets, free[0], "length", _length_unit(sheets, free[0]))
-        yield out
-
-
-def _orientations(sheets: list[Sheet]) -> Iterator[tuple[_Part, str]]:
-    for part, values in _windows(sheets, 4):
-        if np.percentile(np.abs(np.linalg.norm(values, axis=1) - 1.0), 95) < 0.01:
-            letters = "".join(sheets[part.sheet].names[k].lower()[-1:] for k in range(part.first, part.last))
-            forms = [f"quaternion {letters}"] if letters in ("wxyz", "xyzw") else ["quaternion wxyz", "quaternion xyzw"]
-            for form in forms:
-                yield part, form
-    for count, form in ((16, "pose matrix"), (12, "pose matrix"), (9, "matrix")):
-        for part, values in _windows(sheets, count):
-            C = values[::37].reshape(-1, count // (3 if count == 9 else 4), 3 if count == 9 else 4)[:, :3, :3]
-            if np.abs(C @ np.swapaxes(C, 1, 2) - np.eye(3)).max() < 0.02:
-                yield part, form
-                return
-    for part, values in _windows(sheets, 3):
-        if np.abs(values).max() <= 361.0 and _name_score(sheets, part, "position") < 2:
-            for form in _ANGLE_FORMS:
-                yield part, form
-
-
-def _triads(sheets: list[Sheet], quantity: str) -> list[_Part]:
-    """Return three adjacent columns each, those first whose names fit a quantity."""
-    parts = [(part, _name_score(sheets, part, quantity)) for part, _ in _windows(sheets, 3)]
-    named = [part for part, score in parts if score > 0]
-    return named or [part for part, score in parts if score == 0]
-
-
-def _name_score(sheets: list[Sheet], part: _Part, quantity: str) -> int:
-    """Return how well names fit a quantity: 3 if all do, negative if they fit others."""
-    names = [sheets[part.sheet].names[k].lower() for k in range(part.first, part.last)]
-    score = sum(bool(re.search(_NAMES[quantity], name)) for name in names)
-    others = sum(any(re.search(pattern, name) for key, pattern in _NAMES.items() if key != quantity) for name in names)
-    axes = "".join(name[-1:] for name in names)
-    return score - others if score != others else (1 if axes == "xyz" and score else 0)
-
-
-def _windows(sheets: list[Sheet], count: int) -> Iterator[tuple[_Part, Array]]:
-    """Yield adjacent columns of numbers that change, with all their rows that are complete."""
-    for s, sheet in enumerate(sheets):
-        usable = [column.dtype.kind in "fiu" for column in sheet.columns]
-        for first in range(len(sheet.columns) - count + 1):
-            if not all(usable[first : first + count]):
-                continue
-            values = np.column_stack(sheet.columns[first : first + count]).astype(np.float64)
-            values = values[np.isfinite(values).all(axis=1)]
-            if len(values) > 20 and np.ptp(values, axis=0).max() > 0.0 and not _counts(values):
-                yield _Part(s, first, first + count), values
-
-
-def _counts(values: Array) -> bool:
-    """Return whether a column only grows: a time."""
-    return bool(((np.diff(values, axis=0) >= 0.0).all(axis=0) & (np.ptp(values, axis=0) > 0.0)).any())
-
-
-def _named(sheets: list[Sheet], part: _Part, quantity: str, unit: str | None = None) -> str:
-    sheet, places = sheets[part.sheet], list(range(part.first, part.last))
-    axes = [sheet.names[k].lower()[-1:] for k in places]
-    if quantity != "angle" and sorted(axes) == ["x", "y", "z"]:
-        places.sort(key=lambda k: sheet.names[k].lower()[-1:])
-    names = ", ".join(_unique(sheet, k) for k in places)
-    stated = any(sheets[part.sheet].units[k] in UNITS[quantity] for k in range(part.first, part.last))
-    return names if unit is None or stated else f"{names} [{unit}]"
-
-
-def _unique(sheet: Sheet, k: int) -> str:
-    """Return the name of a column, or its number where the name is not unique or would be read otherwise."""
-    name = sheet.names[k]
-    plain = sheet.names.count(name) == 1 and not re.search(r"[,\[\]:+\"]|^[-+#]|^$", name)
-    return name if plain else f"#{k + 1}"
-
-
-def _angle_unit(sheets: list[Sheet], part: _Part) -> str:
-    values = np.concatenate([sheets[part.sheet].columns[k] for k in range(part.first, part.last)]).astype(np.float64)
-    return "deg" if np.nanmax(np.abs(values)) * DEG > 0.12 and np.nanmax(np.abs(values)) > 6.3 else "rad"
-
-
-def _length_unit(sheets: list[Sheet], part: _Part) -> str:
-    values = np.concatenate([sheets[part.sheet].columns[k] for k in range(part.first, part.last)]).astype(np.float64)
-    return "mm" if np.nanmedian(np.abs(values)) > _LONGEST_ROBOT else "m"
+        hidden = {key for key, _ in blocks[0]} & unsure if name == "imu" else set()
+        common = {key: value for key, value in blocks[0]
+                  if key not in hidden and all((key, value) in block for block in blocks)}  # fmt: skip
+        if name == "imu" and not any("time" in dict(block) for block in blocks):
+            lines.append(_NO_TIME)
+        lines.append(toml_table(f"columns.{name}", common).rstrip("\n"))
+        if len(blocks) > 1 or hidden:
+            lines.append(_CHOOSE)
+            for k, block in enumerate(blocks):
+                own = toml_table("x", {key: value for key, value in block if key not in common})
+                lines += [*(["#"] if k else []), *(f"# {line}" for line in own.splitlines()[1:] if line)]
+        lines.append("")
+    return lines

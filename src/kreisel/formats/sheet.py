@@ -39,7 +39,7 @@ class Sheet:
     """A table: names, units (None where none is stated) and columns, each (n,) of numbers or of text.
 
     Numbers that are missing are NaN. Columns without a name are called #1, #2, … `lengths` are those of separate
-    arrays, before they were filled up to the longest.
+    arrays, before they were filled up to the longest. `scalars` are single numbers beside them, by name.
     """
 
     source: Path
@@ -47,6 +47,7 @@ class Sheet:
     units: tuple[str | None, ...]
     columns: tuple[NDArray[Any], ...]
     lengths: tuple[int, ...] = ()
+    scalars: tuple[tuple[str, float], ...] = ()
 
     def check_lengths(self, names: Iterable[str]) -> None:
         """Check that arrays that belong together have as many values; shorter ones were filled up at their end.
@@ -137,27 +138,42 @@ def read_sheet(path: Path) -> Sheet:
 
 
 def _from_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> Sheet:
-    """Return a table of named arrays; a matrix (n, k) gives columns NAME(1) to NAME(k)."""
+    """Return a table of named arrays.
+
+    A matrix (n, k) gives columns NAME(1) to NAME(k), n matrices (n, k, k) or (k, k, n) give NAME(1,1) to NAME(k,k).
+    """
     columns: list[tuple[str, str | None, NDArray[Any]]] = []
+    scalars: list[tuple[str, float]] = []
     for whole, values in arrays.items():
         name, unit = split_unit(whole)
         array = np.atleast_1d(np.squeeze(values))
-        if array.dtype.kind not in "fiubMOUS" or array.ndim > 2 or array.size == 0:
+        if array.dtype.kind not in "fiubMOUS" or array.ndim > 3 or array.size == 0:
             continue
-        if array.ndim == 2 and array.shape[0] < array.shape[1]:
-            array = array.T
+        if array.size == 1 and array.dtype.kind in "fiu":
+            scalars.append((whole, float(array[0])))
         unit = "ns" if array.dtype.kind == "M" else unit
-        if array.ndim == 1:
-            columns.append((name, unit, array))
-        else:
-            columns += [(f"{name}({k + 1})", unit, column) for k, column in enumerate(array.T)]
+        columns += [(called, unit, column) for called, column in _array_columns(name, array)]
     rows = max((column.size for *_, column in columns), default=0)
     columns = [(name, unit, column) for name, unit, column in columns if column.size > 1]
     if rows < 2 or not columns:
         raise RecordingError("holds no columns of numbers", file=path)
     names, units, _ = zip(*columns, strict=True)
     lengths = tuple(int(column.size) for *_, column in columns)
-    return Sheet(path, names, units, tuple(_padded(column, rows) for *_, column in columns), lengths)
+    return Sheet(path, names, units, tuple(_padded(column, rows) for *_, column in columns), lengths, tuple(scalars))
+
+
+def _array_columns(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the columns of an array with their names."""
+    if array.ndim == 1:
+        yield name, array
+        return
+    if array.ndim == 3:  # as MATLAB stacks matrices, or as others do
+        array = np.moveaxis(array, 2, 0) if array.shape[0] == array.shape[1] != array.shape[2] else array
+        for i, k in np.ndindex(array.shape[1:]):
+            yield f"{name}({i + 1},{k + 1})", array[:, i, k]
+        return
+    for k, column in enumerate(array.T if array.shape[0] >= array.shape[1] else array):
+        yield f"{name}({k + 1})", column
 
 
 def _padded(column: NDArray[Any], rows: int) -> NDArray[Any]:
@@ -204,8 +220,8 @@ def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
         fields = getattr(value, "_fieldnames", None)
         if fields is not None:
             waiting += [(f"{name}.{field}", getattr(value, field)) for field in fields]
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            out[name] = value
+        elif isinstance(value, np.ndarray | int | float) and np.asarray(value).dtype.kind in "fiub":
+            out[name] = np.asarray(value)
     return out
 
 
@@ -222,16 +238,33 @@ def _hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
     out: dict[str, NDArray[Any]] = {}
 
     def add(name: str, item: Any) -> None:
+        _check_inside(name, item, path)
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub" and not name.startswith("#"):
             with suppress(TypeError, ValueError, OSError):  # empty or odd ones that nobody needs
-                out[name.replace("/", ".")] = np.asarray(item)
+                out[name.replace("/", ".")] = np.asarray(item).T  # MATLAB's first index is the last one here
 
     try:
         with h5py.File(path, "r") as file:
+            _check_inside("/", file, path)
             file.visititems(add)
     except (OSError, RuntimeError, ValueError) as error:
         raise RecordingError(f"is not a MATLAB file that can be read: {error}", file=path) from error
     return out
+
+
+def _check_inside(name: str, item: Any, path: Path) -> None:
+    """Refuse numbers that HDF5 would take from another file: a recording must not read what its sender names."""
+    from h5py import Dataset, ExternalLink
+
+    if isinstance(item, Dataset):
+        outside = "of another file" if item.external else "put together from other datasets" if item.is_virtual else ""
+    else:
+        linked = (key for key in item if isinstance(item.get(key, getlink=True), ExternalLink))
+        outside = f"linked to another file ('{key}')" if (key := next(linked, None)) is not None else ""
+    if outside:
+        raise RecordingError(
+            f"'{name}' is {outside}; expected all numbers in the file itself: save it again with them", file=path
+        )
 
 
 def _parquet_arrays(path: Path) -> dict[str, NDArray[Any]]:

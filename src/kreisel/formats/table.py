@@ -21,10 +21,12 @@ from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.location import fault
 from kreisel.recording.nanoseconds import in_nanoseconds
-from kreisel.recording.recording import DataWarning, Stamps
+from kreisel.recording.recording import NO_STAMP, DataWarning, Stamps
 
 _COLUMN = re.compile(r"^\s*#?\s*([^\[\]()]*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*$")
 _BLOCK = 1 << 23  # bytes read at once
+_EMPTY_CELL = re.compile(rb"(?:^(?=[ \t]*,)|(?<=,))[ \t]*(?=,|$)", re.MULTILINE)
+_NO_STAMP_CELL = re.compile(rb"^[ \t]*(?:nan)?[ \t]*(?=,)", re.MULTILINE | re.IGNORECASE)
 _MAX_LINE = 1 << 16  # bytes; a row of seven numbers has a hundred
 _MAX_COLUMNS = 1000
 _MAX_STAMP = 9.0e18  # ns; a little below the largest number of 64 bits
@@ -347,7 +349,7 @@ def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) 
     stamp_type = "i8" if time_unit(columns, path) == "ns" else "f8"
     dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
     # a StringIO would keep four bytes a character and be read three times slower
-    text = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8")
+    text = io.TextIOWrapper(io.BytesIO(_with_empty_cells(body, stamp_type)), encoding="utf-8")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # rows of only comments need no warning
@@ -356,8 +358,15 @@ def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) 
         raise _bad_row(body.decode(), columns, stamp_type, path, error, line) from error
 
 
+def _with_empty_cells(body: bytes, stamp_type: str) -> bytes:
+    """Return rows with NaN in the place of empty cells, and stamps that are not times."""
+    if stamp_type == "i8":
+        body = _NO_STAMP_CELL.sub(str(NO_STAMP).encode(), body)
+    return _EMPTY_CELL.sub(b"nan", body)
+
+
 def stamps_in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
-    """Return stamps in a unit as nanoseconds.
+    """Return stamps in a unit as nanoseconds, NO_STAMP where there is none.
 
     Raises
     ------
@@ -365,13 +374,16 @@ def stamps_in_nanoseconds(stamps: Array, unit: str, path: Path) -> Stamps:
         If one is not a possible time.
     """
     factor = UNITS["time"][unit]
-    bad = np.flatnonzero(~(np.abs(stamps) < _MAX_STAMP / factor))
+    known = ~np.isnan(stamps)
+    bad = np.flatnonzero(known & ~(np.abs(stamps) < _MAX_STAMP / factor))
     if bad.size:
         guess = (
             f"is the unit right? {_likely(stamps)} perhaps" if bad.size == stamps.size else ("repair or delete the row")
         )
         raise fault(path, f"the stamp {stamps[bad[0]]:g} {unit} is not a possible time; {guess}", int(bad[0]))
-    return in_nanoseconds(stamps, factor)
+    if known.all():
+        return in_nanoseconds(stamps, factor)
+    return np.where(known, in_nanoseconds(np.where(known, stamps, 0.0), factor), NO_STAMP)
 
 
 def _likely(stamps: Array) -> str:
@@ -424,7 +436,9 @@ def _not_read(cell: str, whole: Array | None) -> str:
         Stamps around it, where it must be a whole number of nanoseconds.
     """
     if whole is None:
-        return "" if is_number(cell) else "a number; repair or delete the row"
+        return "" if is_number(cell) or not cell else "a number; repair or delete the row"
+    if cell.lower() in ("", "nan"):
+        return ""
     if re.fullmatch(r"[-+]?\d+", cell):
         fits = len(cell) < 25 and abs(int(cell)) < _MAX_STAMP
         return "" if fits else "a time that fits 64 bits; repair or delete the row"

@@ -232,6 +232,35 @@ def high_frequency_density(values: Array, interval: float) -> Array:
     return np.asarray(np.sqrt(variance * interval))
 
 
+_SEGMENT, _BANDS, _TONES = 128, 8, 0.7
+"""Samples of a segment of which a spectrum is made, bands between 1/8 and 7/8 of its frequencies, and share of the
+density by differences below which the quietest band shows that the rest are tones."""
+
+
+def white_density(values: Array, interval: float) -> Array:
+    """Return the density (3,) of the white noise in sampled signals (n, 3), without tones of a shaken sensor.
+
+    Third differences show mostly frequencies above a quarter of the sample rate. Tones there, such as those of rotors,
+    are no noise: they do not add up in an integral. Where a spectrum has a much quieter band, its density is taken.
+
+    Notes
+    -----
+    Welch's spectrum: means of squared Fourier coefficients of segments that overlap by half, with a Hann window.
+    """
+    density = high_frequency_density(values, interval)
+    n = (len(values) - _SEGMENT) // (_SEGMENT // 2) + 1
+    if n < _BANDS:
+        return density
+    starts = (_SEGMENT // 2) * np.arange(n)
+    window = np.hanning(_SEGMENT)
+    segments = values[starts[:, None] + np.arange(_SEGMENT)]
+    segments = (segments - segments.mean(axis=1, keepdims=True)) * window[:, None]
+    power = np.mean(np.abs(np.fft.rfft(segments, axis=1)) ** 2, axis=0) * interval / np.sum(window**2)
+    inside = power[_SEGMENT // 16 : -_SEGMENT // 16]
+    quietest = np.sqrt(np.min([band.mean(axis=0) for band in np.array_split(inside, _BANDS)], axis=0))
+    return np.asarray(np.where(quietest < _TONES * density, quietest, density))
+
+
 _WINDOW, _QUIETEST, _EQUAL = 100, 90.0, 0.65
 """Samples of a window; percentile over windows; share of samples equal to the one before that shows coarse rounding."""
 

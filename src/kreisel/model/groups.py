@@ -47,8 +47,6 @@ class ParameterGroup:
         Standard deviation, SI, above which a value is of no use, whatever was known before.
     known_before
         Whether something is known of it before any look at the data, so that its deviation need not decrease.
-    held
-        Whether it is held at its nominal value if it is not observable.
     by_choice
         Whether it is estimated only if asked for.
     rare
@@ -74,7 +72,6 @@ class ParameterGroup:
     usual_sd: float | None = None
     useful_sd: float = np.inf
     known_before: bool = False
-    held: bool = False
     by_choice: bool = False
     rare: bool = False
     passing: bool = False
@@ -143,7 +140,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "gyro_polynomial", "k_wi, i = 2 and above", "k<sub>ωi</sub>",
-        "gyroscope", "gyroscope.polynomial", _powers, "SI", 1.0, 0.02, held=True, shape=lambda order: (order - 1, 3),
+        "gyroscope", "gyroscope.polynomial", _powers, "SI", 1.0, 0.02, shape=lambda order: (order - 1, 3),
     ),
     ParameterGroup(
         "gyro_g_sensitivity", "G: gyro readings per specific force, rad/s per m/s^2", "G",
@@ -176,7 +173,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "accel_cross_coupling", "K_a: scale, misalignment and mounting of the accelerometers", "K<sub>a</sub>",
-        "accelerometer", "accelerometer.cross_coupling", _matrix, "1", 1.0, 0.05, 5e-3, held=True,
+        "accelerometer", "accelerometer.cross_coupling", _matrix, "1", 1.0, 0.05, 5e-3,
         shape=lambda _: (3, 3),
     ),
     ParameterGroup(
@@ -185,7 +182,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "accel_polynomial", "k_ai, i = 2 and above", "k<sub>ai</sub>",
-        "accelerometer", "accelerometer.polynomial", _powers, "SI", 1.0, 0.005, held=True,
+        "accelerometer", "accelerometer.polynomial", _powers, "SI", 1.0, 0.005,
         shape=lambda order: (order - 1, 3),
     ),
     ParameterGroup(
@@ -219,7 +216,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "lever_arms", "r_j: positions of the accelerometers in b, m", "r",
-        "accelerometer", "accelerometer.lever_arms", _matrix, "mm", MM, 0.1, 0.03, held=True, shape=lambda _: (3, 3),
+        "accelerometer", "accelerometer.lever_arms", _matrix, "mm", MM, 0.1, 0.03, shape=lambda _: (3, 3),
     ),
     ParameterGroup(
         "alignment", "tilt of the reference frame against the local level", "φ",

@@ -6,6 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+
 COLOURED_SHARE = 0.9
 """Share of the variance of the reference's noise on the path that is coloured, if that raises the likelihood."""
 
@@ -104,6 +108,9 @@ class AssumedNoise:
         Time constant of the reference's coloured noise, s; 0 where the noise is white.
     frame_sd
         Standard deviations of base and tool frame from the reference's, m and rad, if no other error represents them.
+    axes, axis_sd
+        Axes (3, 3; rows, in b) that all rotation is about, one after the other, and how far an arm may turn about
+        others, rad; (0, 3) where rotations are about all directions.
     pose_error
         Effect of an arm's geometric errors on its reported poses, where they are not estimated.
     lateness
@@ -118,10 +125,12 @@ class AssumedNoise:
     offset_walk: dict[str, float]
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     rate_scatter: float = 0.0
-    observed: tuple[float, float] = (math.inf, math.inf)
+    observed: Array = field(default_factory=lambda: np.full((2, 3), np.inf))
     misstated: Mapping[str, float] = field(default_factory=dict)
     correlation_time: float = 0.0
     frame_sd: tuple[float, float] = (0.0, 0.0)
+    axes: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    axis_sd: float = 0.0
     pose_error: PoseError = PoseError()
     lateness: float = 0.0
     time_base_sd: float = 0.0

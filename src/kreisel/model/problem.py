@@ -24,6 +24,10 @@ _CONSIDERED_SD = {"gyro_polynomial": 5e-3, "accel_polynomial": 3e-4}
 """Deviations of polynomials that nobody asked for: less than those of a device of which they are expected."""
 
 
+_NOTHING = 1e4
+"""Factor on the noise of accelerometers with which these say nothing."""
+
+
 @dataclass(frozen=True)
 class Prior:
     """What is known of the parameters before the filter runs, group by group.
@@ -42,6 +46,8 @@ class Prior:
         A faultless IMU on the mount found: values of groups that are not observable.
     expected
         Effects that a device of the stated grade has.
+    likely
+        Effects that the device has as likely as not: nothing is stated of it.
     """
 
     start: CellParameters
@@ -52,6 +58,7 @@ class Prior:
     stated: tuple[str, ...]
     nominal: CellParameters
     expected: tuple[str, ...] = ()
+    likely: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,6 @@ class Problem:
         Which pose is used when.
     layout
         The state.
-    held
-        Groups held at their nominal values because they are not observable.
     robot
         The arm, where its errors are estimated.
     """
@@ -80,7 +85,6 @@ class Problem:
     layout: StateLayout
     prior: Prior
     noise: AssumedNoise
-    held: tuple[str, ...] = ()
     robot: RobotModel | None = None
 
     @property
@@ -152,23 +156,6 @@ def walked_variance(problem: Problem, group: str) -> float:
     return problem.noise.offset_walk.get(group, 0.0) ** 2 * float(stamps[updates[-1].last] - stamps[updates[0].first])
 
 
-def hold(problem: Problem, groups: tuple[str, ...]) -> Problem:
-    """Return the problem with groups taken out of the state and held at their nominal values."""
-    prior = problem.prior
-    return replace(
-        problem,
-        layout=without(problem.layout, groups),
-        prior=replace(
-            prior,
-            start=with_nominal(problem, prior.start, groups),
-            value=with_nominal(problem, prior.value, groups),
-            start_covariance={g: P for g, P in prior.start_covariance.items() if g not in groups},
-            covariance={g: P for g, P in prior.covariance.items() if g not in groups},
-        ),
-        held=(*problem.held, *groups),
-    )
-
-
 def with_groups(problem: Problem, groups: tuple[str, ...], known: Mapping[str, Array] | None = None) -> Problem:
     """Return the problem with further groups of parameters in the state; polynomials are of the second order.
 
@@ -195,9 +182,26 @@ def with_groups(problem: Problem, groups: tuple[str, ...], known: Mapping[str, A
 
 def without_groups(problem: Problem, groups: tuple[str, ...]) -> Problem:
     """Return the problem without groups of parameters, which have their nominal values in its start and prior."""
-    start, value = (with_nominal(problem, values, groups) for values in (problem.prior.start, problem.prior.value))
-    prior = replace(problem.prior, start=start, value=value)
-    return replace(problem, layout=without(problem.layout, groups), prior=prior)
+    prior = problem.prior
+    return replace(
+        problem,
+        layout=without(problem.layout, groups),
+        prior=replace(
+            prior,
+            start=with_nominal(problem, prior.start, groups),
+            value=with_nominal(problem, prior.value, groups),
+            start_covariance={g: P for g, P in prior.start_covariance.items() if g not in groups},
+            covariance={g: P for g, P in prior.covariance.items() if g not in groups},
+        ),
+    )
+
+
+def without_forces(problem: Problem) -> Problem:
+    """Return the problem with accelerometers so noisy that they say nothing, for the gyros alone."""
+    gyro, accel = problem.noise.imu_bounds
+    bounds = (gyro, (_NOTHING * accel[0], _NOTHING * accel[1]))
+    noise = replace(problem.noise, imu_bounds=bounds)
+    return replace(problem, noise=noise, readings=problem.readings.with_noise(1.0, _NOTHING))
 
 
 def with_nominal(problem: Problem, values: CellParameters, groups: tuple[str, ...]) -> CellParameters:

@@ -13,7 +13,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.parameters import RobotParameters
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 from kreisel.robot.pose_accuracy import PoseAccuracy
 
 

@@ -24,6 +24,10 @@ BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
 """Groups that are estimated only if asked for."""
 
 
+SENSORS, USES = ("gyroscope", "accelerometer"), ("orientations",)
+"""Sensors that a verdict may be about, and parts of a reference that may be all of it that is used."""
+
+
 @dataclass(frozen=True)
 class CalibrationSettings:
     """Choices of a calibration; the defaults suit an unknown IMU on a robot.
@@ -59,9 +63,14 @@ class CalibrationSettings:
     passes
         Passes over the data, each starting from the estimates of the one before; as many as are useful if None.
         Further ones follow as long as noise figures are adapted.
+    only
+        ``gyroscope`` or ``accelerometer``: the verdict is that of this sensor; by default of both, or of the gyros
+        where the reference has no positions.
+    use
+        ``orientations``: positions of the reference are left out.
     partial
-        Whether the recording is one of several that are fused: groups that are not observable then keep their prior
-        instead of being held at nominal values, and are no reason to reject the recording.
+        Whether the recording is one of several that are fused: parameters that are not observable are then no reason to
+        reject it.
     """
 
     estimator: str = "spkf"
@@ -73,6 +82,8 @@ class CalibrationSettings:
     skew: bool | None = None
     size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
     passes: int | None = None
+    only: str | None = None
+    use: str | None = None
     partial: bool = False
     held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
     priors: Mapping[str, Any] | tuple[Known, ...] = ()
@@ -91,6 +102,10 @@ class CalibrationSettings:
             raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
         if self.passes is not None and not 1 <= self.passes <= 10:
             raise SettingsError(f"{self.passes} passes; expected 1 to 10")
+        if self.only is not None and self.only not in SENSORS:
+            raise SettingsError(unknown_name("sensor", self.only, SENSORS))
+        if self.use is not None and self.use not in USES:
+            raise SettingsError(unknown_name("part of the reference", self.use, USES))
         self._check_known()
         self._check_groups()
 

@@ -30,19 +30,26 @@ _SECONDS_OF_A_TURN = 25.0
 
 
 def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Array) -> Array:
-    """Return q_rb at every IMU sample, (n, 4): integrated rates, corrected by the reference over seconds."""
+    """Return q_rb at every IMU sample, (n, 4): integrated rates, corrected by the reference over seconds.
+
+    Every segment has a correction of its own: over a gap the rates are not known.
+    """
     free = integrate_attitude(signal, linear_rate(fit.K_omega, fit.rate_at_zero))
     t = fit.clock.imu_time(tau)
-    k = np.clip(np.searchsorted(signal.stamps, t) - 1, 0, signal.stamps.size - 2)
-    at_pose = multiply(
-        free[k], exp((signal.rates[k] @ fit.K_omega.T + fit.rate_at_zero) * (t - signal.stamps[k])[:, None])
-    )
-    # left error: q = exp(error) * exp(first error) * free, slowly varying
-    error = multiply(q, conjugate(at_pose))
-    turned = log(multiply(error, conjugate(error[0])))
     width = max(3, round(1.0 / float(np.median(np.diff(tau)))))
-    at_sample = interpolate_columns(signal.stamps, t, running_mean(_unwrapped(turned), width))
-    return multiply(multiply(exp(at_sample), error[0]), free)
+    for first, last in signal.segments:
+        own = (t >= signal.stamps[first]) & (t <= signal.stamps[last])
+        if np.count_nonzero(own) < _MIN_POSES:
+            continue
+        k = np.clip(np.searchsorted(signal.stamps, t[own]) - 1, first, last - 1)
+        step = (signal.rates[k] @ fit.K_omega.T + fit.rate_at_zero) * (t[own] - signal.stamps[k])[:, None]
+        # left error: q = exp(error) * exp(first error) * free, slowly varying
+        error = multiply(q[own], conjugate(multiply(free[k], exp(step))))
+        turned = log(multiply(error, conjugate(error[0])))
+        part = slice(first, last + 1)
+        at_sample = interpolate_columns(signal.stamps[part], t[own], running_mean(_unwrapped(turned), width))
+        free[part] = multiply(multiply(exp(at_sample), error[0]), free[part])
+    return free
 
 
 def _unwrapped(theta: Array) -> Array:

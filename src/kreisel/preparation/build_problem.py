@@ -26,11 +26,13 @@ from kreisel.preparation.scheduling import schedule_updates
 from kreisel.preparation.start_values import (
     drift_sizes,
     expected_effects,
+    likely_effects,
     nominal_parameters,
     starting_point,
     stated_prior,
 )
 from kreisel.preparation.state_layout import build_layout
+from kreisel.preparation.turning_axes import turning_axes
 from kreisel.recording.recording import ReferencePoses, angles_over
 from kreisel.synchronization.clock import Clock
 
@@ -38,22 +40,24 @@ INTERVALS = {"robot": 0.48, "mocap": 0.24}
 """Seconds between updates. The paper's 0.48 s suit a robot, whose errors are correlated over tenths of a
 second; errors of motion capture are nearly independent from frame to frame, and motion by hand is less smooth."""
 
-NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
-"""Starts of the names of references that are not robots, as in EuRoC recordings; used if the kind is not stated."""
-
 REACH = 1.0
 """m; length over which angle errors of a robot act on positions, and its length errors on their scale."""
 
 _MIN_NOISE = 0.1
 _HALF_A_CHAIN = math.sqrt(2.0)
+_AXIS_SD = 0.02
+"""rad; how far an arm of which nothing is stated may turn about another axis than it reports."""
+
+_POSTURES = 150
+"""Attitudes of a tool, half a radian apart, that moves of an arm reach: as many independent errors there are."""
+
 _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
 
 def _frame_sd(preparation: Preparation) -> tuple[float, float]:
     """Return the deviations of base and tool frame by a robot's errors, m and rad, if they cannot be estimated."""
     settings = preparation.recording.settings
-    kind = settings.reference.kind or ("mocap" if preparation.reference.name.startswith(NO_ROBOT) else "robot")
-    if preparation.robot is not None or kind == "mocap":
+    if preparation.robot is not None or preparation.recording.reference_kind == "mocap":
         return (0.0, 0.0)
     length, angle = settings.robot.length_sd, settings.robot.angle_sd
     # half of the chain's errors act like an error of the base frame, half like one of the tool frame
@@ -93,7 +97,8 @@ def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> Pos
     """Return the part of a robot's pose error that errors of the base and tool frames cannot represent.
 
     It is assumed to be as large as that of the frames; an angle acts on positions over `REACH`. It changes with the
-    posture: it counts as changed once the tool has turned by `_POSTURE`.
+    posture: it counts as changed once the tool has turned by `_POSTURE`. It is a function of the posture, and comes
+    back with it: a long recording averages over `_POSTURES` errors at most, and each of more counts as larger.
     """
     length, angle = frame_sd
     if max(frame_sd) == 0.0:
@@ -104,7 +109,8 @@ def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> Pos
         turned = float(np.sum(angles_over(reference.quaternions, stride)[::stride]))
     seconds = float(reference.seconds[-1])
     time = float(np.clip(_POSTURE * seconds / max(turned, 1e-9), *_POSTURE_TIMES))
-    return PoseError(math.hypot(length, REACH * angle), angle, time)
+    larger = math.sqrt(max(1.0, turned / (_POSTURE * _POSTURES)))
+    return PoseError(larger * math.hypot(length, REACH * angle), larger * angle, time)
 
 
 def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
@@ -159,8 +165,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
 def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Clock) -> Schedule:
     """Return the updates, at the requested interval or the one for the kind of reference."""
     reference, readings = preparation.reference, preparation.readings
-    kind = preparation.recording.settings.reference.kind or "robot"
-    interval = settings.update_interval or INTERVALS[kind]
+    interval = settings.update_interval or INTERVALS[preparation.recording.reference_kind]
     tau = reference.seconds
     updates = schedule_updates(readings, clock.imu_time(tau), reference, preparation.standstills, interval)
     if len(updates) < MIN_UPDATES:
@@ -187,6 +192,8 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         frame_sd=frame_sd,
         pose_error=_pose_error(preparation.reference, frame_sd),
         time_base_sd=preparation.time_base_sd,
+        axes=turning_axes(preparation.reference) if max(frame_sd) > 0.0 else np.zeros((0, 3)),
+        axis_sd=_AXIS_SD if preparation.recording.settings.robot.angle_sd is None else frame_sd[1],
         lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
     )
 
@@ -223,4 +230,5 @@ def _prior(
         stated=tuple(stated),
         nominal=nominal_parameters(preparation, order),
         expected=expected_effects(preparation),
+        likely=likely_effects(preparation),
     )

@@ -17,8 +17,8 @@ from kreisel.units import STANDARD_GRAVITY
 UNKNOWN_SD = 0.015
 """m/s^2; spread of gravity over the inhabited Earth about standard gravity."""
 
-HEIGHT, HEIGHT_SD = 300.0, 500.0
-"""m; height of a place of which only the latitude is known. Most people live below 500 m, few above 2000 m."""
+HEIGHT, HEIGHT_SD = 500.0, 1100.0
+"""m; height of a place of which only the latitude is known. Most people live below 500 m, but La Paz lies at 3640 m."""
 
 ANOMALY_SD = 3e-4
 """m/s^2; spread of gravity about its normal value at a known latitude and height (free-air anomalies)."""

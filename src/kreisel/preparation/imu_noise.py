@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -18,6 +18,7 @@ from kreisel.inertial.noise import (
     drift_size,
     equivalent_walk,
     high_frequency_density,
+    white_density,
 )
 from kreisel.inertial.readings import Readings
 from kreisel.preparation.preparation import ImuNoise
@@ -31,11 +32,14 @@ _SENSORS: dict[Literal["gyro", "accel"], str] = {"gyro": "gyros", "accel": "acce
 MISSTATED = 4.0
 """Factor by which readings at rest are noisier than stated only if what is stated is of another device."""
 
-DOUBTFUL = 2.0
-"""The same factor from which on it is worth a warning."""
+DOUBTFUL = 1.3
+"""The same factor from which on the noise at rest takes the place of what is stated."""
 
 _QUIET, _PARTS = 200, 100
 """Samples of a part in which noise is looked for, and number of parts."""
+
+_FEW, _BLOCK, _NO_MOTION = 3, 10, 3.0
+"""Parts at rest that are enough, samples of a block, and how much more than white noise its mean may vary at rest."""
 
 _HIDDEN = 0.5
 """Density of slow noise, as a share of that of the white noise, below which its effect on deviations is small."""
@@ -66,38 +70,40 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
     imu = recording.imu
     stated = {name: _stated(recording, name) for name in _SENSORS}
     values = {"gyro": imu.rates, "accel": imu.accelerations}
-    ratios = {name: _quiet(values[name], imu.interval) / (own.density or np.inf) for name, own in stated.items()}
+    at_rest = {name: _at_rest(values[name], imu.interval) for name in stated}
+    ratios = {name: at_rest[name] / (own.density or np.inf) for name, own in stated.items()}
     misstated = [name for name, ratio in ratios.items() if stated[name].given and ratio > MISSTATED]
     if misstated and recording.settings.imu.grade is not None:
         misstated = list(_SENSORS)  # a grade is of both
     stated |= {name: _Stated(None, False, 0.0, None, 0.0) for name in misstated}
-    observed = {
-        name: np.maximum(
-            np.median([high_frequency_density(p, imu.interval) for p in excerpt(values[name])], axis=0), least
-        )
-        for name, least in (("gyro", 1e-7), ("accel", 1e-6))
+    doubtful = {
+        name: ratios[name] for name, own in stated.items() if own.given and own.density and ratios[name] > DOUBTFUL
     }
+    stated |= {name: replace(stated[name], density=at_rest[name]) for name in doubtful}
+    shaken, observed = (
+        {
+            name: np.maximum(np.median([density(p, imu.interval) for p in excerpt(values[name])], axis=0), least)
+            for name, least in (("gyro", 1e-7), ("accel", 1e-6))
+        }
+        for density in (high_frequency_density, white_density)
+    )
     gyro, accel = (stated[name] for name in _SENSORS)
     return ImuNoise(
         gyro=_density(gyro, observed["gyro"]),
         accel=_density(accel, observed["accel"]),
-        gyro_bounds=_bounds(gyro.density, observed["gyro"]),
-        accel_bounds=_bounds(accel.density, observed["accel"]),
+        gyro_bounds=_bounds(gyro.density, observed["gyro"], shaken["gyro"]),
+        accel_bounds=_bounds(accel.density, observed["accel"], shaken["accel"]),
         gyro_walk=gyro.walk,
         accel_walk=accel.walk,
         given=gyro.given and accel.given,
         gyro_offset_sd=gyro.offset_sd,
         accel_offset_sd=accel.offset_sd,
-        gyro_scatter=min(gyro.density or np.inf, _size(observed["gyro"])) * imu.interval**-0.5,
+        gyro_scatter=min(gyro.density or np.inf, _size(shaken["gyro"])) * imu.interval**-0.5,
         gyro_drift=_drift(imu.rates, gyro),
         accel_drift=_drift(imu.accelerations, accel),
-        observed=(_size(observed["gyro"]), _size(observed["accel"])),
+        observed=np.array([observed["gyro"], observed["accel"]]),
         misstated={_SENSORS[name]: ratios[name] for name in misstated},
-        doubtful={
-            _SENSORS[name]: ratios[name]
-            for name in _SENSORS
-            if name not in misstated and stated[name].given and ratios[name] > DOUBTFUL
-        },
+        doubtful={_SENSORS[name]: ratio for name, ratio in doubtful.items()},
     )
 
 
@@ -151,14 +157,21 @@ def _density(stated: _Stated, observed: Array) -> Array:
     return np.maximum(observed, stated.density or 0.0)
 
 
-def _quiet(values: Array, interval: float) -> float:
-    """Return the noise density in the quietest parts of readings (n, 3), rms over the axes; 0 if these are rounded."""
+def _at_rest(values: Array, interval: float) -> float:
+    """Return the noise density of readings (n, 3) at rest, rms over the axes; 0 if they are rounded, or never rest."""
     starts = np.arange(0, max(len(values) - _QUIET, 1), _QUIET)
     chosen = starts[np.linspace(0, starts.size - 1, min(starts.size, _PARTS)).astype(int)]
     parts = [values[start : start + _QUIET] for start in chosen]
     if len(values) < _QUIET or coarse_step(np.concatenate(parts)):
         return 0.0
-    return float(np.percentile([_size(high_frequency_density(part, interval)) for part in parts], 10.0))
+    quiet = [d for part in parts if _rests(part, d := _size(white_density(part, interval)), interval)]
+    return float(np.median(quiet)) if len(quiet) >= _FEW else 0.0
+
+
+def _rests(values: Array, density: float, interval: float) -> bool:
+    """Return whether readings (n, 3) of a noise density show nothing but noise: means over blocks differ as it says."""
+    blocks = values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK, 3).mean(axis=1)
+    return bool(_size(np.std(blocks, axis=0)) < _NO_MOTION * density * (_BLOCK * interval) ** -0.5)
 
 
 def _drift(values: Array, stated: _Stated) -> float:
@@ -175,10 +188,9 @@ def _size(density: Array) -> float:
     return float(np.sqrt(np.mean(density**2)))
 
 
-def _bounds(stated: float | None, observed: Array) -> tuple[float, float]:
-    size = _size(observed)
-    low = stated or _MIN_NOISE_SHARE * size
-    return low, max(low, _MOTION_NOISE * size)
+def _bounds(stated: float | None, observed: Array, shaken: Array) -> tuple[float, float]:
+    low = stated or _MIN_NOISE_SHARE * _size(observed)
+    return low, max(low, _MOTION_NOISE * _size(shaken))
 
 
 def readings_of(recording: Recording, noise: ImuNoise) -> Readings:

@@ -8,6 +8,7 @@ from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.preparation.acceleration_check import AccelerationFit, fit_accelerations
 from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.turning_axes import turns
 from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import MAX_SKEW
@@ -19,6 +20,9 @@ MAX_SENSITIVITY_SD = 0.15
 MIN_SENSITIVITY = 0.02
 """Least singular value of the gyros' cross-coupling matrix; zero means an axis without rotation."""
 
+LITTLE_ROTATION = 0.1
+"""Rotation about one axis, in that about the others, at which noise may hide the sensitivity of a gyro."""
+
 MAX_TURN = 30.0
 """Degrees the accelerometers' axes may be turned against the gyros'; beyond it, columns are in the wrong order."""
 
@@ -27,10 +31,6 @@ MIN_AGREEMENT = 0.6
 
 MIN_ACCELERATION = 0.08
 """m/s^2; standard deviation of accelerations below which the agreement has no meaning."""
-
-MAX_INTERVAL = 0.03
-"""s; usual time between two poses up to which a body may be assumed to turn about a point: slower references show too
-little of its accelerations."""
 
 MAX_CLOCK_DRIFT = 0.004
 """Seconds by which the clocks of a part of a recording may depart from their common relation, beyond uncertainty."""
@@ -86,6 +86,7 @@ def _check_gyros(preparation: Preparation) -> None:
             f"{100 * MAX_SENSITIVITY_SD:.0f} % or better. Turn about all three axes"
         )
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
+        _check_turned(preparation.reference, fit.K_omega)
         raise RecordingError(
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
             f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; different "
@@ -99,6 +100,19 @@ def _check_gyros(preparation: Preparation) -> None:
             "or all three, have the wrong sign, or two columns are swapped; correct signs and order of the columns",
             file=source,
             line=line,
+        )
+
+
+def _check_turned(reference: ReferencePoses, K_omega: Array) -> None:
+    """Raise an error if the body hardly turned about the axis that the gyros show least: noise then decides."""
+    across, _, axes = np.linalg.svd(K_omega)
+    size = np.sqrt(np.mean((turns(reference) @ across) ** 2, axis=0))
+    if size[2] < LITTLE_ROTATION * size.max():
+        axis = "xyz"[int(np.argmax(np.abs(axes[-1])))]
+        raise ExcitationError(
+            f"{reference.source}: the motion is too poor: about the axis of the gyro w_{axis} the body turned by "
+            f"{100 * size[2] / size.max():.1f} % of what it turned about others, which does not show its sensitivity. "
+            "Turn about all three axes"
         )
 
 
@@ -128,7 +142,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     reference = preparation.reference
     F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
     in_order = np.linalg.det(F) > 0.0 and _angle(F) < MAX_TURN
-    about_a_point = not fit.separable and reference.interval < MAX_INTERVAL
+    about_a_point = not fit.separable
     agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or about_a_point
     if not (in_order and agreed):
         reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)

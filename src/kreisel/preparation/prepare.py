@@ -89,7 +89,7 @@ def prepare_recording(
         imu = recording.imu
         correlation, readings, fit = _compared(recording, reference, imu_noise, together)
     site, of_site = site_of(recording)
-    noise, stillness = assumed_noise(recording.settings, reference), imu_stillness(imu)
+    noise, stillness = assumed_noise(recording, reference), imu_stillness(imu)
     standstills = find_standstills(stillness, reference, fit.clock, noise)
     accelerometers = _accelerometers(readings, fit, reference, site.gravity, standstills)
     noise = with_measured_jitter(noise, reference, standstills, fit.clock)
@@ -245,8 +245,9 @@ def _misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
     ] + [
         DataWarning(
             "noise",
-            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated: if imu.grade or imu.…_noise_density are "
-            "not of this device, leave them out; a grade also states how large its offsets are",
+            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated, and their noise at rest is used: if "
+            "imu.grade or imu.…_noise_density are not of this device, leave them out; a grade also states how large "
+            "its offsets are",
         )
         for sensors, ratio in noise.doubtful.items()
     ]

@@ -8,8 +8,7 @@ import numpy as np
 
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
-from kreisel.recording.recording import ReferencePoses
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording import Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
 
 _DEFAULTS = {
@@ -18,10 +17,10 @@ _DEFAULTS = {
 }
 
 
-def assumed_noise(settings: RecordingSettings, reference: ReferencePoses) -> ReferenceNoise:
+def assumed_noise(recording: Recording, reference: ReferencePoses) -> ReferenceNoise:
     """Return the noise the recording's settings state, with defaults where they state none."""
-    table = settings.reference
-    defaults = _DEFAULTS[table.kind or "robot"]
+    table = recording.settings.reference
+    defaults = _DEFAULTS[recording.reference_kind]
     position = table.position_sd or defaults[0]
     orientation = table.orientation_sd or defaults[1]
     still_position = table.standstill_position_sd or min(position, defaults[2])

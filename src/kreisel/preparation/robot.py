@@ -9,7 +9,7 @@ from kreisel.model.robot import RobotModel
 from kreisel.recording.joint_checks import angles_at, distance, in_degrees, near
 from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import parse_arm
+from kreisel.robot.description import parse_arm
 from kreisel.units import DEG
 
 LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
@@ -37,10 +37,6 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     if recording.urdf is None:
         message = "there are joint angles, but no robot.urdf: with it, the robot's own errors would be estimated too"
         return None, [DataWarning("robot", f"{message}; they are treated as noise")]
-    try:
-        kinematics.pinocchio()
-    except RobotError as error:
-        return None, [DataWarning("robot", f"{error}; without it, the robot's geometric errors are treated as noise")]
     arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
     if joints.angles.shape[1] != len(arm.joints):
         raise RobotError(

@@ -37,6 +37,9 @@ _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
 _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 """rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""
 
+_MEMS = 1e-5
+"""rad/s/sqrt(Hz): gyros with more noise are micromechanical."""
+
 _UNKNOWN_G_SENSITIVITY, _LEAST_G_SENSITIVITY = 2e-4, 1e-6
 """rad/s per m/s^2; deviation for gyros without a grade, and least one by grade."""
 
@@ -189,6 +192,13 @@ def expected_effects(preparation: Preparation) -> tuple[str, ...]:
         return ()
     sizes = {"gyro_g_sensitivity": grade.g_sensitivity, "gyro_g_squared": grade.g_squared}
     return tuple(group for group, size in sizes.items() if size > 0.0)
+
+
+def likely_effects(preparation: Preparation) -> tuple[str, ...]:
+    """Return the effects that a device of no stated grade has as likely as not: most inexpensive gyros have this."""
+    table, noise = preparation.recording.settings.imu, preparation.imu_noise
+    inexpensive = float(np.max(noise.observed[0])) > _MEMS
+    return ("gyro_g_sensitivity",) if table.grade is None and inexpensive else ()
 
 
 def _g_sensitivity(preparation: Preparation) -> float:

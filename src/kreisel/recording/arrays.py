@@ -16,11 +16,11 @@ from kreisel.recording.checks import check_streams
 from kreisel.recording.header import HeaderUnits
 from kreisel.recording.location import ARRAYS
 from kreisel.recording.nanoseconds import in_nanoseconds
-from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import NO_STAMP, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, what_is_wrong
 
-_SLOWEST, _FASTEST = 2.5e9, 4e4
-"""Steps between stamps that devices have, ns."""
+_SLOWEST_IMU, _SLOWEST_POSES, _FASTEST = 2.5, 100.0, 4e4
+"""Longest steps between stamps, s, and the shortest, ns, that devices have."""
 
 _MAX_SECONDS = 9e9
 
@@ -41,7 +41,7 @@ def recording_from_arrays(
     name: str = "arrays",
 ) -> Recording:
     """Return a recording, checked as one from files; see `Recording.from_arrays`."""
-    stamps = _stamps(imu_stamps, "imu_stamps")
+    stamps = _stamps(imu_stamps, "imu_stamps", _SLOWEST_IMU)
     n = stamps.size
     warm = None if temperature is None else _numbers(temperature, "temperature", n, None)
     imu = ImuSamples(
@@ -107,10 +107,6 @@ def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Arra
     if not fits:
         hint = "; transpose it" if out.ndim == 2 and out.shape[1] == size else ""
         raise RecordingError(f"{name}: got the shape {out.shape}, expected ({', '.join(map(str, shape))}){hint}")
-    bad = np.argwhere(~np.isfinite(out))
-    if bad.size:
-        place = ", ".join(map(str, bad[0]))
-        raise RecordingError(f"{name}[{place}] is {out[tuple(bad[0])]}; expected finite numbers; remove this row")
     return out
 
 
@@ -122,37 +118,36 @@ def _check_kind(values: ArrayLike, name: str) -> None:
         raise RecordingError(f"{name}: complex numbers, expected real ones")
 
 
-def _stamps(values: ArrayLike, name: str) -> Stamps:
-    """Return stamps in ns: of integers in ns, floats in s, or dates."""
+def _stamps(values: ArrayLike, name: str, slowest: float = _SLOWEST_POSES) -> Stamps:
+    """Return stamps in ns: of integers in ns, floats in s (steps up to `slowest`), or dates; NO_STAMP where none is."""
     _check_kind(values, name)
     stamps = np.asarray(values)
     if stamps.ndim != 1 or stamps.size < 2:
         raise RecordingError(f"{name}: got the shape {stamps.shape}, expected (n,)")
     kind = stamps.dtype.kind
     if kind == "M":
-        if np.isnat(stamps).any():
-            raise RecordingError(f"{name}[{int(np.argmax(np.isnat(stamps)))}] is no date; remove this row")
-        return stamps.astype("datetime64[ns]").astype(np.int64)
+        return np.where(np.isnat(stamps), NO_STAMP, stamps.astype("datetime64[ns]").astype(np.int64))
     if kind not in "iuf":
         raise RecordingError(
             f"{name}: got values of type {stamps.dtype}, expected seconds as floats, nanoseconds as integers, or dates"
         )
     if kind == "f":
-        bad = np.flatnonzero(~np.isfinite(stamps))
-        if bad.size:
-            raise RecordingError(f"{name}[{int(bad[0])}] is {stamps[bad[0]]}; expected finite numbers; remove this row")
-        step = float(np.median(np.abs(np.diff(stamps))))
-        if step > 1e-9 * _SLOWEST or np.abs(stamps).max() > _MAX_SECONDS:
+        known = np.isfinite(stamps)
+        if known.sum() < 2:
+            raise RecordingError(f"{name}: {int(known.sum())} of {stamps.size} are finite numbers")
+        largest = float(np.abs(stamps[known]).max())
+        step = float(np.median(np.abs(np.diff(stamps[known]))))
+        if step > slowest or largest > _MAX_SECONDS:
             raise RecordingError(
                 f"{name}: floats are seconds, but the usual step is {step:.4g} s; give nanoseconds as integers"
             )
-        resolved = float(np.spacing(np.abs(stamps).max()))
+        resolved = float(np.spacing(stamps.dtype.type(largest)))
         if resolved > 0.01 * step:
             raise RecordingError(
                 f"{name}: {stamps.dtype} resolves {resolved:.2g} s only, and the usual step is {step:.4g} s; give "
                 "float64, or nanoseconds as integers"
             )
-        return in_nanoseconds(stamps.astype(np.float64), 1e9)
+        return np.where(known, in_nanoseconds(np.where(known, stamps, 0.0).astype(np.float64), 1e9), NO_STAMP)
     if stamps.max() > 9e18 or stamps.min() < -9e18:
         raise RecordingError(f"{name}: integers are nanoseconds; {stamps.max()} does not fit 64 bits")
     whole = stamps.astype(np.int64)

@@ -11,6 +11,8 @@ from dataclasses import replace
 from kreisel.recording.digest import digest
 from kreisel.recording.imu_checks import check_imu
 from kreisel.recording.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
+from kreisel.recording.missing import without_missing
+from kreisel.recording.ordering import in_order
 from kreisel.recording.pose_checks import check_poses, stamped_poses
 from kreisel.recording.recording import Recording
 from kreisel.recording.sampling import regularly_sampled, with_lateness, with_restarts
@@ -29,7 +31,7 @@ __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
 
 def check_streams(recording: Recording) -> Recording:
-    """Return the recording with warnings added, quaternions of unit length, and without repeated rows.
+    """Return the recording with warnings added, in order, quaternions of unit length, without empty and repeated rows.
 
     Raises
     ------
@@ -37,13 +39,14 @@ def check_streams(recording: Recording) -> Recording:
         For the first fault that would make results wrong.
     """
     recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
+    recording = in_order(without_missing(recording))
     imu, sampling = regularly_sampled(with_restarts(recording.imu, moved=recording.reference is not None))
     reference, joints = recording.reference, recording.joints
-    check_stamps(imu.stamps_ns, imu.source, "IMU")
-    stamped = Stamped(imu.stamps_ns, imu.source, "samples", 20.0, 20e3, imu.units.time)
+    check_stamps(imu, "IMU")
+    stamped = Stamped(imu.stamps_ns, imu.source, "samples", 5.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
-    warnings = sampling + gap_warnings(imu.stamps_ns, imu.source, LONG_GAP, imu.restarts_ns)
+    warnings = sampling + gap_warnings(imu, LONG_GAP)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if joints is not None:
@@ -57,4 +60,8 @@ def check_streams(recording: Recording) -> Recording:
         warnings += found
         if reference is not None:
             warnings += joint_stamp_warnings(joints, reference)
+    # rows of the files are named by the checks alone
+    imu = replace(imu, rows=None)
+    reference = None if reference is None else replace(reference, rows=None)
+    joints = None if joints is None else replace(joints, rows=None)
     return replace(recording, imu=imu, reference=reference, joints=joints).with_warnings(*warnings)

@@ -16,7 +16,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.recording.finite import check_finite
 from kreisel.recording.header import UNITS
-from kreisel.recording.location import and_more, fault, is_table, rows, wrong_unit
+from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.masking import CHANNELS, without_faults, without_repeats
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
@@ -40,7 +40,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
         For the first fault that would make results wrong.
     """
     for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
-        check_finite(columns, names, imu.source)
+        check_finite(columns, names, imu)
     check_temperature(imu)
     _check_filled(imu)
     check_gravity(imu)
@@ -57,7 +57,7 @@ def check_temperature(imu: ImuSamples) -> None:
     """Raise an error for temperatures that no working sensor has; without a column there is nothing to check."""
     if imu.temperature is None:
         return
-    check_finite(imu.temperature[:, None], ("temperature",), imu.source)
+    check_finite(imu.temperature[:, None], ("temperature",), imu)
     low, high = float(imu.temperature.min()), float(imu.temperature.max())
     if not (low > _COLDEST and high < _HOTTEST):
         raise RecordingError(
@@ -79,17 +79,9 @@ def _as_warnings(warnings: list[DataWarning], *, moved: bool) -> Iterator[None]:
 
 
 def _check_filled(imu: ImuSamples) -> None:
-    """Raise an error for samples whose accelerations are all zero: gravity is always measured."""
-    empty = np.flatnonzero((imu.accelerations == 0.0).all(axis=1))
-    if empty.size == imu.stamps_ns.size:
+    """Raise an error if all accelerations are zero: gravity is always measured."""
+    if not imu.accelerations.any():
         raise RecordingError("all accelerations are zero: record the accelerometers too", file=imu.source)
-    if empty.size:
-        raise fault(
-            imu.source,
-            f"all accelerations are exactly zero here{and_more(empty.size - 1, rows(imu.source))}, but gravity is "
-            f"always measured: lost samples were filled with zeros; delete these {rows(imu.source)} (a gap is bridged)",
-            int(empty[0]),
-        )
 
 
 def check_gravity(imu: ImuSamples) -> None:

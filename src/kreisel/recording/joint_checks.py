@@ -14,7 +14,7 @@ from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.stamp_checks import check_stamps
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm, parse_arm
+from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
 
 SAME_FRAME = (5e-3, 5e-3)
@@ -38,9 +38,9 @@ def check_joints(joints: JointAngles) -> None:
     RecordingError
         With the first place where they do not.
     """
-    check_stamps(joints.stamps_ns, joints.source, "joint angle")
+    check_stamps(joints, "joint angle")
     names = tuple(f"q_{k + 1}" for k in range(joints.angles.shape[1]))
-    check_finite(joints.angles, names, joints.source)
+    check_finite(joints.angles, names, joints)
 
 
 def joint_stamp_warnings(joints: JointAngles, reference: ReferencePoses) -> list[DataWarning]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.location import and_more, at, fault, rows
-from kreisel.recording.recording import DataWarning, ImuSamples, Stamps, chunks
+from kreisel.recording.recording import DataWarning, ImuSamples, Stamps, chunks, rows_of
 from kreisel.recording.stamp_checks import runs
 
 CHANNELS = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")
@@ -213,7 +213,7 @@ def _check_share(kind: _Found, imu: ImuSamples) -> None:
     count = int(kind.samples.sum())
     if count > kind.most * kind.samples.size:
         places = runs(kind.samples)[0].size
-        raise fault(imu.source, f"{kind.text}{and_more(places - 1, 'places')}; {kind.advice}", kind.place)
+        raise fault(imu.source, f"{kind.text}{and_more(places - 1, 'places')}; {kind.advice}", imu.row_of(kind.place))
 
 
 def _warning(kind: _Found, imu: ImuSamples, *, moved: bool, breaks: bool) -> DataWarning:
@@ -224,7 +224,7 @@ def _warning(kind: _Found, imu: ImuSamples, *, moved: bool, breaks: bool) -> Dat
         return DataWarning("imu", f"{kind.text}{more}; {kind.advice}")
     end = "navigation starts anew behind them" if breaks else "the motion is bridged"
     left_out = f"{count} samples are left out, and {end}" if count > 1 else "this sample is left out"
-    return DataWarning("masked", f"{at(imu.source, kind.place)}: {kind.text}{more}; {left_out}")
+    return DataWarning("masked", f"{at(imu.source, imu.row_of(kind.place))}: {kind.text}{more}; {left_out}")
 
 
 def without_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
@@ -248,8 +248,8 @@ def without_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     return part_of(imu, keep), [DataWarning("repeats", text)]
 
 
-def part_of(imu: ImuSamples, keep: Mask) -> ImuSamples:
-    """Return the samples that a mask selects."""
+def part_of(imu: ImuSamples, keep: Mask | Indices) -> ImuSamples:
+    """Return the samples that a mask or indices select."""
     temperature = None if imu.temperature is None else imu.temperature[keep]
     return replace(
         imu,
@@ -257,6 +257,7 @@ def part_of(imu: ImuSamples, keep: Mask) -> ImuSamples:
         rates=imu.rates[keep],
         accelerations=imu.accelerations[keep],
         temperature=temperature,
+        rows=rows_of(imu.rows, imu.stamps_ns.size, keep),
     )
 
 

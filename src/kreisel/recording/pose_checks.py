@@ -10,6 +10,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.finite import check_finite
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
 from kreisel.recording.masking import first_of_each
+from kreisel.recording.missing import POSITION, QUATERNION
 from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
 from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
@@ -22,12 +23,15 @@ MAX_INTERPOLATED = 0.02
 _SHORT = 0.01
 _LONG_FREEZE = 8
 _MAX_IN_A_ROW = 3
+_AWAY = 2.0
 _FAST = 20.0
+_QUICK = (5.0, 10.0)
+"""m/s and rad/s; steps from pose to pose that are slower than this may be motion, however large they are."""
 
 
 def stamped_poses(reference: ReferencePoses) -> Stamped:
     """Return the poses' stamps, with the rates that are usual for poses."""
-    return Stamped(reference.stamps_ns, reference.source, "poses", 0.5, 20e3, reference.units.time)
+    return Stamped(reference.stamps_ns, reference.source, "poses", 0.01, 20e3, reference.units.time)
 
 
 def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[DataWarning]]:
@@ -44,22 +48,20 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
         For the first fault that would make results wrong.
     """
     source = reference.source
-    check_stamps(reference.stamps_ns, source, "pose")
+    check_stamps(reference, "pose")
     check_rate(stamped_poses(reference), imu)
     check_duration(stamped_poses(reference), imu)
     warnings: list[DataWarning] = []
     if reference.positions is not None:
-        check_finite(reference.positions, ("p_x", "p_y", "p_z"), source)
+        check_finite(reference.positions, POSITION, reference)
     if reference.quaternions is not None:
-        check_finite(reference.quaternions, ("q_w", "q_x", "q_y", "q_z"), source)
+        check_finite(reference.quaternions, QUATERNION, reference)
         reference = _normalised(_without_flips(reference, warnings), warnings)
-    kept = np.arange(reference.stamps_ns.size)
-    for choose in (_near, _fresh):
-        keep = choose(reference, kept, warnings)
+    for choose in (_near, _tracked, _live, _fresh):
+        keep = choose(reference, warnings)
         if not keep.all():
-            reference, kept = reference.part(keep), kept[keep]
-    _check_frozen(reference, kept)
-    _check_jumps(reference, kept)
+            reference = reference.part(keep)
+    _check_jumps(reference)
     _check_metres(reference)
     long = gaps(reference.stamps_ns, 1.0)
     if long.size:
@@ -98,19 +100,12 @@ def _normalised(reference: ReferencePoses, warnings: list[DataWarning]) -> Refer
     bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
     if bad.size:
         k = int(bad[0])
-        more = and_more(bad.size - 1, rows(source))
-        if norm[k] < 1e-3:
-            raise fault(
-                source,
-                f"a quaternion of zeros here{more}, as is written where tracking was lost; delete these {rows(source)} "
-                "(a gap is bridged)",
-                k,
-            )
         raise fault(
             source,
-            f"the quaternion has the length {norm[k]:.4g}, expected 1 within 1 %, here{more}; check that the columns "
-            "are q_w, q_x, q_y, q_z, and normalise them",
-            k,
+            f"the quaternion has the length {norm[k]:.4g}, expected 1 within 1 %, here"
+            f"{and_more(bad.size - 1, rows(source))}; check that the columns are q_w, q_x, q_y, q_z, and normalise "
+            "them",
+            reference.row_of(k),
         )
     q = q / norm[:, None]
     flips = int(np.sum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0))
@@ -169,21 +164,97 @@ def _stalls(reference: ReferencePoses) -> tuple[Indices, Indices]:
     return starts[ended], stops[ended]
 
 
-def _check_frozen(reference: ReferencePoses, kept: Indices) -> None:
-    """Raise an error where the poses repeat and then jump: a robot starts gradually."""
+def _live(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
+    """Return the mask without poses that repeat for long and then jump: tracking was lost.
+
+    Nothing starts to move that suddenly.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many of them.
+    """
     steps = _Steps.of(reference)
     shift, turn = steps.usual(90.0)
     starts, stops = _stalls(reference)
     frozen = (stops - starts >= _LONG_FREEZE) & (steps.above(4.0 * shift, 4.0 * turn) & _in_time(reference))[stops]
+    keep = first_of_each(reference.stamps_ns.size, starts[frozen], stops[frozen])
     if frozen.any():
         k = int(np.flatnonzero(frozen)[0])
-        raise fault(
-            reference.source,
-            f"the pose is frozen for {stops[k] - starts[k] + 1} {rows(reference.source)}, then jumps by "
-            f"{steps.text(int(stops[k]))}{and_more(int(frozen.sum()) - 1, 'places')}: tracking was lost; delete these "
-            f"{rows(reference.source)} (a gap is bridged)",
-            int(kept[starts[k] + 1]),
+        what = (
+            f"poses are frozen, in {_times(int(frozen.sum()))}, and then jump (here by {steps.text(int(stops[k]))}): "
+            "tracking was lost"
         )
+        _leave_out(reference, keep, what, int(starts[k]) + 1, warnings)
+    return keep
+
+
+def _tracked(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
+    """Return the mask without poses that jump away for up to two seconds and return to where the body moves on.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many of them.
+    """
+    steps = _Steps.of(reference)
+    jumps = np.flatnonzero(steps.above(*_impossible(reference, steps)) & _in_time(reference))
+    keep, places, last, here = np.ones(reference.stamps_ns.size, dtype=bool), 0, -1, -1
+    for i, first in enumerate(jumps.tolist()):
+        if first <= last:
+            continue
+        for second in jumps[i + 1 :].tolist():
+            if reference.stamps_ns[second + 1] - reference.stamps_ns[first] > 1e9 * _AWAY:
+                break
+            if _returns(reference, steps, first, second):
+                keep[first + 1 : second + 1] = False
+                places, last, here = places + 1, second, first if here < 0 else here
+                break
+    if places:
+        what = (
+            f"poses jump away and return within {_AWAY:g} s, in {_times(places)} (here by {steps.text(here)}): "
+            "tracking was lost, or markers were taken for each other"
+        )
+        _leave_out(reference, keep, what, here + 1, warnings)
+    return keep
+
+
+def _returns(reference: ReferencePoses, steps: _Steps, first: int, second: int) -> bool:
+    """Return whether the pose after the second of two jumps is about where it was before the first."""
+    across = _Steps.of(reference.part(np.array([first, second + 1])))
+    over = np.array([across.shift[0], across.turn[0]])
+    back = np.minimum([steps.shift[first], steps.turn[first]], [steps.shift[second], steps.turn[second]])
+    jumped = back > _impossible(reference, steps)
+    return bool(jumped.any() and np.all(over[jumped] < 0.5 * back[jumped]))
+
+
+def _times(count: int) -> str:
+    return "one place" if count == 1 else f"{count} places"
+
+
+def _leave_out(reference: ReferencePoses, keep: Mask, what: str, first: int, warnings: list[DataWarning]) -> None:
+    """Add the warning about poses that are left out.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many of them.
+    """
+    gone = int(np.sum(~keep))
+    if gone > MAX_OUTLIERS * keep.size:
+        raise fault(
+            reference.source, f"{what}; {gone} of {keep.size} poses, expected {MAX_OUTLIERS:.0%} at the most",
+            reference.row_of(first),
+        )  # fmt: skip
+    warnings.append(
+        DataWarning("outliers", f"{reference.source.parent.name}: {what}; {gone} of {keep.size} poses were left out")
+    )
+
+
+def _impossible(reference: ReferencePoses, steps: _Steps) -> tuple[float, float]:
+    """Return steps from pose to pose, m and rad, that are no motion."""
+    (shift, turn), dt = steps.usual(90.0), reference.interval
+    return max(0.25, _QUICK[0] * dt, _FAST * shift), max(0.7, _QUICK[1] * dt, _FAST * turn)
 
 
 def _in_time(reference: ReferencePoses) -> Mask:
@@ -192,13 +263,13 @@ def _in_time(reference: ReferencePoses) -> Mask:
     return np.asarray(dt < 3.0 * float(np.median(dt)))
 
 
-def _fresh(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
+def _fresh(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
     """Return the mask of the poses that do not only repeat the one before while the body moves."""
     steps = _Steps.of(reference)
     starts, stops = _stalls(reference)
     stale = (stops - starts < _LONG_FREEZE) & steps.above(*steps.usual(50.0))[stops]
-    keep = first_of_each(kept.size, starts[stale], stops[stale])
-    if np.sum(~keep) > 0.1 * kept.size:
+    keep = first_of_each(reference.stamps_ns.size, starts[stale], stops[stale])
+    if np.sum(~keep) > 0.1 * keep.size:
         # standstills are logged as often as motion: thin both alike, so that the rate is the same everywhere
         every = round(float(np.mean(stops[stale] - starts[stale]))) + 1
         for start, stop in zip(starts[~stale], stops[~stale], strict=True):
@@ -214,7 +285,7 @@ def _fresh(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]
     return keep
 
 
-def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning]) -> Mask:
+def _near(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
     """Return the mask without up to three poses in a row that jump away from their neighbours, which agree.
 
     Raises
@@ -224,12 +295,13 @@ def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning])
     """
     steps = _Steps.of(reference)
     shift, turn = steps.usual(25.0)
-    keep = np.ones(kept.size, dtype=bool)
-    for length in range(1, 1 + min(_MAX_IN_A_ROW, kept.size - 2)):
+    dt = reference.interval
+    keep = np.ones(reference.stamps_ns.size, dtype=bool)
+    for length in range(1, 1 + min(_MAX_IN_A_ROW, keep.size - 2)):
         over = _Steps.of(reference, length + 1)
         for step, across, limit in (
-            (steps.shift, over.shift, max(0.05, 10.0 * shift)),
-            (steps.turn, over.turn, max(0.1, 10.0 * turn)),
+            (steps.shift, over.shift, max(0.05, _QUICK[0] * dt, 10.0 * shift)),
+            (steps.turn, over.turn, max(0.1, _QUICK[1] * dt, 10.0 * turn)),
         ):
             away, back = step[:-length], step[length:]
             out = np.minimum(away, back)
@@ -243,7 +315,7 @@ def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning])
             reference.source,
             f"{out.size} of {keep.size} poses jump away from their neighbours (here by {steps.text(int(out[0]) - 1)}): "
             "markers were lost or swapped, or poses of another body are among them; record the reference again",
-            int(kept[out[0]]),
+            reference.row_of(int(out[0])),
         )
     warnings.append(
         DataWarning(
@@ -256,11 +328,10 @@ def _near(reference: ReferencePoses, kept: Indices, warnings: list[DataWarning])
     return keep
 
 
-def _check_jumps(reference: ReferencePoses, kept: Indices) -> None:
+def _check_jumps(reference: ReferencePoses) -> None:
     """Raise an error where the pose jumps and stays there: another run, swapped markers, a frame set anew."""
     steps = _Steps.of(reference)
-    shift, turn = steps.usual(90.0)
-    jumps = steps.above(max(0.25, _FAST * shift), max(0.7, _FAST * turn)) & _in_time(reference)
+    jumps = steps.above(*_impossible(reference, steps)) & _in_time(reference)
     where = np.flatnonzero(jumps)
     if where.size:
         k = int(where[0])
@@ -268,7 +339,7 @@ def _check_jumps(reference: ReferencePoses, kept: Indices) -> None:
             reference.source,
             f"the pose jumps by {steps.text(k)} from one to the next{and_more(where.size - 1, 'places')}: poses of "
             "another run, swapped markers, or a frame set anew; split the recording here",
-            int(kept[k + 1]),
+            reference.row_of(k + 1),
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,12 @@ from kreisel.recording.header import NO_UNITS, HeaderUnits
 from kreisel.recording.settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
+
+NO_STAMP = int(np.iinfo(np.int64).min)
+"""In the place of a stamp that is missing in a file; `missing` leaves these rows out."""
+
+Rows = NDArray[np.int64]
+"""Numbers of rows as in the file, counted from 0."""
 
 CHUNK = 1 << 17
 """Rows of one chunk of a long recording, which does not fit into memory at once."""
@@ -40,6 +46,11 @@ def angles_over(q: Array, stride: int) -> Array:
         later = q[part.start + stride : part.stop + stride]
         angle[part] = np.linalg.norm(log(multiply(conjugate(q[part]), later)), axis=1)
     return angle
+
+
+def rows_of(rows: Rows | None, size: int, keep: slice | NDArray[np.bool_] | Rows) -> Rows:
+    """Return the numbers of rows that a slice, a mask or indices select; `rows` is None where all `size` were there."""
+    return np.arange(size)[keep] if rows is None else rows[keep]
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,8 @@ class ImuSamples:
     broken_ns : (k,)
         Stamps of samples that were left out because nobody knows what they should have been: the motion must not be
         bridged there.
+    rows : (n,) or None
+        Which rows of the source the samples are, while the streams are checked and some were left out or sorted.
     """
 
     stamps_ns: Stamps
@@ -93,6 +106,11 @@ class ImuSamples:
     restarts_ns: Stamps = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     placed_sd: float = 0.0
     stretch: float = 0.0
+    rows: Rows | None = None
+
+    def row_of(self, place: int) -> int:
+        """Return the row of the source that a sample is, for messages."""
+        return place if self.rows is None else int(self.rows[place])
 
     @cached_property
     def usual_temperature(self) -> float | None:
@@ -131,6 +149,8 @@ class ReferencePoses:
         By how much rounded stamps may all be late, s; 0 where they are exact.
     doubtful : (m,) or None
         Poses of which the moment is not known well enough to be used by the filter.
+    rows : (m,) or None
+        Which rows of the source the poses are; see `ImuSamples`.
     """
 
     name: str
@@ -141,6 +161,11 @@ class ReferencePoses:
     units: HeaderUnits = NO_UNITS
     lateness: float = 0.0
     doubtful: NDArray[np.bool_] | None = None
+    rows: Rows | None = None
+
+    def row_of(self, place: int) -> int:
+        """Return the row of the source that a pose is, for messages."""
+        return place if self.rows is None else int(self.rows[place])
 
     @cached_property
     def seconds(self) -> Array:
@@ -156,25 +181,36 @@ class ReferencePoses:
         """Return the poses with other quaternions."""
         return replace(self, quaternions=quaternions)
 
-    def part(self, keep: slice | NDArray[np.bool_]) -> ReferencePoses:
-        """Return the poses that a slice or a mask selects."""
+    def part(self, keep: slice | NDArray[np.bool_] | Rows) -> ReferencePoses:
+        """Return the poses that a slice, a mask or indices select."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[keep],
             positions=None if self.positions is None else self.positions[keep],
             quaternions=None if self.quaternions is None else self.quaternions[keep],
             doubtful=None if self.doubtful is None else self.doubtful[keep],
+            rows=rows_of(self.rows, self.stamps_ns.size, keep),
         )
 
 
 @dataclass(frozen=True)
 class JointAngles:
-    """Joint angles (m, joints) in rad, on the robot's clock."""
+    """Joint angles (m, joints) in rad, on the robot's clock; `rows` as of `ImuSamples`."""
 
     stamps_ns: Stamps
     angles: Array
     source: Path
     units: HeaderUnits = NO_UNITS
+    rows: Rows | None = None
+
+    def row_of(self, place: int) -> int:
+        """Return the row of the source that angles are, for messages."""
+        return place if self.rows is None else int(self.rows[place])
+
+    def part(self, keep: NDArray[np.bool_] | Rows) -> JointAngles:
+        """Return the angles that a mask or indices select."""
+        rows = rows_of(self.rows, self.stamps_ns.size, keep)
+        return replace(self, stamps_ns=self.stamps_ns[keep], angles=self.angles[keep], rows=rows)
 
 
 @dataclass(frozen=True)
@@ -188,6 +224,10 @@ class Datasheet:
     accel_noise_density: float
     gyro_random_walk: float
     accel_random_walk: float
+
+
+_NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
+"""Starts of the names of references that are not robots."""
 
 
 @dataclass(frozen=True)
@@ -251,6 +291,14 @@ class Recording:
     def name(self) -> str:
         """Name of the recording's folder or file."""
         return self.path.resolve().name
+
+    @property
+    def reference_kind(self) -> Literal["robot", "mocap"]:
+        """Kind of the reference: as stated, or by its name as in EuRoC recordings."""
+        stated = self.settings.reference.kind
+        if stated is not None:
+            return stated
+        return "mocap" if self.reference is not None and self.reference.name.startswith(_NO_ROBOT) else "robot"
 
     def with_warnings(self, *warnings: DataWarning) -> Recording:
         """Return the recording with further warnings."""

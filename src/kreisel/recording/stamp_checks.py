@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.header import UNITS
-from kreisel.recording.location import and_more, at, fault, is_mapped, is_table, rows
-from kreisel.recording.recording import DataWarning, Stamps
+from kreisel.recording.location import ARRAYS, and_more, at, fault, is_mapped, is_table, rows
+from kreisel.recording.recording import DataWarning, ImuSamples, Stamps
 
 MIN_SECONDS = 5.0
 """Seconds of recording needed for a calibration."""
@@ -35,7 +36,22 @@ def gaps(stamps_ns: Stamps, longest: float) -> NDArray[np.int64]:
     return np.flatnonzero(steps > max(longest * 1e9, 5.0 * float(np.median(steps))))
 
 
-def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
+class Rows(Protocol):
+    """Rows of a stream, each with its stamp, and its place in the source."""
+
+    @property
+    def stamps_ns(self) -> Stamps:
+        """Stamps, (n,)."""
+
+    @property
+    def source(self) -> Path:
+        """File, or bag and topic."""
+
+    def row_of(self, place: int) -> int:
+        """Return the row of the source."""
+
+
+def check_stamps(stream: Rows, what: str) -> None:
     """Raise an error unless stamps ascend without duplicates and without a jump.
 
     Parameters
@@ -48,6 +64,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
     RecordingError
         With the first place where they do not.
     """
+    stamps, source = stream.stamps_ns, stream.source
     if stamps.size < 10:
         raise RecordingError(
             f"holds {stamps.size} {what} {rows(source)}; expected 10 or more: record longer", file=source
@@ -55,7 +72,8 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
     distance = np.abs(stamps - np.median(stamps))
     if distance.max() > 4e18:  # differences of 64 bit integers would overflow
         k = int(np.argmax(distance))
-        raise fault(source, f"the stamp {stamps[k]} ns is far from all others; repair or delete the row", k)
+        raise fault(source, f"the stamp {stamps[k]} ns is far from all others; repair or delete the row",
+                    stream.row_of(k))  # fmt: skip
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
     if back.size:
@@ -64,7 +82,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
             source,
             f"stamps run backwards by {-steps[k] * 1e-9:.6g} s here{and_more(back.size - 1, 'places')}; "
             f"sort the {rows(source)}, or split the recording where the clock was reset",
-            k + 1,
+            stream.row_of(k + 1),
         )
     same = np.flatnonzero(steps == 0)
     if same.size > 0.2 * steps.size:
@@ -72,13 +90,13 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
             source,
             f"{same.size} of {stamps.size} stamps repeat the one before: they have lost their last digits, as when "
             "seconds or milliseconds were rounded; write them with all digits",
-            int(same[0]) + 1,
+            stream.row_of(int(same[0]) + 1),
         )
     if same.size:
         raise fault(
             source,
             f"the stamp {stamps[same[0]]} occurs twice{and_more(same.size - 1, rows(source))}; delete the duplicates",
-            int(same[0]) + 1,
+            stream.row_of(int(same[0]) + 1),
         )
     usual = float(np.median(steps))
     far = np.flatnonzero(steps > max(600e9, 1e4 * usual))
@@ -88,7 +106,7 @@ def check_stamps(stamps: Stamps, source: Path, what: str) -> None:
             source,
             f"stamps jump by {steps[k] * 1e-9:.6g} s here (usual step {usual * 1e-9:.4g} s): "
             "the clock was set during the recording; split the recording here",
-            k + 1,
+            stream.row_of(k + 1),
         )
 
 
@@ -212,6 +230,8 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
     if not fitting:
         also = "" if other is None else f" and {other.name}"
         return f"; no unit of stamps fits their rate, their duration{also}: check how the stamps are made"
+    if stream.source.parent == ARRAYS:
+        return f"; they look like {units}: give seconds as floats, or nanoseconds as integers"
     if is_mapped(stream.source):
         named = f"they are read in [{stream.unit}], but " if stream.unit else ""
         return f"; {named}they look like {units}: write that unit behind their column in the mapping"
@@ -221,12 +241,18 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
     return f"; {stated}they look like {units}: write '#timestamp [{fitting[0]}]' into the header"
 
 
-def gap_warnings(stamps: Stamps, source: Path, longest: float, restarts: Stamps) -> list[DataWarning]:
-    """Return the warnings about missing samples: one for all bridged gaps, one for each long gap, none for restarts."""
+def gap_warnings(imu: ImuSamples, longest: float) -> list[DataWarning]:
+    """Return the warnings about missing samples: one for all bridged gaps, one for each long gap, none for restarts.
+
+    Bridged gaps in which rows of the file were left out have a warning already.
+    """
+    stamps, source = imu.stamps_ns, imu.source
     steps = np.diff(stamps) * 1e-9
     usual = float(np.median(steps))
     long = gaps(stamps, longest)
     short = np.setdiff1d(np.flatnonzero(steps > 1.6 * usual), long)
+    if imu.rows is not None:
+        short = short[np.diff(imu.rows)[short] < np.round(steps[short] / usual)]
     warnings, name = [], source.parent.name
     if short.size:
         lost = float(np.sum(steps[short] / usual - 1.0))
@@ -238,9 +264,9 @@ def gap_warnings(stamps: Stamps, source: Path, longest: float, restarts: Stamps)
             )
         )
     for k in long:
-        if stamps[k + 1] in restarts:
+        if stamps[k + 1] in imu.restarts_ns:
             continue
-        where = at(source, int(k))
+        where = at(source, imu.row_of(int(k)))
         warnings.append(
             DataWarning("gaps", f"{name}: {steps[k]:.3f} s without samples after {where}; the recording is split there")
         )

@@ -21,7 +21,6 @@ class Support:
     """Which parameters were estimated, and which of them are observable."""
 
     fixed: tuple[str, ...]
-    held: tuple[str, ...]
     unobservable: frozenset[str]
     not_narrowed: frozenset[str]
     order: int
@@ -32,7 +31,6 @@ class Support:
         settings, seen = outcome.problem.settings, outcome.observability
         return cls(
             tuple(settings.fixed),
-            tuple(outcome.problem.held),
             frozenset(seen.unobservable),
             frozenset(seen.not_narrowed),
             settings.polynomial_order,
@@ -40,16 +38,13 @@ class Support:
 
     def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
         """Return whether a quantity that depends on groups, or on a part of one, is observable."""
-        for group, word in ((g, w) for g in groups for w, those in self._not_estimated() if g in those):
-            return f"no: {word}" if len(groups) == 1 else f"no: {group.split('_')[0]} {word}"
+        for group in (g for g in groups if g in self.fixed):
+            return "no: fixed" if len(groups) == 1 else f"no: {group.split('_')[0]} fixed"
         names = [name for group in groups for name in parameter_names(group, self.order)[part]]
         observable = sum(name not in self.unobservable for name in names)
         if observable == len(names):
             return "yes"
         return "no" if observable == 0 else f"in part ({observable} of {len(names)} parameters)"
-
-    def _not_estimated(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        return ("fixed", self.fixed), ("held at nominal", self.held)
 
     def of_name(self, name: str) -> str:
         """Return whether one parameter is observable."""
@@ -113,7 +108,7 @@ def device_tables(calibration: Calibration) -> list[Table]:
 
 
 def _key_row(title: str, unit: str, found: Measured, word: str) -> Row:
-    bare = word in ("no: fixed", "no: held at nominal")  # of several groups one may be estimated
+    bare = word == "no: fixed"  # of several groups one may be estimated
     pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
     cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in pairs]
     return Row((title, unit, *cells, word), weak=word != "yes")

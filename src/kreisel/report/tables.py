@@ -258,10 +258,8 @@ def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
 def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the groups that were not estimated, each with why."""
     settings = outcome.problem.settings
-    out = [(g, "held at its nominal value: not observable") for g in outcome.problem.held]
     at = dict(settings.held_at)
-    out += [(g, f"fixed by the user{', at the value given' if g in at else ''}") for g in GROUPS if g in settings.fixed]
-    return out
+    return [(g, f"fixed by the user{', at the value given' if g in at else ''}") for g in GROUPS if g in settings.fixed]
 
 
 def drift_table(unseen: Unseen) -> Table:

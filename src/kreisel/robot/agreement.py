@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 
 ANGLE = math.radians(1.5)
 """rad; rotations of model and controller that differ by more are those of different robots."""

@@ -7,7 +7,7 @@ import numpy as np
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 from kreisel.robot.motion import Limits, Move, Plan, Planner
 
 _CANDIDATES = 12

@@ -1,22 +1,21 @@
-"""Pose and motion of an arm's tool for given joint angles; its description is read by pinocchio."""
+"""Pose and motion of an arm's tool for given joint angles."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from kreisel._kernels import chain
 from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
-from kreisel.geometry.rotation import Array, matrix
-from kreisel.markup import screened
+from kreisel.geometry.pose import exp_motion, log_motion
+from kreisel.geometry.rotation import Array, exp, matrix
+from kreisel.robot.description import Arm, parse_arm
 
 MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
@@ -26,55 +25,6 @@ STANDARD_GRAVITY = 9.81
 
 _ATTEMPTS = 16
 """Number of start values of the inverse: the given joint angles, then others drawn from the ranges."""
-
-
-@dataclass(frozen=True)
-class Arm:
-    """A serial arm from its base to the tool centre point.
-
-    Attributes
-    ----------
-    name, joints
-        Names of the robot and of the joints that move the tool, from the base on.
-    urdf
-        The description it was read from.
-    lower, upper, velocity : (n,)
-        Limits of the joints, rad and rad/s.
-    model, frame
-        pinocchio's, of only this chain.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    urdf: str
-    lower: Array
-    upper: Array
-    velocity: Array
-    model: Any
-    frame: int
-
-    @cached_property
-    def chain(self) -> chain.Chain:
-        """The arm as the library takes it."""
-        pin = pinocchio()
-        model, data, joints = self.model, self.model.createData(), self.model.nv
-        placements = [*list(model.jointPlacements)[1:], model.frames[self.frame].placement]
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        own = [pin.getJointJacobian(model, data, j + 1, pin.LOCAL).reshape(6, joints)[:, j] for j in range(joints)]
-        turning = np.array([np.linalg.norm(subspace[3:]) > 0.5 for subspace in own])
-        bodies = list(model.inertias)[1:]
-        return chain.Chain(
-            rotations=np.array([placement.rotation.ravel() for placement in placements]),
-            translations=np.array([placement.translation for placement in placements]),
-            axes=np.array([s[3:] if turns else s[:3] for s, turns in zip(own, turning, strict=True)]),
-            turning=turning,
-            bodies=np.array([[body.mass, *body.lever] for body in bodies]),
-        )
-
-    @property
-    def tcp(self) -> str:
-        """Name of the tool's frame."""
-        return str(self.model.frames[self.frame].name)
 
 
 @dataclass(frozen=True)
@@ -97,15 +47,6 @@ class ToolMotion:
     accelerations: Array
     rates: Array
     angular_accelerations: Array
-
-
-def pinocchio() -> Any:
-    """Return the library, or raise an error that says how to install it."""
-    try:
-        import pinocchio as pin
-    except ImportError as error:
-        raise RobotError("robot kinematics need pinocchio: pip install 'kreisel[robot]'") from error
-    return pin
 
 
 def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
@@ -135,67 +76,6 @@ def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
     return parse_arm(text, tcp, str(path))
 
 
-def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> Arm:
-    """Return an arm from the text of a URDF; see `load_arm`. `source` is named in messages."""
-    pin = pinocchio()
-    try:
-        model = pin.buildModelFromXML(_plain(urdf, source))
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(f"{source}: not a robot description pinocchio can read: {error}") from error
-    frames = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
-    if tcp is None:
-        depth = {name: len(_chain(model, model.getFrameId(name, pin.FrameType.BODY))) for name in frames}
-        tcp = [name for name in frames if depth[name] == max(depth.values())][-1] if frames else ""
-    if tcp not in frames:
-        raise RobotError(f"{source}: {unknown_name('frame', tcp, frames)}")
-    moving = _chain(model, model.getFrameId(tcp, pin.FrameType.BODY))
-    if not moving:
-        raise RobotError(f"{source}: no joint moves '{tcp}'; name the tool's frame, one of {', '.join(frames)}")
-    others = [j for j in range(1, model.njoints) if j not in moving]
-    model = pin.buildReducedModel(model, others, pin.neutral(model))
-    if model.nq != model.nv:
-        raise RobotError(f"{source}: each joint must have one angle; {tcp} is attached to others")
-    names = tuple(model.names[1:])
-    lower, upper = (np.array(limit, dtype=float) for limit in (model.lowerPositionLimit, model.upperPositionLimit))
-    return Arm(
-        str(model.name),
-        names,
-        urdf,
-        lower,
-        upper,
-        np.array(model.velocityLimit),
-        model,
-        model.getFrameId(tcp, pin.FrameType.BODY),
-    )
-
-
-def _plain(urdf: str, source: str) -> str:
-    """Return the description without meshes, with (wide) limits for its joints of unlimited range."""
-    try:
-        root = ElementTree.fromstring(screened(urdf))
-    except (ElementTree.ParseError, ValueError) as error:
-        raise RobotError(f"{source}: not XML: {error}; expected a robot's description (URDF)") from error
-    for link in root.iter("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(shape)
-    for joint in root.iter("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            limit = joint.find("limit")
-            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            limit.set("lower", "-100.0")
-            limit.set("upper", "100.0")
-            limit.set("velocity", limit.get("velocity", "3.0"))
-            limit.set("effort", limit.get("effort", "1000"))
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _chain(model: Any, frame: int) -> list[int]:
-    """Return the joints from the base to a frame."""
-    joint = model.frames[frame].parentJoint
-    return [int(j) for j in model.supports[joint]][1:]
-
-
 def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
     """Return positions (n, 3) and quaternions (n, 4) of the tool for joint angles (n, joints)."""
     still = np.zeros_like(angles, dtype=float)
@@ -205,11 +85,17 @@ def poses(arm: Arm, angles: Array) -> tuple[Array, Array]:
 
 def skeleton(arm: Arm, angles: Array) -> Array:
     """Return the positions of base, joints and tool for one set of joint angles, (joints + 2, 3), in the base frame."""
-    pin = pinocchio()
-    model, data = arm.model, arm.model.createData()
-    pin.forwardKinematics(model, data, np.ascontiguousarray(angles, dtype=float))
-    tool = pin.updateFramePlacement(model, data, arm.frame).translation
-    return np.vstack([np.zeros(3), *(placement.translation for placement in data.oMi[1:]), tool])
+    own = arm.chain
+    C, p = np.eye(3), np.zeros(3)
+    points = [p]
+    for k, angle in enumerate(angles):
+        C, p = C @ own.rotations[k].reshape(3, 3), p + C @ own.translations[k]
+        if own.turning[k]:
+            C = C @ matrix(exp(angle * own.axes[k]))
+        else:
+            p = p + C @ (angle * own.axes[k])
+        points.append(p)
+    return np.array([*points, p + C @ own.translations[-1]])
 
 
 def motion(arm: Arm, angles: Array, rates: Array, accelerations: Array) -> ToolMotion:
@@ -251,13 +137,12 @@ def gravity_torques(arm: Arm, angles: Array) -> Array:
 
 def with_placement_errors(arm: Arm, errors: Array) -> Arm:
     """Return the arm with the placements of joints and tool moved by errors (joints + 1, 6); see `regressor`."""
-    pin = pinocchio()
-    model = pin.Model(arm.model)
-    steps = [pin.exp6(pin.Motion(error[:3], error[3:])) for error in errors]
-    for j, step in enumerate(steps[:-1], start=1):
-        model.jointPlacements[j] = model.jointPlacements[j] * step
-    model.frames[arm.frame].placement = model.frames[arm.frame].placement * steps[-1]
-    return replace(arm, model=model)
+    rotations, translations = arm.chain.rotations.copy(), arm.chain.translations.copy()
+    for k, error in enumerate(errors):
+        C, (turn, shift) = rotations[k].reshape(3, 3), exp_motion(error)
+        translations[k] += C @ shift
+        rotations[k] = (C @ turn).ravel()
+    return replace(arm, chain=arm.chain._replace(rotations=rotations, translations=translations))
 
 
 def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array:
@@ -290,23 +175,21 @@ def inverse(arm: Arm, position: Array, quaternion: Array, start: Array) -> Array
 
 def _approach(arm: Arm, position: Array, quaternion: Array, start: Array) -> tuple[Array, float, float]:
     """Return the angles reached from `start` by damped least squares, the remaining error, and the distance, m."""
-    pin = pinocchio()
-    model, data, frame = arm.model, arm.model.createData(), arm.frame
-    target = pin.SE3(matrix(quaternion), np.asarray(position, dtype=float))
+    target = matrix(quaternion)
     q = np.array(start, dtype=float)
-    error = np.full(6, np.inf)
+    error, p = np.full(6, np.inf), np.full(3, np.inf)
     for _ in range(300):
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacement(model, data, frame)
-        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-        error = pin.log6(data.oMf[frame].actInv(target)).vector
+        there, attitude = poses(arm, q[None])
+        p, C = there[0], matrix(attitude[0])
+        error = log_motion(C.T @ target, C.T @ (position - p))
         if np.linalg.norm(error) < 1e-10:
             break
+        J = derivatives(arm, q[None]).jacobian[0]
+        J[:3] = C.T @ J[:3]  # in the tool's axes, as the error
         damping = 1e-6 + 0.01 * min(float(error @ error), 1.0)
         step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
         q = q + step * min(1.0, 0.3 / max(float(np.max(np.abs(step))), 1e-12))
-    apart = float(np.linalg.norm(np.asarray(data.oMf[frame].translation) - position))
-    return q, float(np.linalg.norm(error)), apart
+    return q, float(np.linalg.norm(error)), float(np.linalg.norm(p - position))
 
 
 def _within(q: Array, lower: Array, upper: Array) -> Array:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm, check_range
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+from kreisel.robot.cubics import Piecewise
+from kreisel.robot.description import Arm
+from kreisel.robot.kinematics import check_range
 
 
 @dataclass(frozen=True)
@@ -53,20 +52,17 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Joint angles over time.
+class Timeline:
+    """When a motion rests.
 
     Attributes
     ----------
-    joints
-        One piecewise cubic for each joint.
     rests : (k, 2)
-        Begin and end of every rest, s.
+        Begin and end of every rest, s; the first begins, and the last ends, with the motion.
     smoothing
-        Time over which the controller's interpolator averages, s.
+        Time over which the motion's set points are averaged, s.
     """
 
-    joints: tuple[PPoly, ...]
     rests: Array
     smoothing: float
 
@@ -75,11 +71,29 @@ class Plan:
         """Length of the motion, s."""
         return float(self.rests[-1, 1])
 
+    def at_rest(self, t: Array, margin: float = 0.0) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return whether times (n,) lie in a rest, `margin` or more from its ends."""
+        k = np.clip(np.searchsorted(self.rests[:, 0], t, side="right") - 1, 0, len(self.rests) - 1)
+        begin, end = self.rests[k].T
+        begin = np.where(k == 0, -np.inf, begin + margin)
+        end = np.where(k == len(self.rests) - 1, np.inf, end - margin)
+        return np.asarray((t >= begin) & (t <= end))
+
+
+@dataclass(frozen=True)
+class Plan(Timeline):
+    """Joint angles over time: one piecewise cubic for each joint."""
+
+    joints: tuple[Piecewise, ...]
+
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Return angles, rates and accelerations (n, joints) of the joints at times (n,)."""
         t = np.clip(t, 0.0, self.seconds)
         if self.smoothing == 0.0:
-            return tuple(np.column_stack([c.derivative(i)(t) if i else c(t) for c in self.joints]) for i in range(3))  # type: ignore[return-value]
+            rates = [c.derivative() for c in self.joints]
+            changes = [c.derivative() for c in rates]
+            q, dq, ddq = (np.column_stack([c(t) for c in one]) for one in (self.joints, rates, changes))
+            return q, dq, ddq
         half = 0.5 * self.smoothing
         parts: list[list[Array]] = [[], [], []]
         for c in self.joints:
@@ -92,14 +106,6 @@ class Plan:
         q[still] = np.column_stack([c(t[still]) for c in self.joints])
         dq[still] = ddq[still] = 0.0
         return q, dq, ddq
-
-    def at_rest(self, t: Array, margin: float = 0.0) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return whether times (n,) lie in a rest, `margin` or more from its ends."""
-        k = np.clip(np.searchsorted(self.rests[:, 0], t, side="right") - 1, 0, len(self.rests) - 1)
-        begin, end = self.rests[k].T
-        begin = np.where(k == 0, -np.inf, begin + margin)
-        end = np.where(k == len(self.rests) - 1, np.inf, end - margin)
-        return np.asarray((t >= begin) & (t <= end))
 
 
 def plan(
@@ -183,7 +189,7 @@ def _ruckig(start: Array, target: Array, limits: Limits) -> Any:
     try:
         from ruckig import InputParameter, Result, Ruckig, Trajectory
     except ImportError as error:
-        raise RobotError("planning motion needs ruckig: pip install 'kreisel[robot]'") from error
+        raise RobotError("planning motion needs ruckig: pip install ruckig, which compiles it") from error
     n = start.size
     given, trajectory = InputParameter(n), Trajectory(n)
     given.current_position, given.target_position = start.tolist(), target.tolist()
@@ -242,10 +248,8 @@ class _Cubics:
         self._breaks[joint].append(self._breaks[joint][-1] + seconds)
 
     def plan(self, smoothing: float) -> Plan:
-        from scipy.interpolate import PPoly  # comes with the extra `robot`, as the arm itself
-
         joints = tuple(
-            PPoly(np.array(cubics).T, np.array(breaks), extrapolate=True)
+            Piecewise(np.array(breaks), np.array(cubics))
             for cubics, breaks in zip(self._cubics, self._breaks, strict=True)
         )
-        return Plan(joints, np.array(self._rests), smoothing)
+        return Plan(np.array(self._rests), smoothing, joints)

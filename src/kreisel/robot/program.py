@@ -13,8 +13,9 @@ from kreisel.errors import RobotError, SettingsError, unknown_name
 from kreisel.files import read_text
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
+from kreisel.robot.description import Arm
 from kreisel.robot.excitation import home
-from kreisel.robot.kinematics import Arm, check_range, inverse
+from kreisel.robot.kinematics import check_range, inverse
 from kreisel.robot.motion import Move
 from kreisel.units import DEG
 

@@ -6,9 +6,11 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.kuka import from_abc
+from kreisel.geometry.pose import exp_motion
+from kreisel.geometry.rotation import Array, matrix
 from kreisel.markup import screened
-from kreisel.robot.kinematics import Arm, pinocchio
+from kreisel.robot.description import Arm
 
 
 def calibrated_urdf(arm: Arm, placement: Array) -> str:
@@ -19,10 +21,10 @@ def calibrated_urdf(arm: Arm, placement: Array) -> str:
     """
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     root = ElementTree.fromstring(screened(arm.urdf), parser=parser)
-    joints = {joint.get("name"): joint for joint in root.iter("joint")}
+    joints = {joint.get("name"): joint for joint in root.findall("joint")}
     for name, error in zip(arm.joints, placement[:-1], strict=True):
         _move(joints[name], error)
-    holder = next((j for j in root.iter("joint") if _child(j) == arm.tcp), None)
+    holder = next((j for j in root.findall("joint") if _child(j) == arm.tcp), None)
     if holder is not None and holder.get("type") == "fixed":
         _move(holder, placement[-1])
     else:
@@ -43,14 +45,22 @@ def _child(joint: ElementTree.Element) -> str | None:
 
 def _move(joint: ElementTree.Element, error: Array) -> None:
     """Move a joint's origin by a small motion in its own coordinates."""
-    pin = pinocchio()
     origin = joint.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(joint, "origin")
-    xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
-    step = pin.exp6(pin.Motion(error[:3], error[3:]))
-    C = pin.rpy.rpyToMatrix(rpy)
-    moved = xyz + C @ step.translation
-    turned = pin.rpy.matrixToRpy(C @ step.rotation)
+    xyz, (roll, pitch, yaw) = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+    turn, shift = exp_motion(error)
+    C = matrix(from_abc(yaw, pitch, roll))
+    moved = xyz + C @ shift
+    turned = _roll_pitch_yaw(C @ turn)
     origin.set("xyz", " ".join(f"{v:.12g}" for v in moved))
     origin.set("rpy", " ".join(f"{v:.12g}" for v in turned))
+
+
+def _roll_pitch_yaw(C: Array) -> tuple[float, float, float]:
+    """Return the angles of a rotation matrix; near a pitch of 90 deg, where they are not unique, they fit together."""
+    yaw = np.arctan2(C[1, 0], C[0, 0])
+    pitch = np.arctan2(-C[2, 0], np.hypot(C[0, 0], C[1, 0]))
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(sine * C[0, 2] - cosine * C[1, 2], cosine * C[1, 1] - sine * C[0, 1])
+    return float(roll), float(pitch), float(yaw)

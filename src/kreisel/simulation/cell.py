@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import SettingsError
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_matrix, multiply
+from kreisel.geometry.rotation import Array, Mask, apply, conjugate, exp, from_matrix, multiply
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.robot import kinematics
+from kreisel.robot.description import Arm
 from kreisel.robot.excitation import home, random_plan
-from kreisel.robot.kinematics import Arm, load_arm
-from kreisel.robot.motion import Limits, Plan, plan
+from kreisel.robot.kinematics import load_arm
+from kreisel.robot.motion import Limits, Plan, Timeline, plan
 from kreisel.robot.program import read_program
 from kreisel.simulation.effects import (
     DeviceEffects,
@@ -29,14 +30,16 @@ from kreisel.simulation.effects import (
     at_mean_temperature,
     draw_effects,
     draw_slip,
+    middle,
     offset_change,
     offset_drift,
     temperature_of,
     vibration,
     with_faults,
 )
+from kreisel.simulation.free_path import FreePath, free_path
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
-from kreisel.simulation.reference import START_NS, ReferenceDraws, report_poses
+from kreisel.simulation.reference import MARGIN, START_NS, Measure, ReferenceDraws, report_poses
 from kreisel.simulation.robot import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
 from kreisel.simulation.settings import Cell, Errors
 from kreisel.simulation.stated import as_stated
@@ -143,11 +146,14 @@ def simulate(
     RobotError
         If the arm, or a pose of the program, is not possible.
     """
+    if cell.motion.kind != "arm":  # what an arm errs by from rest to rest
+        none = {"repeatability_position_sd": 0.0, "repeatability_orientation_sd": 0.0}
+        cell = cell.model_copy(update={"errors": cell.errors.model_copy(update=none)})
     streams = _Streams.of(cell, trial)
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
     nominal = load_arm(cell.robot.model, cell.robot.tcp)
-    planned = _plan(cell, nominal, streams.motion)
+    planned = _path(cell, nominal, streams.motion)
     own = draw_errors(streams.arm, nominal, cell.errors)
     actual = kinematics.with_placement_errors(nominal, own.placement)
     gravity, earth = _site(cell, streams.site)
@@ -162,7 +168,10 @@ def simulate(
     motion = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
     imu, change = _imu(cell, planned, motion, device, streams, path)
     say("report poses", 0.8)
-    if cell.reference.kind == "mocap":  # cameras observe the tool itself, not the motors
+    measure: Measure
+    if isinstance(planned, FreePath):
+        measure = partial(_seen_freely, planned)
+    elif cell.reference.kind == "mocap":  # cameras observe the tool itself, not the motors
         faultless = draw_errors(np.random.default_rng(0), actual, Errors.none())
         measure = partial(_seen, actual, planned, sway, faultless, Errors.none())
     else:
@@ -175,6 +184,22 @@ def simulate(
         device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing,
     )  # fmt: skip
     return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
+
+
+def _path(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan | FreePath:
+    """Return the motion of the arm, or of a body that moves without one."""
+    kind = cell.motion.kind
+    if kind == "arm":
+        return _plan(cell, arm, rng)
+    if cell.reference.kind != "mocap":
+        raise SettingsError(f'motion.kind = "{kind}" has no arm: set reference.kind = "mocap"')
+    return free_path(rng, kind, cell.seconds, cell.motion.first_rest, cell.motion.range_share / 0.7)
+
+
+def _seen_freely(planned: FreePath, t: Array) -> Report:
+    """Return what cameras see of a body without an arm at times (n,)."""
+    moved = planned.at(t)
+    return moved.positions, moved.quaternions, np.zeros((t.size, 0))
 
 
 def _seen(actual: Arm, planned: Plan, sway: Sway, own: ArmErrors, errors: Errors, t: Array) -> Report:
@@ -226,7 +251,7 @@ class _Device:
 
 
 def _imu(
-    cell: Cell, planned: Plan, motion: Callable[[Array], _Inertial], device: _Device, streams: _Streams, path: Path
+    cell: Cell, planned: Timeline, motion: Callable[[Array], _Inertial], device: _Device, streams: _Streams, path: Path
 ) -> tuple[ImuSamples, OffsetChange]:
     """Return the readings, and how the offsets changed."""
     grade = GRADES[cell.imu.grade]
@@ -243,8 +268,11 @@ def _imu(
     noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
     readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
     readings = with_faults(streams.faults, cell.imu, *readings)
-    stamps = START_NS + np.round(t * 1e9).astype(np.int64)
+    r = cell.reference
+    own_clock = t + 1e-6 * r.clock_drift_ppm * (t - MARGIN) if r.clock_is_true else t
+    stamps = START_NS + np.round(own_clock * 1e9).astype(np.int64)
     keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
+    keep &= ~_in_gap(streams.faults.spawn(1)[0], cell.imu.gap, t)
     keep[[0, -1]] = True
     samples = ImuSamples(
         stamped(cell.imu, streams.stamps, stamps, keep),
@@ -254,13 +282,21 @@ def _imu(
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))
 
 
+def _in_gap(rng: np.random.Generator, gap: float, t: Array) -> Mask:
+    """Return which samples (n,) fall into the one gap."""
+    begin = middle(rng, float(t[-1])) - 0.5 * gap
+    return np.asarray((t >= begin) & (t < begin + gap))
+
+
 def _inertial_motion(
-    cell: Cell, planned: Plan, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array
+    cell: Cell, planned: Plan | FreePath, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array
 ) -> _Inertial:
     """Return inertial rate, its derivative and specific force (n, 3) of the tool, in b, at times (n,)."""
-    motor = planned.at(t)
-    elastic = swing(planned, t, cell.errors)
-    tool = kinematics.motion(actual, *(a + b for a, b in zip(motor, elastic, strict=True)))
+    if isinstance(planned, FreePath):
+        tool = planned.at(t)
+    else:
+        motor, elastic = planned.at(t), swing(planned, t, cell.errors)
+        tool = kinematics.motion(actual, *(a + b for a, b in zip(motor, elastic, strict=True)))
     _, velocity, acceleration = sway.at(planned, t)
     back = conjugate(tool.quaternions)
     earth_b = apply(back, np.broadcast_to(earth, tool.rates.shape))

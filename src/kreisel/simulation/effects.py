@@ -9,12 +9,16 @@ import numpy as np
 from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.inertial.noise import Grade
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.robot.motion import Plan
+from kreisel.robot.motion import Timeline
 from kreisel.simulation.settings import Imu
 from kreisel.units import DEG
 
 _RATE_OF_VIBRATION = 1e-3
 """rad/s for each m/s^2 of vibration."""
+
+_RATE_OF_PROPELLERS, _ROTOR, _TONES, _THRUST = 0.03, 95.0, 0.875, 0.5
+"""rad/s for each m/s^2, Hz, share of the tones in the power, and amplitude of the logarithm of the size, all as in
+recordings of a small drone."""
 
 _PHASE_WALK = 0.5
 """rad per root second: the vibration's phase drifts."""
@@ -179,7 +183,7 @@ def offset_change(drift: tuple[Array, Array], slow: tuple[Array, Array]) -> Offs
     return OffsetChange(means[0], ends[0], means[1], ends[1])
 
 
-def envelope(planned: Plan, t: Array) -> tuple[Array, Array, Array]:
+def envelope(planned: Timeline, t: Array) -> tuple[Array, Array, Array]:
     """Return the share (n,) with which vibration and sway are there, and its first and second derivative.
 
     It is 0 at standstill and 1 within moves; it rises and falls with two continuous derivatives.
@@ -208,8 +212,10 @@ def smooth_step(x: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def vibration(rng: np.random.Generator, imu: Imu, planned: Plan, t: Array) -> tuple[Array, Array]:
+def vibration(rng: np.random.Generator, imu: Imu, planned: Timeline, t: Array) -> tuple[Array, Array]:
     """Return rate and specific force (n, 3) of the vibration, in b."""
+    if imu.propellers > 0.0:
+        return _propellers(rng, imu, planned, t)
     if imu.vibration == 0.0:
         return np.zeros((t.size, 3)), np.zeros((t.size, 3))
     directions = rng.normal(size=(2, 3))
@@ -218,6 +224,28 @@ def vibration(rng: np.random.Generator, imu: Imu, planned: Plan, t: Array) -> tu
     size = np.sqrt(2.0) * imu.vibration * envelope(planned, t)[0]
     wave = size * np.sin(2.0 * np.pi * imu.vibration_frequency * t + drift)
     return _RATE_OF_VIBRATION * wave[:, None] * directions[0], wave[:, None] * directions[1]
+
+
+def _propellers(rng: np.random.Generator, imu: Imu, planned: Timeline, t: Array) -> tuple[Array, Array]:
+    """Return rate and specific force (n, 3) of a body shaken by rotors.
+
+    Of the power, seven parts in eight are tones of four rotors, whose speed varies about `_ROTOR`, and one is noise;
+    the size follows the thrust, which changes within seconds. Rates have `_RATE_OF_PROPELLERS` for each m/s^2.
+    """
+    step = np.sqrt(np.diff(t, prepend=t[0]))
+    size = imu.propellers * (envelope(planned, t)[0] if len(planned.rests) > 1 and np.ptp(planned.rests[0]) else 1.0)
+    size = size * np.exp(_THRUST * np.sin(2.0 * np.pi * rng.uniform(0.02, 0.1) * t + rng.uniform(0.0, 2.0 * np.pi)))
+    axes = np.array([1.0, 0.4, 0.9])
+    out = []
+    for share in (_RATE_OF_PROPELLERS, 1.0):
+        speed = _ROTOR * rng.uniform(0.9, 1.1, 4)[:, None] * (1.0 + 0.03 * np.sin(0.7 * t + rng.uniform(0, 6, (4, 1))))
+        phase = 2.0 * np.pi * np.cumsum(speed, axis=1) * float(np.median(np.diff(t)))
+        phase = phase + 3.0 * np.cumsum(rng.normal(size=phase.shape) * step, axis=1)
+        directions = rng.normal(size=(4, 3)) * axes
+        tones = np.sin(phase).T @ (directions * (2.0 * _TONES / np.sum(directions**2)) ** 0.5)
+        noise = rng.normal(size=tones.shape) * axes * ((1.0 - _TONES) / np.sum(axes**2)) ** 0.5
+        out.append(share * np.broadcast_to(size, t.shape)[:, None] * (tones + noise))
+    return out[0], out[1]
 
 
 def with_faults(rng: np.random.Generator, imu: Imu, rates: Array, accelerations: Array) -> tuple[Array, Array]:

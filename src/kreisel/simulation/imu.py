@@ -11,12 +11,10 @@ from kreisel.geometry.rotation import Array, Mask, exp, matrix
 from kreisel.inertial.noise import Grade, noise
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
 from kreisel.recording.recording import Stamps
+from kreisel.simulation import low_pass
 from kreisel.simulation.effects import DeviceEffects
 from kreisel.simulation.settings import Imu
 from kreisel.units import DEG
-
-_FINER = 8
-"""Points for each sample where readings are filtered."""
 
 _STALL, _STALLS, _APART_NS = 16e-3, 0.005, 10
 """Seconds by which a computer is late now and then, how often, and ns between stamps made at once."""
@@ -113,25 +111,9 @@ def filtered(values: Array, rate: float, bandwidth: float, *, averaged: bool) ->
         return values
     if 0.0 < bandwidth < _MIN_BANDWIDTH:
         raise SettingsError(f"imu.bandwidth {bandwidth:g} Hz; expected 0 (none), or {_MIN_BANDWIDTH:g} Hz and above")
-    from scipy.interpolate import CubicSpline  # comes with the extra `robot`
-
-    n = values.shape[0]
-    spline = CubicSpline(np.arange(n) / rate, values)
     if bandwidth > 0.0:
-        from scipy.signal import bilinear, lfilter, lfilter_zi
-
-        fine = spline(np.arange((n - 1) * _FINER + 1) / (rate * _FINER))
-        pole = 2.0 * np.pi * bandwidth
-        b, a = bilinear([pole**2], [1.0, np.sqrt(2.0) * pole, pole**2], fs=rate * _FINER)
-        state = lfilter_zi(b, a)[:, None] * fine[0]
-        out, _ = lfilter(b, a, fine, axis=0, zi=state)
-        values = out[::_FINER]
-        spline = CubicSpline(np.arange(n) / rate, values)
-    if averaged:
-        integral = spline.antiderivative()(np.arange(n) / rate)
-        values = values.copy()
-        values[1:] = np.diff(integral, axis=0) * rate
-    return np.asarray(values)
+        values = low_pass.low_passed(values, rate, bandwidth)
+    return low_pass.averaged(values) if averaged else values
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
 from kreisel.recording.recording import JointAngles, ReferencePoses
-from kreisel.robot.motion import Plan
+from kreisel.robot.motion import Timeline
 from kreisel.simulation.effects import middle
 from kreisel.simulation.robot import Report, reported
 from kreisel.simulation.settings import Cell, Reference
@@ -18,11 +18,14 @@ from kreisel.simulation.settings import Cell, Reference
 START_NS = 1_000_000_000_000
 """Stamp of the first reading."""
 
-_MARGIN = 0.06
+MARGIN = 0.06
 """Seconds of IMU readings before the first pose and after the last."""
 
 _WRONG = 0.02
 """m and rad: size of an outlier."""
+
+_UNSEEN, _SWAPPED = 0.3, 2.0 * np.pi / 3.0
+"""s for which cameras do not see the body, or take it for a turned one, and rad of that turn."""
 
 Measure = Callable[[Array], Report]
 
@@ -38,7 +41,7 @@ class ReferenceDraws:
 
 
 def report_poses(
-    cell: Cell, planned: Plan, measure: Measure, draws: ReferenceDraws, path: Path
+    cell: Cell, planned: Timeline, measure: Measure, draws: ReferenceDraws, path: Path
 ) -> tuple[ReferencePoses, JointAngles | None]:
     """Return poses and joint angles on the reference's own clock.
 
@@ -50,16 +53,18 @@ def report_poses(
     r = cell.reference
     skew = r.clock_drift_ppm * 1e-6
     last = min(cell.seconds, planned.seconds)
-    tau = np.arange(0.0, (last - 2.0 * _MARGIN) / (1.0 + skew), r.interval)
+    pace = 1.0 if r.clock_is_true else 1.0 + skew  # true seconds in one of the reference's
+    tau = np.arange(0.0, (last - 2.0 * MARGIN) / pace, r.interval)
     kept = draws.jitter.uniform(size=tau.size) >= r.drop_share
     kept[[0, -1]] = True
     tau = tau[kept]
-    t = _MARGIN + (1.0 + skew) * tau
+    t = MARGIN + pace * tau
     late = r.jitter * draws.jitter.normal(size=t.size) + _clock_error(draws.clock, r, t, last)
     taken = _interpolated(_averaged(measure, r.smoothing), r.interpolation)
     p, q, angles = reported(draws.path, taken, planned, t, late, cell.errors)
     p, q, angles = _faulty(draws.faults, r, (p, q, angles))
-    stamps = START_NS + np.round((tau + _MARGIN - r.clock_offset) * 1e9).astype(np.int64)
+    p, q = _lost_from_view(draws.faults.spawn(1)[0], r, t, p, q)
+    stamps = START_NS + np.round((tau + MARGIN - r.clock_offset) * 1e9).astype(np.int64)
     if cell.motion.still_poses:
         still = planned.at_rest(t, 0.5 * planned.smoothing)  # the averaged set points stand, too
         stamps, p, q, angles = stamps[still], p[still], q[still], angles[still]
@@ -135,3 +140,16 @@ def _faulty(rng: np.random.Generator, r: Reference, report: Report) -> Report:
     repeats[0] = False
     last = np.maximum.accumulate(np.where(repeats, 0, np.arange(n)))
     return p[last], q[last], angles[last]
+
+
+def _lost_from_view(rng: np.random.Generator, r: Reference, t: Array, p: Array, q: Array) -> tuple[Array, Array]:
+    """Return poses of cameras that now and then do not see the body, or take its markers for each other."""
+    p, q = p.copy(), q.copy()
+    for begin in t[0] + (t[-1] - t[0]) * rng.uniform(0.1, 0.9, r.frozen):
+        own = np.flatnonzero((t >= begin) & (t < begin + _UNSEEN))
+        p[own], q[own] = p[own[0]], q[own[0]]
+    for begin in t[0] + (t[-1] - t[0]) * rng.uniform(0.1, 0.9, r.swapped):
+        own = np.flatnonzero((t >= begin) & (t < begin + _UNSEEN))
+        axis = rng.normal(size=3)
+        q[own] = multiply(q[own], exp(_SWAPPED * axis / np.linalg.norm(axis)))
+    return p, q

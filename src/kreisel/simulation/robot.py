@@ -10,8 +10,8 @@ import numpy as np
 from kreisel._kernels import recursions
 from kreisel.geometry.rotation import Array, exp, multiply
 from kreisel.robot import kinematics
-from kreisel.robot.kinematics import Arm
-from kreisel.robot.motion import Plan
+from kreisel.robot.description import Arm
+from kreisel.robot.motion import Plan, Timeline
 from kreisel.simulation.effects import envelope, smooth_step
 from kreisel.simulation.settings import Errors
 
@@ -57,7 +57,7 @@ class Sway:
     frequency: float
     phases: Array
 
-    def at(self, planned: Plan, t: Array) -> tuple[Array, Array, Array]:
+    def at(self, planned: Timeline, t: Array) -> tuple[Array, Array, Array]:
         """Return displacement, velocity and acceleration (n, 3) of the base at times (n,)."""
         omega = 2.0 * np.pi * self.frequency
         share, slope, bend = (part[:, None] for part in envelope(planned, t))
@@ -97,8 +97,6 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
     Each joint is a damped spring driven by its motor's acceleration. The solution is exact for an acceleration that is
     linear between the moments t.
     """
-    from scipy.linalg import expm  # comes with the extra `robot`
-
     q, _, ddq = plan.at(t)
     if errors.oscillation_frequency <= 0.0:
         zero = np.zeros_like(q)
@@ -109,11 +107,24 @@ def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
     A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
     M = np.zeros((4, 4))
     M[:2, :2], M[1, 2], M[2, 3] = A * h, -h, 1.0
-    E = expm(M)
+    E = _exponential(M)
     now, later = E[:2, 2] - E[:2, 3], E[:2, 3]
     x = np.zeros((2, *q.shape))
     recursions.drive_oscillators(np.ascontiguousarray(E[:2, :2]), now.copy(), later.copy(), ddq, x)
     return x[0], x[1], -ddq - 2.0 * damping * omega * x[1] - omega**2 * x[0]
+
+
+def _exponential(M: Array) -> Array:
+    """Return the exponential of a matrix: that of a small part of it by its series, squared again and again."""
+    halvings = max(0, int(np.ceil(np.log2(max(float(np.abs(M).sum(axis=1).max()), 1e-300)))) + 1)
+    small = M / 2.0**halvings
+    out = term = np.eye(len(M))
+    for k in range(1, 19):
+        term = term @ small / k
+        out = out + term
+    for _ in range(halvings):
+        out = out @ out
+    return out
 
 
 def measured(nominal: Arm, plan: Plan, t: Array, own: ArmErrors, errors: Errors) -> Report:
@@ -126,7 +137,12 @@ def measured(nominal: Arm, plan: Plan, t: Array, own: ArmErrors, errors: Errors)
 
 
 def reported(
-    rng: np.random.Generator, measure: Callable[[Array], Report], plan: Plan, t: Array, jitter: Array, errors: Errors
+    rng: np.random.Generator,
+    measure: Callable[[Array], Report],
+    plan: Timeline,
+    t: Array,
+    jitter: Array,
+    errors: Errors,
 ) -> Report:
     """Return reported positions, quaternions and joint angles at times t (n,), measured `jitter` later.
 
@@ -148,7 +164,7 @@ def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Ar
     return motor, rate
 
 
-def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Errors) -> Array:
+def _repeatability(rng: np.random.Generator, plan: Timeline, t: Array, errors: Errors) -> Array:
     """Return one draw for each rest, and a smooth transition from one to the next, (n, 6)."""
     sd = np.repeat([errors.repeatability_position_sd, errors.repeatability_orientation_sd], 3)
     draws = rng.normal(size=(len(plan.rests), 6)) * sd
@@ -159,7 +175,7 @@ def _repeatability(rng: np.random.Generator, plan: Plan, t: Array, errors: Error
     return np.asarray((1.0 - share) * draws[k] + share * draws[after])
 
 
-def _path(rng: np.random.Generator, plan: Plan, t: Array, p: Array, errors: Errors) -> Array:
+def _path(rng: np.random.Generator, plan: Timeline, t: Array, p: Array, errors: Errors) -> Array:
     """Return the path's error, (n, 6): a Gauss-Markov process that fades out at standstill."""
     sd = np.repeat([errors.path_position_sd, errors.path_orientation_sd], 3)
     white = rng.normal(size=(len(t), 6))

@@ -31,12 +31,18 @@ class Robot(_Table):
 
 
 class Motion(_Table):
-    """What the arm does: random moves that excite all six sensors, or a program."""
+    """What the arm does: random moves that excite all six sensors, or a program; or a body that no arm moves."""
 
+    kind: Literal["arm", "flight", "hand"] = _key(
+        "arm", "arm; flight: a drone; hand: a body that is turned without a rest. Both need cameras (reference.kind)"
+    )
     program: str | None = _key(None, "a file of moves (see --example-program); random moves by default")
     first_rest: float = _key(4.0, "s at standstill before the first move", ge=1.0, le=600.0)
     rest: float = _key(1.5, "s at standstill between moves, on average", ge=0.1, le=600.0)
-    range_share: float = _key(0.7, "share of the joints' ranges that random moves use", gt=0.0, le=1.0)
+    range_share: float = _key(
+        0.7, "share of the joints' ranges that random moves use; of usual angles and lengths without an arm",
+        gt=0.0, le=1.0,
+    )  # fmt: skip
     tool_speed: float = _key(1.5, "largest speed of the tool, m/s", gt=0.0, le=20.0)
     tool_acceleration: float = _key(6.0, "largest acceleration of the tool, m/s^2", gt=0.0, le=100.0)
     smoothing: float = _key(0.012, "time over which the controller averages its set points, s", ge=0.0, le=0.5)
@@ -89,6 +95,7 @@ class Reference(_Table):
     interval: float = _key(0.012, "s between two poses", gt=0.0005, le=1.0)
     clock_offset: float = _key(0.0371, "t_imu - t_ref at the first pose, s", ge=-100.0, le=100.0)
     clock_drift_ppm: float = _key(0.0, "the IMU's clock against the reference's", ge=-10000.0, le=10000.0)
+    clock_is_true: bool = _key(False, "its seconds are the true ones; otherwise the IMU's are")
     jitter: float = _key(0.0, "s: difference between the time of a pose and its stamp", ge=0.0, le=0.1)
     drop_share: float = _key(0.0, "share of poses that are lost", ge=0.0, le=0.9)
     position_scale_ppm: float = _key(0.0, "reported positions are longer by this", ge=-50000.0, le=50000.0)
@@ -103,6 +110,8 @@ class Reference(_Table):
     clock_jump: float = _key(0.0, "s: the clock offset jumps once, in the middle half", ge=-1.0, le=1.0)
     outlier_share: float = _key(0.0, "share of poses that are wrong by 20 mm and 20 mrad", ge=0.0, le=0.5)
     held: float = _key(0.0, "share of poses that repeat the one before, with a new stamp", ge=0.0, le=0.9)
+    frozen: int = _key(0, "times that poses stay as they are for 0.3 s", ge=0, le=100)
+    swapped: int = _key(0, "times that poses are those of a body turned by 120 deg for 0.3 s", ge=0, le=100)
 
 
 class Imu(_Table):
@@ -160,6 +169,11 @@ class Imu(_Table):
     vibration_frequency: float = _key(83.0, "Hz; above half the sample rate it aliases", gt=0.0, le=5000.0)
     gyro_quantum: float | None = _key(None, "step that rates are rounded to, rad/s; the grade's if not set", ge=0.0)
     accel_quantum: float | None = _key(None, "the same for accelerometers, m/s^2", ge=0.0)
+    propellers: float = _key(
+        0.0, "m/s^2 rms: shaking while moving, tones of rotors above half the sample rate and noise, uneven in time",
+        ge=0.0, le=100.0,
+    )  # fmt: skip
+    gap: float = _key(0.0, "s without samples, once in the middle half", ge=0.0, le=600.0)
     slip_deg: float = _key(0.0, "the IMU turns in its mount by this, once in the middle half", ge=0.0, le=45.0)
     stuck_share: float = _key(0.0, "share of samples that repeat the one before", ge=0.0, le=0.5)
     spike_share: float = _key(
@@ -181,6 +195,7 @@ class Stated(_Table):
 
     settings: bool = _key(True, "false: recording.toml is empty")
     grade: str = _key("", "name of another grade; the device's own if empty")
+    densities: bool = _key(False, "noise densities are stated instead of the grade")
     noise_factor: float = _key(1.0, "on both noise densities of the IMU", gt=0.0, le=1000.0)
     offset_sd_factor: float = _key(1.0, "on the standard deviations of its offsets", gt=0.0, le=1000.0)
     place: bool = _key(True, "false: nothing is said about the place on Earth")
@@ -192,6 +207,7 @@ class Stated(_Table):
     joints: bool = _key(True, "false: joint angles and the robot's description are not given")
     urdf_length_error: float = _key(0.0, "m: one link of the robot's description is too long", ge=-0.1, le=0.1)
     tcp_error: float = _key(0.0, "m: its tool is so much off, across the flange's axis", ge=-0.5, le=0.5)
+    height: bool = _key(True, "false: the height is not given")
 
 
 class Cell(_Table):

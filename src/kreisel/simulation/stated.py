@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.inertial.noise import GRADES
 from kreisel.recording.recording import Recording
 from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, RobotTable, SiteTable
-from kreisel.robot.kinematics import Arm
+from kreisel.robot.description import Arm
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.simulation.settings import Cell
 
@@ -53,6 +53,11 @@ def _imu(cell: Cell) -> ImuTable:
             gyro_offset_sd=grade.gyro_offset_sd,
             accel_offset_sd=grade.accel_offset_sd,
         )
+    if stated.densities:
+        return ImuTable(
+            gyro_noise_density=stated.noise_factor * grade.gyro_noise_density,
+            accel_noise_density=stated.noise_factor * grade.accel_noise_density,
+        )
     written: dict[str, float] = {}
     for factor, keys in (
         (stated.noise_factor, ("gyro_noise_density", "accel_noise_density")),
@@ -68,7 +73,7 @@ def _site(cell: Cell) -> SiteTable:
     if not stated.place:
         return SiteTable(gravity=stated.gravity)
     latitude = site.latitude_deg if stated.latitude_deg is None else stated.latitude_deg
-    return SiteTable(latitude_deg=latitude, height_m=site.height_m, gravity=stated.gravity)
+    return SiteTable(latitude_deg=latitude, height_m=site.height_m if stated.height else None, gravity=stated.gravity)
 
 
 def _reference(cell: Cell) -> ReferenceTable:

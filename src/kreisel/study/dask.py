@@ -10,6 +10,9 @@ from kreisel.errors import SettingsError
 Result = TypeVar("Result")
 
 _RETRIES = 3
+_ANSWER = 10.0
+"""Longest time for a scheduler to answer, s."""
+
 _ASK_AGAIN, _ALONE = 5.0, 60.0
 """Seconds after which all trials are checked again, and after which a study without workers ends with an error."""
 
@@ -46,7 +49,7 @@ def dask_map(
         from dask import config
         from distributed import Client, LocalCluster, wait
     except ImportError as error:
-        raise SettingsError("studies need dask.distributed: pip install 'kreisel[study]'") from error
+        raise SettingsError("studies and several --jobs need dask.distributed: pip install 'kreisel[study]'") from error
     if scheduler is None:
         with config.set(_KEEP_FREED_MEMORY):
             cluster = LocalCluster(
@@ -54,7 +57,7 @@ def dask_map(
                 silence_logs=50,
             )  # fmt: skip
     try:
-        client = Client(cluster if scheduler is None else scheduler, timeout=10)
+        client = Client(cluster if scheduler is None else scheduler, timeout=_ANSWER)
     except (OSError, TimeoutError, ValueError) as error:
         raise SettingsError(f"no scheduler answers at {scheduler}: {error}") from error
     try:

@@ -87,7 +87,9 @@ def situations(seconds: float = 150.0) -> tuple[Situation, ...]:
             effect.name, size, basis, effect.words, _cell(basis, seconds, change),
             (*effect.causes, *_of_grade(effect.causes, basis)),
         )
-        for effect in (*_sensors(), *_samples(), *_changes(), *_reference(), *_arm(), *_statements(), *_motion())
+        for effect in (
+            *_sensors(), *_samples(), *_changes(), *_reference(), *_arm(), *_statements(), *_motion(), *_foreign()
+        )
         for basis in effect.bases
         for size, change in effect.sizes
     )  # fmt: skip
@@ -443,3 +445,51 @@ def _motion() -> tuple[_Effect, ...]:
         _Effect("rests", "long and short rests", _sizes("motion", "rest", "s", 1.0, 0.2, 10)),
         _Effect("short recording", "little data", tuple((f"{s:g} s", {"seconds": s}) for s in (20.0, 45.0))),
     )
+
+
+def _foreign() -> tuple[_Effect, ...]:
+    """Return what the first users met with their own data: flights, clocks and places of which nothing is said."""
+    flight = {"kind": "flight"}
+    clocks = tuple(
+        (f"{ppm:g} ppm, reference true", {"reference": {"clock_drift_ppm": ppm, "clock_is_true": True}})
+        for ppm in (50.0, 400.0, 3000.0, -8000.0)
+    )
+    heights = tuple((f"{h:g} m", {"site": {"height_m": h}, "stated": {"height": False}}) for h in (2600.0, 3640.0))
+    twice: Content = {"noise_factor": 0.5, "reference_factor": 0.5}
+    return (
+        _Effect(
+            "propellers", "a drone that shakes", tuple(
+                (f"{v:g} m/s^2", {"imu": {"propellers": v}, "motion": flight}) for v in (0.5, 2.0, 6.0)
+            ), ("vibration", "stated noise"), ("mocap",),
+        ),
+        _Effect(
+            "gentle flight", "a drone that hardly moves", tuple(
+                (f"{v:g} m/s^2", {"imu": {"propellers": v}, "motion": {**flight, "range_share": 0.2}})
+                for v in (0.0, 2.0)
+            ), ("vibration", "stated noise", "small motion"), ("mocap",),
+        ),
+        _Effect(
+            "never at rest", "a body turned by hand", (("usual", {"motion": {"kind": "hand"}}),), (), ("mocap",),
+        ),
+        _Effect("clock of the reference", "the reference's seconds are the true ones", clocks, ("clocks",)),
+        _Effect("unsaid height", "a place high above the sea, whose height is not said", heights, (), _ROBOTS),
+        _Effect(
+            "noise and lag", "noise stated two times too small, and joints late by different times", (
+                ("lag 5 ms", {"stated": twice, "errors": {"servo_lag": 5e-3}}),
+                ("lag 15 ms", {"stated": twice, "errors": {"servo_lag": 15e-3}}),
+            ), ("servo lag", "stated noise"), _ROBOTS,
+        ),
+        _Effect(
+            "noise and flicker", "noise stated two times too small, and nothing of flicker noise", tuple(
+                (grade, {"imu": {"grade": grade}, "stated": {**twice, "densities": True}})
+                for grade in ("consumer-mems", "industrial-mems")
+            ), ("stated noise", *GYRO_CHANGES, *ACCEL_CHANGES),
+        ),
+        _Effect("frozen poses", "cameras lose the body for 0.3 s", _sizes("reference", "frozen", "times", 1, 1, 5),
+                ("held poses", "pose outliers"), ("mocap",)),
+        _Effect("swapped markers", "cameras take markers for each other for 0.3 s",
+                _sizes("reference", "swapped", "times", 1, 1, 5), ("pose outliers",), ("mocap",)),
+        _Effect("gap of the IMU", "no samples for some time", _sizes("imu", "gap", "s", 1.0, 2, 15, 40)),
+        _Effect("ten minutes", "a long recording", (("usual", {"seconds": 600.0, "imu": {"grade": "consumer-mems"}}),),
+                (), ("poses",)),
+    )  # fmt: skip

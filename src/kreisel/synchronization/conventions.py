@@ -23,7 +23,8 @@ _MARGIN = 0.2
 _MIN_SHARE = 0.6
 _MIN_WINDOWS = 15
 _READINGS: dict[str, Callable[[Array], Array]] = {
-    "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z": conjugate,
+    "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z, and if the positions are those of r in "
+    "b, too, invert them (p = -C(q)^T p)": conjugate,
     "scalar last (q_x, q_y, q_z, q_w): put q_w first": lambda q: np.roll(q, 1, axis=1),
     "scalar last and conjugated: put q_w first and change the sign of q_x, q_y, q_z": lambda q: conjugate(
         np.roll(q, 1, axis=1)

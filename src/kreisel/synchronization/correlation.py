@@ -81,14 +81,11 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             "moves"
         )
         raise SynchronizationError(f"{reference.source}: {found}")
-    clock = _track(x, y, _search(x, y))
-    final = _coefficient(x, y, clock)
-    if not final >= _SURE:
-        part = _track(x, y, _search_part(x, y))
-        better = _coefficient(x, y, part)
-        # a short interval fits fairly well in many places
-        if better >= _SURE_IN_PART and not final >= better:
-            clock, final = part, better
+    clock, final = _related(x, y)
+    if not final >= _SURE and reference.quaternions is not None:
+        # the quietest second may be no standstill
+        other = _related(_of_imu(imu, reference, fine, at_rest=False), y)
+        clock, final = max((clock, final), other, key=lambda one: np.nan_to_num(one[1]))
     if not final >= MIN_CORRELATION:
         raise SynchronizationError(
             f"{reference.source}: the poses do not fit the IMU readings: the best correlation of their rates over all "
@@ -97,6 +94,19 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             correlation=final,
         )
     return Correlation(clock, final)
+
+
+def _related(x: _Norm, y: _Norm) -> tuple[Clock, float]:
+    """Return the clock relation by which two norms correlate best, and their coefficient."""
+    clock = _track(x, y, _search(x, y))
+    final = _coefficient(x, y, clock)
+    if not final >= _SURE:
+        part = _track(x, y, _search_part(x, y))
+        better = _coefficient(x, y, part)
+        # a short interval fits fairly well in many places
+        if better >= _SURE_IN_PART and not final >= better:
+            return part, better
+    return clock, final
 
 
 def _differ(reference: ReferencePoses) -> bool:
@@ -108,15 +118,25 @@ def _differ(reference: ReferencePoses) -> bool:
 
 def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:
     """Return the norms of IMU and reference, each on an even grid and smoothed in the same way."""
-    window = max(0.06, 2.0 * reference.interval)
+    moved = _turning if reference.quaternions is not None else _accelerating
+    return _of_imu(imu, reference, step), _even(*moved(reference, _window(reference)), step, 0.0)
+
+
+def _window(reference: ReferencePoses) -> float:
+    return max(0.06, 2.0 * reference.interval)
+
+
+def _of_imu(imu: ImuSamples, reference: ReferencePoses, step: float, *, at_rest: bool = True) -> _Norm:
+    """Return the norm of the readings that compares with a reference, on an even grid.
+
+    at_rest: whether the quietest second shows the gyros' offsets, which are taken for zero otherwise.
+    """
+    window = _window(reference)
     if reference.quaternions is not None:
-        bias = np.median(imu.rates[quietest_second(imu)], axis=0)
-        middle, moved = _turning(reference, window)
-        return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window), _even(middle, moved, step, 0.0)
+        bias = np.median(imu.rates[quietest_second(imu)], axis=0) if at_rest else np.zeros(3)
+        return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window)
     usual = float(np.median([np.median(np.linalg.norm(part, axis=1)) for part in excerpt(imu.accelerations)]))
-    middle, moved = _accelerating(reference, window)
-    of_imu = _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
-    return of_imu, _even(middle, moved, step, 0.0)
+    return _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
 
 
 def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:

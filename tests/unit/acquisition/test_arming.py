@@ -10,7 +10,8 @@ from kreisel.acquisition.movers import EkrlMover, UrScriptMover
 from kreisel.devices.address import MOVERS, parse_address
 from kreisel.errors import RobotError
 from kreisel.protocols.samples import RobotSample
-from kreisel.robot.kinematics import load_arm, parse_arm, poses
+from kreisel.robot.description import parse_arm
+from kreisel.robot.kinematics import load_arm, poses
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
 

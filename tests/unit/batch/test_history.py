@@ -112,6 +112,7 @@ def test_what_cannot_be_used_is_left_out_and_said():
         history_of("0042", runs[:1] + runs[2:3], None)
 
 
+@pytest.mark.slow
 def test_ageing_is_shown_as_often_as_said_also_by_few_calibrations():
     """Scatter larger than the deviations, no ageing: the thresholds are those of Student's distribution."""
     stats = pytest.importorskip("scipy.stats")

@@ -7,7 +7,7 @@ import pytest
 
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.inertial.sensor_model import correct_angular_rate, correct_specific_force
-from kreisel.model.problem import hold
+from kreisel.model.problem import without_groups
 
 from ...oracle import quaternions as quat
 from ...small_problem import moved_by, recorded, small_problem, with_noise
@@ -72,7 +72,7 @@ def test_nothing_else_moves_and_without_errors_nothing_does(columns):
 
 
 def test_held_groups_take_no_part(columns):
-    held = hold(problem(), ("lever_arms", "alignment"))
+    held = without_groups(problem(), ("lever_arms", "alignment"))
     found = frame_columns(held, parameters())
     d = held.layout["gyro_cross_coupling"]
     np.testing.assert_array_equal(found[d], columns[d])

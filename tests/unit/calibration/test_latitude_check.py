@@ -34,44 +34,56 @@ def covariance(rng, size):
 @pytest.mark.parametrize("latitude", [-70.0, -12.0, 5.0, TRUE])
 @pytest.mark.parametrize("heading", [0.0, 2.2, -1.0])
 def test_the_latitude_found_is_the_angle_of_the_rotation_above_the_horizon(latitude, heading):
-    rate = 1.3 * rotation(latitude, heading)  # its size does not matter
+    rate = rotation(latitude, heading)
     found = _compared(rate[:2], rate[2], 1e-4 * np.eye(3), -np.sin(np.radians(30.0)))
-    assert found.found_deg == pytest.approx(latitude, abs=1e-9)
+    assert found.found_deg == pytest.approx(latitude, abs=0.006)  # a hundredth of a degree is looked at
     assert found.stated_deg == pytest.approx(30.0, abs=1e-9)
 
 
 def test_the_deviation_is_that_of_latitudes_of_drawn_rotations():
-    """40000 draws: a deviation is good to 0.35 %; errors of 1 % bend the angle by less than that."""
+    """The best latitude of a thousand draws: a deviation is good to 2.2 %."""
     rng = np.random.default_rng(0)
     rate, sd = rotation(TRUE, 0.7), np.array([0.012, 0.012, 0.004])
-    drawn = rate + sd * rng.normal(size=(40000, 3))
-    latitudes = np.degrees(np.arctan2(-drawn[:, 2], np.linalg.norm(drawn[:, :2], axis=1)))
+    drawn, P = rate + sd * rng.normal(size=(1000, 3)), np.diag(sd**2)
+    latitudes = [c.found_deg for one in drawn if (c := _compared(one[:2], one[2], P, -0.5)) is not None]
+    assert len(latitudes) > 990  # the size of the others is off by more than three deviations
     found = _compared(rate[:2], rate[2], np.diag(sd**2), -np.sin(np.radians(TRUE)))
-    assert found.deviation_deg == pytest.approx(np.std(latitudes), rel=0.015)
+    assert found.deviation_deg == pytest.approx(np.std(latitudes), rel=0.07)
 
 
-def test_the_score_is_the_distance_to_the_nearest_rotation_of_the_stated_latitude():
-    """In the metric of P: north may lie anywhere; for small errors the distance is that of the linear model."""
+def test_the_score_is_how_much_worse_the_stated_latitude_fits_than_the_best():
+    """Distances to rotations of the Earth's size, in the metric of P: north may lie anywhere."""
     rng = np.random.default_rng(1)
     P, stated = covariance(rng, 0.004), TRUE
     rate = rotation(stated, 0.7) + 0.01 * rng.normal(size=3)
     inverse = np.linalg.inv(P)
 
-    def square(heading):
-        off = rate - rotation(stated, heading[0])
+    def square(x):
+        off = rate - rotation(x[0], x[1])
         return off @ inverse @ off
 
-    nearest = minimize(square, [0.7]).fun ** 0.5
+    at_stated = minimize(lambda heading: square([stated, heading[0]]), [0.7]).fun
+    anywhere = minimize(square, [stated, 0.7], method="Nelder-Mead").fun
     found = _compared(rate[:2], rate[2], P, -np.sin(np.radians(stated)))
-    assert found.score == pytest.approx(nearest, rel=0.03)
+    assert found.score == pytest.approx((at_stated - anywhere) ** 0.5, rel=0.05)
     assert found.score > 1.0
+
+
+def test_a_rotation_of_another_size_is_not_the_latitude():
+    """The Earth's rate is known: what is found then is something else, such as a response to acceleration."""
+    P, stated = 1e-4 * np.eye(3), -np.sin(np.radians(TRUE))
+    wrong = rotation(20.0, 0.7)
+    assert _compared(wrong[:2], wrong[2], P, stated).score > 10.0
+    larger = 1.05 * wrong
+    assert _compared(larger[:2], larger[2], P, stated) is None
+    assert _compared(wrong[:2], wrong[2], 0.04 * np.eye(3), stated) is None  # 11 deg are no latitude
 
 
 def test_near_a_pole_the_latitude_is_as_certain_as_the_level_part():
     found = _compared(np.array([3e-5, 4e-5]), -1.0, 1e-4 * np.eye(3), -1.0)
-    assert found.found_deg == pytest.approx(90.0 - np.degrees(5e-5), abs=1e-9)
-    assert found.deviation_deg == pytest.approx(np.degrees(0.01), rel=1e-6)
-    assert found.score == pytest.approx(5e-3, rel=1e-6)
+    assert found.found_deg == pytest.approx(90.0 - np.degrees(5e-5), abs=0.006)
+    assert found.deviation_deg == pytest.approx(np.degrees(0.01), rel=1e-3)
+    assert found.score < 0.01
 
 
 @cache
@@ -131,15 +143,16 @@ def test_the_free_problem_begins_at_the_run_and_knows_nothing_of_the_rotation():
 
 
 def test_the_deviation_counts_correlation_of_level_and_vertical_part():
-    """Against drawn rotations: the gradient of atan2(-v, h) is -(sin, cos) / r."""
+    """Against the best latitudes of drawn rotations."""
     rng = np.random.default_rng(5)
     true, stated = np.radians(50.0), -np.sin(np.radians(50.0))
     north, vertical = np.array([np.cos(true), 0.0]), -np.sin(true)
     A = 0.01 * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
     check = _compared(north, vertical, A @ A.T, stated)
-    drawn = np.array([*north, vertical]) + rng.normal(size=(100_000, 3)) @ A.T
-    latitudes = np.degrees(np.arctan2(-drawn[:, 2], np.hypot(drawn[:, 0], drawn[:, 1])))
-    assert check.deviation_deg == pytest.approx(np.std(latitudes), rel=0.01)
+    drawn = np.array([*north, vertical]) + rng.normal(size=(1000, 3)) @ A.T
+    latitudes = [c.found_deg for one in drawn if (c := _compared(one[:2], one[2], A @ A.T, stated)) is not None]
+    assert len(latitudes) > 990
+    assert check.deviation_deg == pytest.approx(np.std(latitudes), rel=0.07)
 
 
 def test_a_pole_has_a_latitude():

@@ -14,7 +14,7 @@ from kreisel.filtering.estimate import without_passing
 from kreisel.filtering.initial_belief import first_belief, stored_state
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.model.noise import Drift
-from kreisel.model.problem import hold, part_of
+from kreisel.model.problem import part_of, without_groups
 from kreisel.model.schedule import MIN_UPDATES
 
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
@@ -28,7 +28,7 @@ def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
     The estimate of a half is K_i (H_i x + e_i) with x drawn from the prior: the difference of two is linear in x,
     e_1 and e_2, whose covariances are known.
     """
-    problem = hold(small_problem(), tuple(g for g in small_problem().groups if g not in OFFSETS))
+    problem = without_groups(small_problem(), tuple(g for g in small_problem().groups if g not in OFFSETS))
     problem = with_noise(problem, offset_walk=dict.fromkeys(OFFSETS, walk), frame_sd=(length, length))
     rng = np.random.default_rng(0)
     prior = first_belief(problem, problem.prior.value, problem.prior.covariance)

@@ -138,13 +138,54 @@ def test_what_a_calibration_needs_must_be_shown():
 @pytest.mark.parametrize(("name", "field"), [("gyroscope", "K_omega"), ("accelerometer", "K_a")])
 @pytest.mark.parametrize(("sensitivity", "fine"), [(1.49, True), (1.51, False), (0.68, True), (0.66, False)])
 def test_scale_factors_far_from_one_are_a_reason(name, field, sensitivity, fine):
-    """A sensor that reads `sensitivity` times too much on its y axis, wherever its axes point."""
-    problem, run = small_problem(), small_run()
-    mount = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    K = mount @ np.diag([1.0, 1.0 / sensitivity, 1.0])
-    p = replace(run.parameters, sensors=replace(run.parameters.sensors, **{field: K}))
-    said = reasons(estimate_of(problem, replace(run, parameters=p)))
+    """A sensor that reads `sensitivity` times too much on all axes, wherever they point."""
+    said = reasons(with_matrix(field, np.eye(3) / sensitivity))
     assert [reason.split(" scale")[0] for reason in said] == ([] if fine else [name])
+
+
+def with_matrix(field, K):
+    """An estimate with this cross-coupling matrix, on some mount."""
+    run = small_run()
+    mount = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    p = replace(run.parameters, sensors=replace(run.parameters.sensors, **{field: mount @ K}))
+    return estimate_of(small_problem(), replace(run, parameters=p))
+
+
+@pytest.mark.parametrize("field", ["K_omega", "K_a"])
+def test_axes_that_no_device_has_are_a_reason(field):
+    """Axes of one device resemble each other, and are nearly at right angles."""
+    assert reasons(with_matrix(field, np.diag([1.0, 0.88, 1.0]))) == ()
+    (reason,) = reasons(with_matrix(field, np.diag([1.0, 0.75, 1.0])))
+    assert "differ more than those of any device" in reason
+    assert reasons(with_matrix(field, np.array([[1.0, 0.08, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))) == ()
+    (reason,) = reasons(with_matrix(field, np.array([[1.0, 0.2, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])))
+    assert "axes are 11 deg off right angles" in reason
+
+
+def test_each_sensor_has_a_verdict_of_its_own():
+    """Accelerometers that the motion does not show are no reason against the gyros, and contradictions are of both."""
+    lost = replace(SEEN, unobservable=("accelerometer.offset[1]",), not_narrowed=("accelerometer.offset[1]",))
+    said = judge(found(), Evidence(lost, FACTS, None, None))
+    assert not said.accepted
+    assert said.sensors == {"gyroscope": "accepted", "accelerometer": "not_observable"}
+    assert "--only gyroscope would be accepted" in said.sentence
+    only = replace(small_problem(), settings=CalibrationSettings(only="gyroscope"))
+    said = judge(found(problem=only), Evidence(lost, FACTS, None, None))
+    assert said.accepted
+    assert said.not_usable == ("accelerometer",)
+    assert said.reasons == ()
+    assert "accelerometer.offset[1]" in said.unasked[0]
+    assert "accelerometers are not observable" in said.summary
+    both = judge(found(problem=only), Evidence(lost, replace(FACTS, nis_path=9.0), None, None))
+    assert both.sensors == {"gyroscope": "rejected", "accelerometer": "rejected"}
+    assert not both.accepted
+
+
+def test_orientations_alone_are_asked_for_gyros_alone():
+    lost = replace(SEEN, unobservable=("accelerometer.offset[1]",), not_narrowed=("accelerometer.offset[1]",))
+    problem = small_problem()
+    blind = replace(problem, reference=replace(problem.reference, positions=None))
+    assert judge(found(problem=blind), Evidence(lost, FACTS, None, None)).accepted
 
 
 CORRELATION = Correlation(Clock(0.0), 0.987)

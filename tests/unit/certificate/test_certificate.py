@@ -132,7 +132,9 @@ def test_the_page_needs_nothing_else():
     assert not re.search(r"(src|href)=|url\(", text)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(
+    "language", ["de", *(pytest.param(name, marks=pytest.mark.slow) for name in LANGUAGES if name != "de")]
+)
 def test_the_pdf_has_one_page_also_with_long_fields(language):
     pytest.importorskip("weasyprint", exc_type=OSError)
     long = dict.fromkeys(("customer", "laboratory", "operator", "place", "traceability", "remarks"), "Lorem ipsum " * 8)

@@ -11,7 +11,7 @@ from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.model.noise import Drift
-from kreisel.model.problem import hold
+from kreisel.model.problem import without_groups
 
 from ...small_problem import camera_problem, estimate_of, small_problem, with_drifts, with_noise
 
@@ -49,7 +49,7 @@ def test_one_that_lasts_is_a_part_of_the_offset():
     stated = dict(problem.prior.covariance)
     stated["gyro_offset"] = stated["gyro_offset"] + SIZE**2 * np.eye(3)
     prior = replace(problem.prior, start_covariance=covariance, covariance=stated)
-    one = first_pass(replace(hold(problem, ("gyro_drift",)), prior=prior))
+    one = first_pass(replace(without_groups(problem, ("gyro_drift",)), prior=prior))
     offset, drift = problem.layout["gyro_offset"], problem.layout["gyro_drift"]
     P = apart.belief.covariance
     summed = P[offset, offset] + P[offset, drift] + P[drift, offset] + P[drift, drift]

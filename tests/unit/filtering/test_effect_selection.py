@@ -11,7 +11,7 @@ from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import first_pass, further_pass
 from kreisel.inertial.effects import OF_TEMPERATURE
-from kreisel.model.problem import hold, with_groups
+from kreisel.model.problem import with_groups
 
 from ...small_problem import camera_problem, small_problem
 
@@ -69,11 +69,10 @@ def test_clean_data_show_nothing_and_large_effects_are_never_dropped(found):
     assert selected(found, threshold=-np.inf) == found.groups
 
 
-def test_what_is_in_the_state_fixed_or_held_is_no_candidate():
+def test_what_is_in_the_state_or_fixed_is_no_candidate():
     problem = small_problem()
     assert "accel_delay" in candidates(problem)
     assert "accel_delay" not in candidates(with_groups(problem, ("accel_delay",)))
-    assert "accel_delay" not in candidates(hold(with_groups(problem, ("accel_delay",)), ("accel_delay",)))
     settings = replace(problem.settings, fixed=("accel_delay",))
     assert "accel_delay" not in candidates(replace(problem, settings=settings))
     blind = replace(problem, reference=replace(problem.reference, positions=None))

@@ -15,7 +15,7 @@ from kreisel.filtering.initial_belief import (
 )
 from kreisel.model.noise import PoseError
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import hold, with_correlation_time
+from kreisel.model.problem import with_correlation_time, without_groups
 
 from ...oracle import quaternions as quat
 from ...small_problem import random_belief, small_problem, with_noise
@@ -41,7 +41,7 @@ def test_parameters_come_back_from_the_stored_state():
 
 
 def test_groups_that_are_not_in_the_state_keep_what_is_known():
-    problem = hold(small_problem(), ("lever_arms", "gyro_offset"))
+    problem = without_groups(small_problem(), ("lever_arms", "gyro_offset"))
     other = replace(problem.prior.start, gravity=1.0)
     found = parameters_of(problem, other, stored_state(problem, problem.prior.start))
     np.testing.assert_array_equal(found.sensors.lever_arms, other.sensors.lever_arms)

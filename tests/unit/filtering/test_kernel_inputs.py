@@ -12,7 +12,7 @@ from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.noise import Drift, PoseError
 from kreisel.model.parameters import GROUPS, REFERENCE_GROUPS
-from kreisel.model.problem import hold, with_correlation_time
+from kreisel.model.problem import with_correlation_time, without_groups
 from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import small_problem, with_drifts, with_noise
@@ -30,7 +30,7 @@ ORDER = {
 
 @pytest.mark.parametrize("held", [(), ("lever_arms", "gravity"), ("gyro_cross_coupling", "gyro_offset", "north")])
 def test_rows_give_the_parameters_of_a_state_and_what_is_known_of_the_others(held):
-    problem = hold(small_problem(), held)
+    problem = without_groups(small_problem(), held)
     known = replace(problem.prior.start, north=np.array([7.0, 8.0]), gravity=9.0, skew=1e-3)
     x = stored_state(problem, problem.prior.start) + np.arange(problem.layout.size)
     model = filter_model(problem, known)
@@ -45,7 +45,7 @@ def test_rows_give_the_parameters_of_a_state_and_what_is_known_of_the_others(hel
 @pytest.mark.parametrize("held", [(), ("accel_offset",), ("gyro_cross_coupling", "gyro_offset")])
 def test_the_first_degrees_of_freedom_are_those_of_the_sensors(held):
     """Changed one by one, and those found that change a parameter of the gyros, or of the accelerometers."""
-    problem = hold(small_problem(), held)
+    problem = without_groups(small_problem(), held)
     model, layout = filter_model(problem, problem.prior.start), problem.layout
     x = stored_state(problem, problem.prior.start)
     changed = layout.plus(x, np.eye(layout.degrees)) != x[:, None]
@@ -60,7 +60,7 @@ def test_the_first_degrees_of_freedom_are_those_of_the_sensors(held):
 
 
 def test_places_of_parts_are_those_in_the_stored_state():
-    problem = hold(small_problem(), ("gravity",))
+    problem = without_groups(small_problem(), ("gravity",))
     model = filter_model(problem, problem.prior.start)
     x = np.arange(problem.layout.size)
     for place, name in ((cell.VELOCITY, "velocity"), (cell.ATTITUDE, "attitude"),
@@ -95,7 +95,7 @@ def test_offsets_that_are_in_the_state_and_walk_are_named_by_degree_of_freedom()
     assert np.flatnonzero(walk).size == 6
     for group, size in density.items():
         np.testing.assert_array_equal(walk[problem.layout[group]], size)
-    held = filter_model(hold(problem, ("gyro_offset",)), problem.prior.start)
+    held = filter_model(without_groups(problem, ("gyro_offset",)), problem.prior.start)
     np.testing.assert_array_equal(held.walk, 3e-4)
     still = with_noise(problem, offset_walk={"gyro_offset": 0.0, "accel_offset": 3e-4})
     np.testing.assert_array_equal(filter_model(still, problem.prior.start).walk, 3e-4)
@@ -175,7 +175,7 @@ def test_what_the_reference_does_not_show_is_not_given():
 
 
 def test_there_is_room_in_the_record_for_every_update():
-    problem = hold(small_problem(), ("lever_arms",))
+    problem = without_groups(small_problem(), ("lever_arms",))
     record = filter_record(problem, 7)
     assert record.mean.shape == (7, problem.layout.stored("time_offset").stop)  # of the navigation state nothing
     assert record.deviation.shape == (7, 30)

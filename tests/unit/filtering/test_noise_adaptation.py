@@ -197,3 +197,13 @@ def test_the_warning_states_the_figures_in_use():
     assert figures in used.message
     assert "contradict" in used.message
     assert "contradict" not in found.message
+
+
+def test_what_was_not_measured_has_no_factor():
+    """Variances are zero there; the others still count, and nothing is divided by zero."""
+    columns = drawn(np.random.default_rng(0), (1.5, 0.6, 2.0, 0.8))
+    columns["noise_variance"][:, 3:6] = columns["residual"][:, 3:6] = 0.0
+    columns["noise_variance"][: U // 2, :3] = columns["residual"][: U // 2, :3] = 0.0
+    found = factors_of(columns)
+    assert found.orientation == 1.0
+    assert found.position == pytest.approx(1.5 * TRIMMED, rel=2.0 * TOLERANCE)

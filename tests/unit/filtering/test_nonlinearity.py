@@ -17,7 +17,7 @@ from kreisel.filtering.nonlinearity import (
     deviation_alone,
     linear_inflation,
 )
-from kreisel.model.problem import hold
+from kreisel.model.problem import without_groups
 
 from ...small_problem import moved_by, small_problem
 
@@ -49,7 +49,7 @@ def test_a_deviation_with_all_else_known_is_that_of_the_conditional_distribution
 @pytest.mark.parametrize("sd", [1e-3, 5e-3])
 def test_a_matrix_is_widened_until_the_square_of_its_angles_is_a_share_of_its_deviation(sensor, sd):
     """Offsets are held: with them their product would bend the model as much."""
-    problem = hold(small_problem(), ("gyro_offset", "accel_offset"))
+    problem = without_groups(small_problem(), ("gyro_offset", "accel_offset"))
     deviation = np.full(len(problem.parameter_names), 1e-9)
     deviation[problem.layout[f"{sensor}_cross_coupling"]] = sd
     found = linear_inflation(problem, np.diag(deviation**2))
@@ -72,7 +72,7 @@ def test_widening_stays_between_its_bounds():
     small = np.diag(deviations() ** 2)
     assert linear_inflation(small_problem(), small) == MAX_INFLATION
     assert linear_inflation(small_problem(), 1e18 * small) == MIN_INFLATION
-    held = hold(small_problem(), ("gyro_cross_coupling", "accel_cross_coupling"))
+    held = without_groups(small_problem(), ("gyro_cross_coupling", "accel_cross_coupling"))
     n = len(held.parameter_names)
     assert linear_inflation(held, np.eye(n)) == MAX_INFLATION  # without matrices nothing bends
 

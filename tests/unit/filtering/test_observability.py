@@ -7,12 +7,13 @@ import pytest
 
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.history import FilterRun
-from kreisel.filtering.observability import observability, unobservable_groups
-from kreisel.model.problem import hold
+from kreisel.filtering.nominal_values import with_nominal_values
+from kreisel.filtering.observability import observability
+from kreisel.model.problem import without_groups
 
-from ...small_problem import small_problem
+from ...small_problem import small_problem, small_run
 
-HOLDABLE = ("accel_cross_coupling", "lever_arms")
+WEAK = "accel_cross_coupling"
 
 
 def deviations(problem, **share):
@@ -32,30 +33,6 @@ def seen(problem, deviation):
 def names(problem, group):
     d = problem.layout[group]
     return problem.parameter_names[d]
-
-
-@pytest.mark.parametrize("group", HOLDABLE)
-def test_a_group_is_to_be_held_once_half_of_it_keeps_more_than_half_of_the_prior(group):
-    problem = small_problem()
-    d = problem.layout[group]
-    for shown, want in ((5, ()), (4, (group,))):  # of nine
-        deviation = deviations(problem, **{group: 0.51})
-        deviation[d.start : d.start + shown] *= 0.49 / 0.51
-        assert unobservable_groups(problem, deviation) == want
-
-
-def test_groups_that_are_never_held_are_not_named():
-    problem = small_problem()
-    everything = dict.fromkeys(problem.groups, 0.9)
-    assert unobservable_groups(problem, deviations(problem, **everything)) == HOLDABLE
-    assert unobservable_groups(hold(problem, HOLDABLE), deviations(problem, **everything)) == ()
-
-
-def test_without_positions_lever_arms_are_left_in_the_state():
-    problem = small_problem()
-    problem = replace(problem, reference=replace(problem.reference, positions=None))
-    assert unobservable_groups(problem, deviations(problem, lever_arms=0.9)) == ()
-    assert unobservable_groups(problem, deviations(problem, accel_cross_coupling=0.9)) == ("accel_cross_coupling",)
 
 
 def test_deviations_before_and_after_are_told_for_every_parameter():
@@ -119,11 +96,25 @@ def test_a_stated_offset_that_is_too_uncertain_to_be_of_use_is_named_all_the_sam
     assert found.not_narrowed == ()
 
 
-def test_held_groups_are_not_shown_and_fixed_ones_not_spoken_of():
-    held = hold(small_problem(), ("lever_arms",))
-    found = seen(held, deviations(held))
-    lever_arms = tuple(f"accelerometer.lever_arms[{i},{j}]" for i in range(3) for j in range(3))
-    assert found.unobservable == found.not_narrowed == lever_arms
-    assert not set(lever_arms) & set(found.names)
-    fixed = replace(held, held=())
-    assert seen(fixed, deviations(fixed)).unobservable == ()
+def test_a_matrix_that_is_hardly_observable_keeps_its_nominal_value_and_its_uncertainty_is_propagated():
+    """Against a filter with that matrix fixed, whose result is moved by a drawn error of it."""
+    problem, run = small_problem(), small_run()
+    d, n = problem.layout["accel_cross_coupling"], len(problem.parameter_names)
+    assert with_nominal_values(problem, run) is run  # this motion shows it
+    wide = replace(problem, prior=replace(problem.prior, width=problem.prior.width | {WEAK: np.array([1e-6])}))
+    found = with_nominal_values(wide, run)
+    np.testing.assert_allclose(found.parameters.stored(WEAK), problem.prior.nominal.stored(WEAK), atol=1e-12)
+    np.testing.assert_allclose(found.belief.standard_deviation[d], 0.015, rtol=1e-6)
+    # conditioning by the information matrix, which shares no step with the gain
+    information = np.linalg.inv(run.belief.covariance[:n, :n])
+    rest = np.setdiff1d(np.arange(n), np.r_[d])
+    conditioned = np.linalg.inv(information[np.ix_(rest, rest)])
+    slope = -conditioned @ information[np.ix_(rest, np.r_[d])]
+    expected = conditioned + 0.015**2 * slope @ slope.T
+    np.testing.assert_allclose(found.belief.covariance[np.ix_(rest, rest)], expected, rtol=2e-3, atol=1e-14)
+
+
+def test_fixed_groups_are_not_spoken_of():
+    fixed = without_groups(small_problem(), ("lever_arms",))
+    found = seen(fixed, deviations(fixed))
+    assert not any(name.startswith("accelerometer.lever_arms") for name in (*found.names, *found.unobservable))

@@ -8,7 +8,7 @@ import pytest
 from kreisel.filtering.filter_pass import run_filter
 from kreisel.filtering.initial_belief import first_belief
 from kreisel.filtering.prior_exchange import narrowed_belief, with_stated_prior
-from kreisel.model.problem import hold
+from kreisel.model.problem import without_groups
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 
@@ -90,7 +90,7 @@ def test_noise_of_the_rates_is_no_information_on_the_clocks(settled):
 def test_what_noise_of_the_rates_said_about_a_clock_is_taken_back(settled):
     """The time offset alone: means weighed by their information, the noise's part as if it had measured the start."""
     problem, run = settled
-    problem = hold(problem, tuple(g for g in problem.groups if g != "time_offset"))
+    problem = without_groups(problem, tuple(g for g in problem.groups if g != "time_offset"))
     scatter = 0.02
     problem = with_noise(problem, rate_scatter=scatter)
     begun = narrowed_belief(problem, run_filter(problem, run.parameters))

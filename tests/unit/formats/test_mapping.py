@@ -58,13 +58,28 @@ def test_a_mapped_table_is_the_same_recording(shape: Shape, tmp_path: Path) -> N
         assert abs(int(between) - int(want) + shift) <= (2000 if nanoseconds else 1000)
 
 
-@pytest.mark.parametrize("shape", [s for s in SHAPES if s.proposed], ids=[s.name for s in SHAPES if s.proposed])
-def test_the_data_propose_the_mapping(shape: Shape, tmp_path: Path) -> None:
+QUICK = (
+    "plain",
+    "Euler XYZ, degrees",
+    "one log, merged rows",
+    "MATLAB",
+)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [pytest.param(s, id=s.name, marks=[] if s.name in QUICK else pytest.mark.slow) for s in SHAPES if s.proposed],
+)
+def test_the_data_propose_the_mapping(shape: Shape, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: dict[Path, str] = {}
+    monkeypatch.setattr(
+        "kreisel.formats.proposal.proposal", lambda path, *more: made.setdefault(path, proposal(path, *more))
+    )
     path = written(shape, tmp_path)
     with pytest.raises(UnknownColumnsError, match="is not said") as error:
         load(path)
     text = error.value.proposal
-    assert text == proposal(path)
+    assert made == {path: text}
     tomllib.loads(text)
     (tmp_path / "recording.toml").write_text(text)
     assert_same(load(path), recorded()[1])
@@ -143,6 +158,43 @@ def test_files_that_are_not_what_their_name_says_are_refused(tmp_path: Path) -> 
         (tmp_path / name).write_bytes(b"\x1f\x8b not really" if name.endswith("gz") else b"MATLAB 7.3 not really")
         with pytest.raises(RecordingError):
             read_sheet(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "telling"),
+    [
+        ("storage", "'imu/t' is of another file"),
+        ("virtual", "'imu/t' is put together from other datasets"),
+        ("link", r"'imu' is linked to another file \('t'\)"),
+        ("link at the top", r"'/' is linked to another file \('t'\)"),
+    ],
+)
+def test_hdf5_that_would_read_other_files_is_refused(tmp_path: Path, kind: str, telling: str) -> None:
+    """With them a file of anybody's could show the content of any file on disk."""
+    h5py = pytest.importorskip("h5py")
+    (tmp_path / "private").write_bytes(b"not for everybody")
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["a"] = np.arange(5.0)
+    with h5py.File(tmp_path / "run.mat", "w") as file:
+        group = file.create_group("imu")
+        if kind == "storage":
+            group.create_dataset("t", shape=(17,), dtype="u1", external=[(str(tmp_path / "private"), 0, 17)])
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(shape=(5,), dtype="f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "a", shape=(5,))
+            group.create_virtual_dataset("t", layout)
+        else:
+            (group if kind == "link" else file)["t"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "a")
+    with pytest.raises(RecordingError, match=telling):
+        read_sheet(tmp_path / "run.mat")
+
+
+def test_links_inside_a_file_do_no_harm(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.mat", "w") as file:
+        file["t"] = np.arange(5.0)
+        file["again"] = h5py.SoftLink("/t")
+    assert read_sheet(tmp_path / "run.mat").names == ("t",)
 
 
 def test_entries_of_the_command_line_replace_those_of_the_file() -> None:

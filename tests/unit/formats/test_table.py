@@ -11,6 +11,7 @@ from kreisel.formats import table as module
 from kreisel.formats.folder import load_folder
 from kreisel.formats.table import Table, read_table
 from kreisel.recording.location import fault, line_of
+from kreisel.recording.recording import NO_STAMP
 from kreisel.recording.settings import read_settings
 from kreisel.units import DEG, STANDARD_GRAVITY
 
@@ -141,9 +142,21 @@ def test_stamps_in_other_units_keep_their_digits(tmp_path: Path, unit: str, stam
     assert abs(int(got.stamps_ns[0]) - 1_700_000_000_123_456_000) < 300  # what a float64 of seconds resolves
 
 
-@pytest.mark.parametrize("stamp", ["nan", "inf", "-1e300", "1e20"])
+@pytest.mark.parametrize("stamp", ["inf", "-1e300", "1e20"])
 def test_impossible_stamps_have_their_line(tmp_path: Path, stamp: str) -> None:
     assert "line 3: the stamp" in message(tmp_path, f"t [s],x\n1,1\n{stamp},1\n2,1\n")
+
+
+@pytest.mark.parametrize("unit", ["ns", "s"])
+@pytest.mark.parametrize("cell", ["", "nan", " ", "NaN"])
+def test_missing_cells_are_no_numbers_and_missing_stamps_no_stamps(tmp_path: Path, unit: str, cell: str) -> None:
+    got = table(
+        tmp_path, f"t [{unit}],x,y\n1,1,2\n{cell},3,4\n3,{cell},6\n4,7,{cell}\n5,{cell},{cell}\n# a,,b\n6,9,10\n"
+    )
+    size = {"ns": 1, "s": 10**9}[unit]
+    assert got.stamps_ns.tolist() == [size, NO_STAMP, *(size * k for k in (3, 4, 5, 6))]
+    nan = np.nan
+    np.testing.assert_array_equal(got.values[:, 1:], [[1, 2], [3, 4], [nan, 6], [7, nan], [nan, nan], [9, 10]])
 
 
 @pytest.mark.parametrize(

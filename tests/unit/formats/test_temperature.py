@@ -38,13 +38,23 @@ def test_it_is_read_in_degrees_celsius(tmp_path, header, shift):
     assert abs(imu.warmth.mean()) < 1e-9
 
 
-@pytest.mark.parametrize(("header", "value"), [("temp [F]", 70.0), ("temp", 300.0), ("temp", np.nan)])
+@pytest.mark.parametrize(("header", "value"), [("temp [F]", 70.0), ("temp", 300.0)])
 def test_one_that_makes_no_sense_is_refused(tmp_path, header, value):
     n = recorded()[1].imu.stamps_ns.size
     values = np.full(n, 20.0)
     values[n // 2] = value
     with pytest.raises(RecordingError, match=r"data\.csv.*(temp|F\])"):
         load(written(tmp_path, header, values))
+
+
+def test_one_that_is_rarely_recorded_is_interpolated(tmp_path):
+    n = recorded()[1].imu.stamps_ns.size
+    values = 20.0 + np.linspace(0.0, 5.0, n)
+    rare = np.where(np.arange(n) % 100 == 0, values, np.nan)
+    rare[-1] = values[-1]
+    recording = load(written(tmp_path, "temp", rare))
+    np.testing.assert_allclose(recording.imu.temperature, values, rtol=0, atol=1e-9)
+    assert any("temperatures are missing; interpolated" in str(warning) for warning in recording.warnings)
 
 
 def test_other_columns_are_not_temperatures(tmp_path):

@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kreisel._kernels import chain
+from kreisel._kernels.joint_chain import Chain
 
 JOINTS = (
     pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ,
@@ -31,7 +32,7 @@ def arms(request):
         bodies.append([body.mass, *body.lever])
     placements.append(pin.SE3.Random())
     frame = model.addFrame(pin.Frame("tool", parent, 0, placements[-1], pin.FrameType.BODY))
-    own = chain.Chain(
+    own = Chain(
         np.array([p.rotation.ravel() for p in placements]), np.array([p.translation for p in placements]),
         AXES[kinds].astype(float), TURNING[kinds], np.array(bodies),
     )  # fmt: skip

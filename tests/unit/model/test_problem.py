@@ -1,4 +1,4 @@
-"""The problem: what its counts say of the state, and what changes when groups are held or noise is coloured."""
+"""The problem: what its counts say of the state, and what changes when groups leave or noise is coloured."""
 
 from dataclasses import replace
 
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import hold, with_correlation_time
+from kreisel.model.problem import with_correlation_time, without_groups
 
 from ...small_problem import small_problem, with_noise
 
-HELD = ("lever_arms", "gravity")
+GONE = ("lever_arms", "gravity")
 
 
 def test_counts_are_those_of_the_degrees_of_freedom_by_their_names():
@@ -58,24 +58,21 @@ def test_a_walk_gathers_density_squared_times_the_time_from_the_first_update_to_
     assert not found[others].any()
 
 
-def test_held_groups_leave_the_state_and_keep_their_nominal_values():
+def test_groups_that_leave_the_state_keep_their_nominal_values():
     problem = small_problem()
     problem = replace(problem, prior=replace(problem.prior, value=replace(problem.prior.start, gravity=9.7)))
-    held = hold(problem, HELD)
-    assert held.held == HELD
-    assert held.groups == tuple(g for g in problem.groups if g not in HELD)
-    prior, before = held.prior, problem.prior
+    rest = without_groups(problem, GONE)
+    assert rest.groups == tuple(g for g in problem.groups if g not in GONE)
+    prior, before = rest.prior, problem.prior
     assert np.abs(before.start.stored("lever_arms") - before.nominal.stored("lever_arms")).max() > 0.0
     for group in GROUPS:
         for now, then in ((prior.start, before.start), (prior.value, before.value)):
-            want = before.nominal if group in HELD else then
+            want = before.nominal if group in GONE else then
             np.testing.assert_array_equal(now.stored(group), want.stored(group))
     for covariance, all_of_them in (
         (prior.covariance, before.covariance), (prior.start_covariance, before.start_covariance),
     ):  # fmt: skip
-        assert covariance.keys() == all_of_them.keys() - set(HELD)
-    assert hold(held, ("north",)).held == (*HELD, "north")
-    assert problem.held == ()
+        assert covariance.keys() == all_of_them.keys() - set(GONE)
 
 
 @pytest.mark.parametrize(

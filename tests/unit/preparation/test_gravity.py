@@ -20,11 +20,11 @@ def site(**stated):
     return found, " ".join(map(str, warnings))
 
 
-@pytest.mark.parametrize("height", [0.0, 300.0, 1500.0, 2000.0])
+@pytest.mark.parametrize("height", [0.0, 300.0, 1500.0, 2240.0, 3640.0])
 def test_a_latitude_without_height_covers_where_people_live(height):
     found, _ = site(latitude_deg=19.4)
-    assert abs(found.gravity - normal_gravity(math.radians(19.4), height)) < 4.0 * found.gravity_sd
-    assert found.gravity_sd < 2e-3
+    assert abs(found.gravity - normal_gravity(math.radians(19.4), height)) < 3.0 * found.gravity_sd
+    assert found.gravity_sd < 4e-3
 
 
 def test_a_height_leaves_the_anomaly():
@@ -41,7 +41,7 @@ def test_a_textbook_value_is_no_measurement(copied):
     assert "textbook" in said
     better, said = site(gravity=copied, latitude_deg=5.0)
     assert better.gravity == pytest.approx(normal_gravity(math.radians(5.0)), abs=2e-3)
-    assert better.gravity_sd < 2e-3
+    assert better.gravity_sd < 4e-3
     assert "textbook" in said or "contradict" in said or "but the latitude gives" in said
 
 

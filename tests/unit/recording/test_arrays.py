@@ -54,7 +54,10 @@ def test_frames_of_pandas():
         ({"rates": lambda x: x[:-1]}, r"rates: got the shape \(4000, 3\)"),
         ({"accelerations": lambda x: [["a"] * 3] * 4001}, "accelerations: not an array of numbers"),
         ({"quaternions": lambda x: x[:, :3]}, r"quaternions: got the shape \(3326, 3\), expected \(3326, 4\)"),
-        ({"positions": lambda x: np.where(np.arange(len(x))[:, None] == 7, np.nan, x)}, r"positions\[7, 0\] is nan"),
+        (
+            {"positions": lambda x: np.where(np.arange(len(x))[:, None] > 7, np.nan, x)},
+            r"without a number \(p_x = nan\)",
+        ),
         ({"imu_stamps": lambda x: x.astype(float)}, "imu_stamps: floats are seconds, but the usual step is 1e[+]07 s"),
         ({"imu_stamps": lambda x: x // 10**6}, "imu_stamps: integers are nanoseconds, but the usual step is 10 ns"),
         ({"imu_stamps": lambda x: x.astype(str)}, "imu_stamps: got values of type <U"),

@@ -18,7 +18,7 @@ from kreisel.recording.checks import check_streams
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.joint_checks import angles_at
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.robot import kinematics
+from kreisel.robot import description, kinematics
 from kreisel.units import DEG, STANDARD_GRAVITY
 
 IMU, POSE = Path("run/imu0/data.csv"), Path("run/pose0/data.csv")
@@ -235,6 +235,49 @@ def test_rate_and_duration_propose_the_same() -> None:
     assert "the header says [us], but they look like [ms]" in message(replace(r, reference=slow))
 
 
+@pytest.mark.parametrize("rate", [1.0 / 6.0, 1.0, 5.0, 19.2])
+@pytest.mark.parametrize(("stated", "true"), [(None, None), ("ns", "us"), ("ms", "s"), ("us", "ms"), ("s", "ms")])
+def test_the_unit_of_slow_poses_is_found_by_their_duration(rate: float, stated: str | None, true: str | None) -> None:
+    """No rate of poses is too low by itself; what they last shows the unit."""
+    r = recording()
+    n = max(15, round(12.0 * rate))
+    seconds = n / rate
+    t = np.arange(0.0, seconds, 1.0 / RATE)
+    rng = np.random.default_rng(3)
+    wave = np.column_stack([np.sin(0.3 * t + k) for k in range(6)]) + 1e-3 * rng.normal(size=(t.size, 6))
+    r = with_imu(r, stamps_ns=np.round(1e9 * t).astype(np.int64), rates=wave[:, :3],
+                 accelerations=wave[:, 3:] + [0.1, 0.2, 9.8])  # fmt: skip
+    tau = np.arange(n) / rate
+    reference = ReferencePoses("pose0", np.round(1e9 * tau).astype(np.int64), course(tau), exp(course(tau)), POSE)
+    if stated is None:
+        assert check_streams(replace(r, reference=reference)).reference.stamps_ns.size == n
+        return
+    read = np.round(reference.stamps_ns * (UNITS["time"][stated] / UNITS["time"][true])).astype(np.int64)
+    broken = replace(reference, stamps_ns=read, units=HeaderUnits(time=stated))
+    assert f"they look like [{true}]: write '#timestamp [{true}]'" in message(replace(r, reference=broken))
+
+
+def test_large_turns_between_slow_poses_are_no_outliers() -> None:
+    """Once a second, a body has turned anywhere; that cannot be told from a false pose."""
+    r = recording(noise=0.0)
+    tau = np.arange(0.0, SECONDS, 1.0)
+    turn = np.column_stack([np.zeros_like(tau), np.zeros_like(tau), np.where(np.arange(tau.size) % 3 == 1, 1.6, 0.0)])
+    q = exp(turn + 1e-3 * tau[:, None])
+    poses = ReferencePoses("pose0", np.round(1e9 * tau).astype(np.int64), course(tau + QUIET), q, POSE)
+    got = check_streams(replace(r, reference=poses))
+    assert got.reference.stamps_ns.size == tau.size
+    assert not [w for w in got.warnings if w.subject == "outliers"]
+
+
+@pytest.mark.parametrize("rate", [6.0, 19.2])
+def test_slow_sensors_are_read(rate: float) -> None:
+    r = recording()
+    every = round(RATE / rate)
+    s = r.imu
+    slow = with_imu(r, stamps_ns=s.stamps_ns[::every], rates=s.rates[::every], accelerations=s.accelerations[::every])
+    assert check_streams(slow).imu.stamps_ns.size == s.stamps_ns[::every].size
+
+
 def test_stamps_that_no_unit_makes_right_are_not_given_one() -> None:
     r = recording()
     said = message(with_imu(r, stamps_ns=r.imu.stamps_ns // 50_000))
@@ -279,7 +322,7 @@ def armed(unit: float = 1.0, stated: str | None = None, size: float = 2.0, sourc
     """Return a recording of an arm of two joints, its angles in some unit."""
     r = recording()
     angles = size * course(r.reference.seconds)[:, :2]
-    p, q = kinematics.poses(kinematics.parse_arm(SMALL_ARM), angles)
+    p, q = kinematics.poses(description.parse_arm(SMALL_ARM), angles)
     joints = JointAngles(r.reference.stamps_ns, angles / unit, source, HeaderUnits(angle=stated))
     return replace(with_poses(r, positions=p, quaternions=q), joints=joints, urdf=SMALL_ARM)
 

@@ -8,7 +8,8 @@ import pytest
 from kreisel.geometry.rotation import matrix, multiply
 from kreisel.protocols.samples import RobotSample
 from kreisel.robot.agreement import Agreement, tool_of
-from kreisel.robot.kinematics import load_arm, parse_arm, poses
+from kreisel.robot.description import parse_arm
+from kreisel.robot.kinematics import load_arm, poses
 
 ARM = load_arm("ur10e")
 SHORTER = parse_arm(ARM.urdf.replace("0.6127", "0.4784").replace("0.57155", "0.36"))  # the arm of a UR16e

@@ -1,6 +1,5 @@
 """Where the tool stands and how it moves, against Denavit-Hartenberg products and finite differences."""
 
-import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from math import factorial
@@ -12,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from kreisel.errors import RobotError
 from kreisel.robot import kinematics
+from kreisel.robot.description import parse_arm
 from kreisel.robot.excitation import home
-from kreisel.robot.kinematics import MODELS, load_arm, parse_arm
+from kreisel.robot.kinematics import MODELS, load_arm
 
 
 @dataclass(frozen=True)
@@ -508,7 +508,6 @@ def test_a_frame_that_no_joint_moves():
 
 
 def test_a_joint_may_share_its_links_name():
-    """Frames of pinocchio are found by name and kind."""
     text = PLAIN.replace('name="shoulder" type="revolute"', 'name="upper" type="revolute"')
     assert parse_arm(text, "upper").joints == ("upper",)
 
@@ -522,12 +521,6 @@ def test_home_is_no_singularity(model):
 def test_joints_with_several_angles_are_refused():
     with pytest.raises(RobotError, match="each joint must have one angle"):
         parse_arm(PLAIN.replace('name="shoulder" type="revolute"', 'name="shoulder" type="floating"'))
-
-
-def test_without_pinocchio_the_message_says_how_to_get_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(RobotError, match=r"pip install 'kreisel\[robot\]'"):
-        load_arm("kr125")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from kreisel.errors import SettingsError
 from kreisel.inertial.noise import GRADES
-from kreisel.robot.kinematics import parse_arm, poses
+from kreisel.robot.description import parse_arm
+from kreisel.robot.kinematics import poses
 from kreisel.simulation.cell import simulate, write_truth
 from kreisel.simulation.effects import envelope
 from kreisel.simulation.robot import Sway

@@ -100,6 +100,7 @@ def dying(folder, number):
     return number * number
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # a worker that dies leaves its sockets to be collected
 def test_a_worker_that_dies_takes_nothing_along(tmp_path):
     found = sorted(dask_map(partial(dying, str(tmp_path)), range(8), scheduler=None, workers=2))
@@ -107,6 +108,7 @@ def test_a_worker_that_dies_takes_nothing_along(tmp_path):
     assert found == [k * k for k in range(8)]
 
 
-def test_no_scheduler_answers():
+def test_no_scheduler_answers(monkeypatch):
+    monkeypatch.setattr("kreisel.study.dask._ANSWER", 1.0)
     with pytest.raises(SettingsError, match="no scheduler answers"):
         list(dask_map(abs, range(2), scheduler="tcp://127.0.0.1:9", workers=1))

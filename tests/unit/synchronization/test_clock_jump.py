@@ -51,7 +51,7 @@ def told(preparation: Preparation) -> list[str]:
     return [str(warning) for warning in preparation.warnings if "jumped" in str(warning)]
 
 
-@pytest.mark.parametrize("size", [0.015, -0.06, 0.25])
+@pytest.mark.parametrize("size", [0.25, *(pytest.param(size, marks=pytest.mark.slow) for size in (0.015, -0.06))])
 def test_a_jump_is_found_and_taken_out(size):
     found = prepared(lambda tau: np.where(tau > AT, size, 0.0))
     (text,) = told(found)
@@ -68,7 +68,12 @@ def test_a_jump_is_found_and_taken_out(size):
 
 
 @pytest.mark.parametrize(
-    "shift", [lambda tau: 0.0 * tau, lambda tau: 5e-3 * tau, lambda tau: 0.01 * np.sin(2.0 * np.pi * tau / 60.0)]
+    "shift",
+    [
+        lambda tau: 0.0 * tau,
+        pytest.param(lambda tau: 5e-3 * tau, marks=pytest.mark.slow),
+        pytest.param(lambda tau: 0.01 * np.sin(2.0 * np.pi * tau / 60.0), marks=pytest.mark.slow),
+    ],
 )
 def test_other_clocks_do_not_jump(shift):
     assert not told(prepared(shift))

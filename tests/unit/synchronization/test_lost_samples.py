@@ -84,6 +84,7 @@ def test_a_clock_that_is_slower_has_lost_nothing():
     assert found.rate_fit.clock.skew == pytest.approx(-250e-6, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_too_many_are_left_as_they_are():
     """It cannot be found out where: the check of the clocks refuses the recording."""
     rng = np.random.default_rng(1)
