@@ -61,7 +61,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.calibration.inflation import with_unestimated_errors
     from kreisel.calibration.latitude_check import check_latitude
     from kreisel.calibration.outcome import Outcome
-    from kreisel.calibration.split_halves import split_halves, with_disagreement
+    from kreisel.calibration.split_halves import halves_disagreement, split_halves
     from kreisel.calibration.verdict import consistency, judge
     from kreisel.cli.threads import side_by_side
     from kreisel.filtering.iteration import Given, estimate
@@ -85,8 +85,9 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     halves = split_halves(found, together=side_by_side)
     latitude, cross = side_by_side([lambda: check_latitude(found.problem, found.run), lambda: cross_validate(found)])
     laps.end("halves, latitude, validation")
-    found = with_disagreement(found, halves)
-    seen, facts = observability(found.problem, found.run), consistency(found, preparation.correlation)
+    more = halves_disagreement(found, halves)
+    found = found.adding(more.contributions, more.warnings)
+    seen, facts = observability(found.problem, found.deviation), consistency(found, preparation.correlation)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))
     calibration = assemble(recording, found, Judged(seen, facts, verdict, 0.0), found.warnings)
     laps.end("judge, assemble")

@@ -137,14 +137,14 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
 def _covariance(found: Estimate, n: int) -> Array:
     """Return the covariance of the first n parameters; zero for those the user fixed."""
     estimated = ~found.problem.fixed_places[:n]
-    return np.asarray(found.run.belief.covariance[:n, :n] * np.outer(estimated, estimated))
+    return np.asarray(found.belief.covariance[:n, :n] * np.outer(estimated, estimated))
 
 
 def _deviation_of(found: Estimate, group: str) -> Array:
     """Return the standard deviations of a group, zero for a fixed one."""
     problem = found.problem
     if group in problem.layout:
-        deviation = found.run.belief.standard_deviation[problem.layout[group]].copy()
+        deviation = found.deviation[problem.layout[group]].copy()
         deviation[problem.fixed_places[problem.layout[group]]] = 0.0
         return deviation
     return np.zeros(group_named(group).degrees(problem.settings.polynomial_order, problem.joints))
@@ -203,7 +203,7 @@ def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
 def _propagated(found: Estimate, J: Array, *groups: str) -> Array:
     """Return the standard deviations of J (k, n) times the groups' parameters (n,)."""
     index = np.concatenate([np.r_[found.problem.layout[group]] for group in groups])
-    P = found.run.belief.covariance[np.ix_(index, index)]
+    P = found.belief.covariance[np.ix_(index, index)]
     return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", J, P, J)))
 
 
@@ -263,7 +263,7 @@ def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
     before = np.zeros_like(after)
     index = np.concatenate([np.r_[layout[group]] for group in present])
     place = np.concatenate([np.r_[errors.part(group)] for group in present])
-    after[np.ix_(place, place)] = found.run.belief.covariance[np.ix_(index, index)]
+    after[np.ix_(place, place)] = found.belief.covariance[np.ix_(index, index)]
     for group in present:
         part = errors.part(group)
         before[part, part] = problem.prior.covariance[group]
@@ -301,6 +301,6 @@ def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
         first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
         column, own = 1 + layout["time_offset"].start, 1.0 + recording.imu.stretch
         table[:, column] = own * table[:, column] + Clock(0.0).offset(*first)
-    table[-1, 1 + n :] = run.belief.standard_deviation[:n]
+    table[-1, 1 + n :] = found.deviation[:n]
     table[:, 1 + n :][:, found.problem.fixed_places[:n]] = 0.0
     return table

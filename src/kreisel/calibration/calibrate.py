@@ -11,11 +11,11 @@ from kreisel.calibration.assembly import Judged, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
-from kreisel.calibration.interval_check import with_interval_disagreement
+from kreisel.calibration.interval_check import interval_disagreement
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.split_halves import split_halves, with_disagreement
+from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
@@ -73,7 +73,7 @@ def run_calibration(
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
     halves = split_halves(found, progress, together)
-    found = with_interval_disagreement(found, progress)
+    by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = together(
         [
@@ -81,10 +81,12 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    found = with_disagreement(without_passing(found), halves)
-    seen = observability(found.problem, found.run)
+    by_halves = halves_disagreement(without_passing(found), halves)
+    found = without_passing(found.adding(by_interval.contributions, by_interval.warnings))
+    found = found.adding(by_halves.contributions, by_halves.warnings)
+    seen = observability(found.problem, found.deviation)
     found = with_doubtful_latitude(with_walked_deviations(found), latitude)
-    seen = replace(seen, posterior=found.run.belief.standard_deviation[: len(seen.names)])
+    seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
     verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
@@ -190,7 +192,7 @@ def _known_scores(
     fixed = tuple(one for one in settings.priors_given if one[2] == 0.0)
     free = build_problem(preparation, replace(settings, priors=fixed))
     found = with_unestimated_errors(estimate(free, given, progress))
-    layout, deviation = found.problem.layout, found.run.belief.standard_deviation
+    layout, deviation = found.problem.layout, found.deviation
     scores = {}
     for name, sd in stated:
         group, index = place_of(name, settings.polynomial_order)

@@ -1,13 +1,13 @@
-"""Inflation of the deviations of groups that two estimates of one recording disagree about."""
+"""Uncertainty of groups that two estimates of one recording disagree about."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.estimation.belief import with_errors
+from kreisel.estimation.uncertainty import Contribution, Source
 from kreisel.filtering.estimate import Estimate
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
@@ -17,26 +17,36 @@ MAX_RMS = 2.0
 """Root mean square of a group's scores above which two estimates count as different; by chance, in one case of 200."""
 
 
-def with_larger_deviations(
-    found: Estimate, score: Array, factor: Callable[[slice, float], float], subject: str, words: str
-) -> Estimate:
-    """Return the estimate with larger deviations of the sensors' groups that disagree, and a warning that names them.
+@dataclass(frozen=True)
+class Disagreement:
+    """What a disagreement adds to the uncertainty of an estimate, with the warning about it; both may be empty."""
+
+    contributions: tuple[Contribution, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
+
+
+def disagreement(
+    found: Estimate, score: Array, factor: Array, added: Callable[[slice, float], float], subject: str, words: str
+) -> Disagreement:
+    """Return what the sensors' groups of which two estimates differ add to the uncertainty, and what to say of it.
 
     Parameters
     ----------
     score : (at least the parameters,)
         Difference of the two estimates over its deviation, in the order of the state.
-    factor
-        Returns the factor for a group's part of the state and the rms of its scores.
+    factor : (degrees, k)
+        Of the covariance that a group's further error is a multiple of.
+    added
+        Returns this multiple for a group's part of the state and the rms of its scores.
     subject, words
-        Of the warning; groups and factors follow.
+        Of the warning; groups, and factors on their deviations, follow.
 
     Notes
     -----
-    An error that is independent of all else is added to each group, so that its deviations grow by the factor. Its
-    covariances with other groups, such as the robot's errors, stay: they are how these act on it.
+    The further errors of a group are independent of all else. Its covariances with other groups, such as the robot's
+    errors, stay: they are how these act on it.
     """
-    layout, belief = found.problem.layout, found.run.belief
+    layout, variance = found.problem.layout, found.deviation**2
     columns, told = [], []
     for group in SENSOR_GROUPS:
         if group not in layout or group in PASSING_GROUPS:
@@ -44,13 +54,14 @@ def with_larger_deviations(
         part = layout[group]
         size = float(np.sqrt(np.mean(score[part] ** 2)))
         if size > MAX_RMS:
-            larger = factor(part, size)
-            added = np.zeros_like(belief.factor)
-            added[part] = np.sqrt(max(larger**2 - 1.0, 0.0)) * belief.factor[part]
-            columns.append(added)
-            told.append(f"{group} {larger:.1f}")
+            own = np.zeros_like(factor)
+            own[part] = np.sqrt(added(part, size)) * factor[part]
+            columns.append(own)
+            larger = 1.0 + np.sum(own[part] ** 2, axis=1) / variance[part]
+            told.append(f"{group} {float(np.median(larger)) ** 0.5:.1f}")
     if not told:
-        return found
-    warning = DataWarning(subject, f"{words}: {', '.join(told)}")
-    belief = with_errors(belief, np.hstack(columns))
-    return replace(found, run=replace(found.run, belief=belief), warnings=(*found.warnings, warning))
+        return Disagreement()
+    return Disagreement(
+        (Contribution(f"disagreement: {subject}", Source.MISFIT, np.hstack(columns)),),
+        (DataWarning(subject, f"{words}: {', '.join(told)}"),),
+    )

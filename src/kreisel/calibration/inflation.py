@@ -1,4 +1,4 @@
-"""Inflation of the standard deviations for errors that are not estimated, after the filter has run."""
+"""Contributions to the uncertainty of errors that are not estimated."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
-from kreisel.estimation.belief import inflate_variance, with_errors
+from kreisel.estimation.uncertainty import Contribution, Source, along, each, scaling
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
+from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.preparation.gravity import ANOMALY_SD
@@ -33,32 +34,31 @@ _GRAVITY_SHARE = 0.25
 
 
 def with_unestimated_errors(found: Estimate) -> Estimate:
-    """Return the estimate inflated for errors of frames, positions and stamps, with the warnings about them."""
-    problem, run, filtered = found.problem, found.run, _as_filtered(found)
-    belief, warnings, common = run.belief, list(found.warnings), found.common
-    if max(problem.noise.frame_sd) > 0.0:
-        common = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, filtered)])
-        belief = with_errors(belief, common)
+    """Return the estimate with contributions of frames, positions and stamps, and the warnings about them."""
+    problem, run, noise = found.problem, found.run, found.problem.noise
+    layout, K_omega = problem.layout, run.parameters.sensors.K_omega
+    out, warnings = [], []
+    if max(noise.frame_sd) > 0.0:
+        columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run)])
+        out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
         warnings.append(_frame_warning(problem))
-    if len(problem.noise.axes):
-        belief = with_errors(belief, axis_columns(problem, run.parameters))
+    if len(noise.axes):
+        out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
-    repeats = repeatability_columns(problem, run.parameters)
-    if repeats.any():
-        belief = with_errors(belief, repeats)
-    if problem.noise.lateness > 0.0 and "time_offset" in problem.layout:
-        belief = inflate_variance(problem.layout, belief, "time_offset", problem.noise.lateness)
-    if problem.noise.time_base_sd > 0.0 and "gyro_cross_coupling" in problem.layout:
-        column = np.zeros((problem.layout.degrees, 1))
-        column[problem.layout["gyro_cross_coupling"], 0] = run.parameters.sensors.K_omega.ravel()
-        column *= problem.noise.time_base_sd
-        belief = with_errors(belief, column)
+    out.append(
+        Contribution("the robot's repeatability", Source.STANDSTILL, repeatability_columns(problem, run.parameters))
+    )
+    if "time_offset" in layout:
+        columns = each(layout.degrees, layout["time_offset"], noise.lateness)
+        out.append(Contribution("lateness of stamps", Source.CLOCKS, columns))
+    if "gyro_cross_coupling" in layout:
+        column = along(layout.degrees, layout["gyro_cross_coupling"], noise.time_base_sd * K_omega.ravel())
+        out.append(Contribution("whose seconds are true", Source.CLOCKS, column))
     factor = series_factor(found)
     if factor > 1.0:
-        belief, common = replace(belief, factor=factor * belief.factor), factor * common
-        warnings.append(DataWarning("effects", f"{_SERIES} standard deviations were multiplied by {factor:.2f}"))
-    warnings += _gravity_warning(problem, filtered)
-    return replace(found, run=replace(run, belief=belief), warnings=tuple(warnings), common=common)
+        out.append(scaling("delay and smoothing as series", Source.MISFIT, found.as_noisy, factor))
+        warnings.append(DataWarning("effects", f"{_SERIES} deviations by noise were multiplied by {factor:.2f}"))
+    return found.adding(out, (*warnings, *_gravity_warning(problem, run)))
 
 
 def with_walked_deviations(found: Estimate) -> Estimate:
@@ -67,10 +67,13 @@ def with_walked_deviations(found: Estimate) -> Estimate:
     By the distance of two moments of the recording, on average: the value at the end is known better, but it is not
     the device's.
     """
-    problem, belief = found.problem, found.run.belief
+    problem, layout = found.problem, found.problem.layout
+    out = []
     for group in found.walks:
-        belief = inflate_variance(problem.layout, belief, group, (0.5 * walked_variance(problem, group)) ** 0.5)
-    return replace(found, run=replace(found.run, belief=belief))
+        columns = each(layout.degrees, layout[group], (0.5 * walked_variance(problem, group)) ** 0.5)
+        source = Source.CLOCKS if group == "time_offset" else Source.SENSOR
+        out.append(Contribution(f"walk of {GROUPS[group].split(',')[0]}", source, columns))
+    return found.adding(out)
 
 
 def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Estimate:
@@ -84,18 +87,14 @@ def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Esti
     odds = float(np.exp(min(0.5 * check.score**2, 100.0))) / _CAREFUL
     share = (odds / (1.0 + odds)) ** 0.5
     there, here = (normal_gravity(np.radians(deg)) for deg in (check.found_deg, check.stated_deg))
-    belief = found.run.belief
-    i = layout["gravity"].start
-    P = belief.covariance
+    i, P = layout["gravity"].start, found.run.belief.covariance
     column = share * (there - here) * P[:, [i]] / P[i, i]
-    belief = with_errors(belief, column)
     message = (
         f"the stated latitude of {check.stated_deg:.4g} deg is doubtful: the Earth's rotation in the gyros' readings "
         f"gives {check.found_deg:.1f} ± {check.deviation_deg:.1g} deg. Standard deviations of the accelerometers' "
         "scale factors contain the difference in gravity"
     )
-    warnings = (*found.warnings, DataWarning("site", message))
-    return replace(found, run=replace(found.run, belief=belief), warnings=warnings)
+    return found.adding([Contribution("doubtful latitude", Source.PRIOR, column)], [DataWarning("site", message)])
 
 
 def series_factor(found: Estimate) -> float:
@@ -106,12 +105,6 @@ def series_factor(found: Estimate) -> float:
         if effect.included and effect.group in _TERMS
     ]
     return (1.0 + max(sizes) ** 2) ** 0.5 if sizes and max(sizes) > _SMALL else 1.0
-
-
-def _as_filtered(found: Estimate) -> FilterRun:
-    """Return the run with the filter's own deviations, before they were multiplied for correlated innovations."""
-    belief = found.run.belief
-    return replace(found.run, belief=replace(belief, factor=belief.factor / found.correlation_factor))
 
 
 def _axes_warning(problem: Problem) -> DataWarning:

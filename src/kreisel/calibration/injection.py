@@ -46,7 +46,7 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
         problem.parameter_names,
         moved(injected),
         moved(again.estimate.run.parameters),
-        outcome.estimate.run.belief.standard_deviation[:n],
+        outcome.estimate.deviation[:n],
     )
 
 

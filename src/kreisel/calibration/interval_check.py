@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.disagreement import with_larger_deviations
+from kreisel.calibration.disagreement import Disagreement, disagreement
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.prior_exchange import further_pass
 from kreisel.model.problem import with_rarer_updates
@@ -15,25 +15,23 @@ _LEAST = 0.05
 """Least variance of a difference, as a share of the estimate's own variance."""
 
 
-def with_interval_disagreement(found: Estimate, progress: Progress | None = None) -> Estimate:
-    """Return the estimate with deviations of those groups that an interval twice as long estimates otherwise.
+def interval_disagreement(found: Estimate, progress: Progress | None = None) -> Disagreement:
+    """Return what groups that an interval twice as long estimates otherwise add to the uncertainty.
 
     Only where innovations are correlated: something is then left that no effect explains.
 
     Notes
     -----
-    With fewer updates the estimate is less good; the difference then has the difference of the variances as its own
-    (Hausman 1978).
+    With fewer updates the estimate is less good; the difference then has the difference of the filter's variances as
+    its own (Hausman 1978).
     """
-    if found.correlation_factor == 1.0:
-        return found
     problem, run = found.problem, found.run
     rarer = with_rarer_updates(problem)
-    if len(rarer.schedule.updates) < MIN_UPDATES:
-        return found
+    if found.correlation_factor == 1.0 or len(rarer.schedule.updates) < MIN_UPDATES:
+        return Disagreement()
     other = further_pass(rarer, run, progress=of_step(progress, "interval"))
     change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:, 0]
-    own = np.diag(run.belief.covariance)
+    own = np.sum(found.as_noisy**2, axis=1)
     variance = found.correlation_factor**2 * np.diag(other.belief.covariance) - own
     score = change / np.sqrt(np.maximum(variance, _LEAST * own))
     words = (
@@ -41,7 +39,7 @@ def with_interval_disagreement(found: Estimate, progress: Progress | None = None
         "errors of the reference that are not modelled; standard deviations were multiplied"
     )
 
-    def factor(part: slice, _size: float) -> float:
-        return float(np.sqrt(1.0 + np.mean(change[part] ** 2 / own[part])))
+    def added(part: slice, _size: float) -> float:
+        return float(np.mean(change[part] ** 2 / own[part]))
 
-    return with_larger_deviations(found, score, factor, "interval", words)
+    return disagreement(found, score, found.as_noisy, added, "interval", words)

@@ -182,7 +182,7 @@ def _brought_together(
     estimates = [shared.estimate(i, fused.parts[i], factor) for i in range(len(outcomes))]
     first, found = outcomes[0], estimates[0]
     honest = estimates if factor == 1.0 else [shared.estimate(i, one, 1.0) for i, one in enumerate(fused.parts)]
-    seen = [observability(one.problem, one.run) for one in honest]
+    seen = [observability(one.problem, one.deviation) for one in honest]
     reasons = [*_reasons(differing, factor, remedy), *motion_reasons(seen[0])]
     causes = max((one.verdict.causes for one in outcomes), key=lambda found: found[0].weight if found else 0.0)
     verdict = verdict_by(reasons, seen[0], causes)
@@ -319,5 +319,5 @@ def _course(shared: Sharing, factor: float, outcomes: Sequence[Outcome]) -> Arra
         fused = fuse(contributions[:count], shared.layout, start, prior)
         found = shared.estimate(0, fused.parts[0], factor)
         values = values_of(found)
-        rows.append(np.concatenate([[seconds], values, found.run.belief.standard_deviation[: values.size]]))
+        rows.append(np.concatenate([[seconds], values, found.deviation[: values.size]]))
     return np.array(rows)

@@ -79,7 +79,7 @@ class Sharing:
         found = self._found[i]
         n, k = len(found.problem.parameter_names), columns.shape[1]
         P = np.eye(n + k)
-        P[:n, :n] = found.run.belief.covariance[:n, :n]
+        P[:n, :n] = found.belief.covariance[:n, :n]
         if k:
             P[:n, n:], P[n:, :n] = columns[:n], columns[:n].T
         return Gaussian(np.append(values_of(found), np.zeros(k)), P)
@@ -106,8 +106,7 @@ class Sharing:
             prior = Gaussian(np.concatenate([one.mean for one in priors]), _block_diagonal(priors))
             part, n = self._part(i), prior.mean.size
             index, columns = self._index(i)[:n], part.covariance[:n, n:]
-            belief = self._found[i].filtered or self._found[i].run.belief
-            filtered = Gaussian(part.mean[:n], belief.covariance[np.ix_(index, index)])
+            filtered = Gaussian(part.mean[:n], self._found[i].run.belief.covariance[np.ix_(index, index)])
             added = _positive(part.covariance[:n, :n] - filtered.covariance - columns @ columns.T)
             out.append(Contribution(filtered, prior, columns, added, partial(self._predict, i)))
         return out
@@ -170,8 +169,9 @@ class Sharing:
         found, whole = self._found[i], self._whole[i]
         n = len(found.problem.parameter_names)
         step, covariance = conditioned(whole, self._index(i), self._part(i), part)
-        run = result_moved(found.problem, found.run, step[:n], factor**2 * covariance[:n, :n])
-        return replace(found, run=run)
+        total = replace(found.run, belief=found.belief)
+        run = result_moved(found.problem, total, step[:n], factor**2 * covariance[:n, :n])
+        return replace(found, run=run, contributions=())
 
 
 def values_of(found: Estimate) -> Array:

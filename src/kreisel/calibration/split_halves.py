@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.calibration.disagreement import with_larger_deviations
+from kreisel.calibration.disagreement import Disagreement, disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.filtering.estimate import Estimate
@@ -62,13 +62,13 @@ def split_halves(
     return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))
 
 
-def with_disagreement(found: Estimate, halves: SplitHalves | None) -> Estimate:
-    """Return the estimate with inflated deviations of those groups in which the halves disagree.
+def halves_disagreement(found: Estimate, halves: SplitHalves | None) -> Disagreement:
+    """Return what groups in which the halves disagree add to the uncertainty.
 
     Scores of a group that are larger than by chance are the effect of a change or an error that is not modelled. The
     result is then as uncertain as the difference of its halves. The estimate is that of what lasts, as the halves are.
     """
     if halves is None:
-        return found
+        return Disagreement()
     words = "the two halves of the recording differ by more than their standard deviations; these were multiplied"
-    return with_larger_deviations(found, halves.score, lambda _, size: size, "halves", words)
+    return disagreement(found, halves.score, found.belief.factor, lambda _, size: size**2 - 1.0, "halves", words)

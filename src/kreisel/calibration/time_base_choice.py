@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.belief import with_errors
+from kreisel.estimation.uncertainty import Contribution, Source
 from kreisel.filtering.estimate import Estimate
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import usual_covariance
@@ -93,4 +93,4 @@ def with_either(found: Estimate, other: Estimate) -> Estimate:
             change = other.run.parameters.stored(group) - found.run.parameters.stored(group)
             column[layout[group], 0] = change if change.size == layout[group].stop - layout[group].start else 0.0
     problem = replace(found.problem, noise=replace(found.problem.noise, time_base_sd=0.0))
-    return replace(found, problem=problem, run=replace(found.run, belief=with_errors(found.run.belief, column)))
+    return replace(found, problem=problem).adding([Contribution("whose seconds are true", Source.CLOCKS, column)])

@@ -206,7 +206,7 @@ def _priors(estimate: Estimate) -> list[Reason]:
             continue
         if group in estimate.walks:
             continue  # not one value
-        far = largest_score(problem, estimate.run, group)
+        far = largest_score(problem, estimate.run.parameters, estimate.deviation, group)
         if far > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             text = (
@@ -285,7 +285,7 @@ def _scale(estimate: Estimate) -> list[Reason]:
         if group not in layout:
             continue
         K = parameters.stored(group).reshape(3, 3)
-        sd = float(np.max(estimate.run.belief.standard_deviation[layout[group]]))
+        sd = float(np.max(estimate.deviation[layout[group]]))
         scale, off = sensitivity(K)[0], np.abs(non_orthogonality(K))
         text = ""
         if scale.max() > MAX_SCALE or scale.min() < 1.0 / MAX_SCALE:

@@ -14,9 +14,9 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.estimation.belief import with_errors
+from kreisel.estimation.uncertainty import Contribution, Source
 from kreisel.filtering.history import FilterRun, Pass
-from kreisel.filtering.result_change import result_moved
+from kreisel.filtering.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress, Together, one_by_one
@@ -74,8 +74,8 @@ def pull_of_noise(
     return np.asarray(problem.layout.minus(means, base.belief.mean)[:n].mean(axis=1))
 
 
-def without_attenuation(problem: Problem, run: FilterRun, change: Array) -> FilterRun:
-    """Return a run's result without what noise does to it.
+def without_attenuation(problem: Problem, run: FilterRun, change: Array) -> tuple[FilterRun, Contribution]:
+    """Return a run's result without what noise does to it, and what that adds to its uncertainty.
 
     Parameters
     ----------
@@ -98,10 +98,19 @@ def without_attenuation(problem: Problem, run: FilterRun, change: Array) -> Filt
         F, pull = (_MOST / share * part for part in (F, pull))
     cleaned = np.linalg.solve(np.eye(n) - P * F, P)  # (I - F)^-1 with I = P^-1
     step = cleaned @ pull
-    moved = result_moved(problem, run, step, np.asarray(cleaned + (cleaned * F) @ cleaned))
-    column = np.zeros((problem.layout.degrees, 1))
-    column[:n, 0] = _HOW_WELL * step
-    return replace(moved, belief=with_errors(moved.belief, column))
+    added = P * F @ cleaned + (cleaned * F) @ cleaned  # (I - F)^-1 - I^-1, and the pull's own variance
+    of_size = np.zeros((problem.layout.degrees, 1))
+    of_size[:n, 0] = _HOW_WELL * step
+    columns = np.hstack([regression_on_parameters(run.belief, n) @ _root(added), of_size])
+    return result_moved(problem, run, step), Contribution("attenuation", Source.SENSOR, columns)
+
+
+def _root(P: Array) -> Array:
+    """Return a root (n, k) of a covariance matrix (n, n) of any rank."""
+    scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    values, V = np.linalg.eigh(0.5 * (P + P.T) / np.outer(scale, scale))
+    shown = values > 0.0
+    return np.asarray(scale[:, None] * V[:, shown] * np.sqrt(values[shown]))
 
 
 def _false_information(problem: Problem, run: FilterRun, pull: Array) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from kreisel.estimation.belief import Belief, triangularise
+from kreisel.estimation.uncertainty import Contribution, total
 from kreisel.filtering.history import FilterRun
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered
@@ -21,14 +23,13 @@ from kreisel.recording.recording import DataWarning
 class Estimate:
     """Final problem (with the noise finally assumed), the run over it, and the warnings about both.
 
-    The belief's factor is already multiplied by `correlation_factor`. `contradiction` is the largest factor
-    by which given noise figures had to be raised; 1 if none were given or none had to be raised. `moved` is the
-    largest change of a parameter by the last pass, in standard deviations; 0 if one pass was enough. `considered` are
-    all effects beyond the usual ones, found or not; `walks` the groups that walk, and what that gains in
-    log-likelihood; `contradicted` the offsets whose stated prior had to be widened, with their scores; `stated` the
-    problem as it was stated. `common` are columns of the belief's covariance, (degrees, k): errors of unit variance
-    that other recordings of the same robot share. `filtered` is the belief before deviations were made larger: the
-    information of the data and of the prior.
+    The belief of `run` is the filter's: the information of data and prior. `contributions` are what the filter does not
+    know; `belief` is the total. `correlation_factor` is what correlated innovations multiply the filter's deviations
+    by. `contradiction` is the largest factor by which given noise figures had to be raised; 1 if none were given or
+    none had to be raised. `moved` is the largest change of a parameter by the last pass, in standard deviations; 0 if
+    one pass was enough. `considered` are all effects beyond the usual ones, found or not; `walks` the groups that walk,
+    and what that gains in log-likelihood; `contradicted` the offsets whose stated prior had to be widened, with their
+    scores; `stated` the problem as it was stated.
     """
 
     problem: Problem
@@ -42,8 +43,33 @@ class Estimate:
     walks: Mapping[str, float] = field(default_factory=dict)
     contradicted: Mapping[str, float] = field(default_factory=dict)
     stated: Problem | None = None
-    common: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    filtered: Belief | None = None
+    contributions: tuple[Contribution, ...] = ()
+
+    @cached_property
+    def belief(self) -> Belief:
+        """Result with all that is known of its uncertainty."""
+        return total(self.run.belief, self.contributions)
+
+    @property
+    def deviation(self) -> Array:
+        """Total standard deviation of every degree of freedom (degrees,)."""
+        return self.belief.standard_deviation
+
+    @property
+    def as_noisy(self) -> Array:
+        """Factor (degrees, degrees) of the filter's covariance as large as correlated innovations show it to be."""
+        return self.correlation_factor * self.run.belief.factor
+
+    @property
+    def common(self) -> Array:
+        """Effect of errors that other recordings with the same reference share, (degrees, k)."""
+        columns = [one.columns for one in self.contributions if one.common]
+        return np.hstack([np.zeros((self.problem.layout.degrees, 0)), *columns])
+
+    def adding(self, contributions: Iterable[Contribution], warnings: Iterable[DataWarning] = ()) -> Estimate:
+        """Return the estimate with further contributions to its uncertainty, and warnings about them."""
+        more = (*self.contributions, *(one for one in contributions if one.columns.any()))
+        return replace(self, contributions=more, warnings=(*self.warnings, *warnings))
 
 
 def without_passing(found: Estimate) -> Estimate:
@@ -55,14 +81,11 @@ def without_passing(found: Estimate) -> Estimate:
     smaller = without(layout, PASSING_GROUPS)
     kept = np.concatenate([np.r_[layout[part.name]] for part in smaller])
     stored = np.concatenate([np.r_[layout.stored(part.name)] for part in smaller])
-    history, filtered = run.history, found.filtered
-    if filtered is not None:
-        filtered = Belief(filtered.mean[stored], triangularise(filtered.factor[kept]))
+    history = run.history
     return replace(
         found,
         problem=replace(problem, layout=smaller),
-        common=found.common[kept] if found.common.size else found.common,
-        filtered=filtered,
+        contributions=tuple(replace(one, columns=one.columns[kept]) for one in found.contributions),
         run=replace(
             run,
             belief=Belief(run.belief.mean[stored], triangularise(run.belief.factor[kept])),

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import EstimationError
-from kreisel.estimation.belief import Belief, with_errors
 from kreisel.estimation.consistency import gate_bounds
+from kreisel.estimation.uncertainty import Contribution, Source, scaling
 from kreisel.filtering.attenuation import pull_of_noise, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey
@@ -144,41 +144,48 @@ def _estimate(problem: Problem, given: Given, progress: Progress | None, togethe
     passes = _with_coloured_noise(passes, progress)
     factor = correlation_factor(passes.run)
     warnings: list[DataWarning] = []
-    passes = _without_attenuation(passes, progress, together)
+    passes, attenuation = _without_attenuation(passes, progress, together)
     if adapted:
         warnings.append(noise_warning(passes.problem, given=given.reference and given.imu))
     warnings += _whiteness(passes.problem, factor)
     last = _last_survey(passes, progress)
-    run, found = with_nominal_values(passes.problem, passes.run, factor), passes.problem
-    scaled = factor * run.belief.factor
-    undecided = np.zeros((len(scaled), 0)) if last is None else last.undecided()
-    widened = replace(run, belief=with_errors(Belief(run.belief.mean, scaled), undecided))
+    found = passes.problem
+    run, errors = with_nominal_values(found, passes.run, factor)
     included = tuple(g for g in found.groups if g not in problem.groups)
-    effects = considered(last, found, widened, included)
     before = problem.noise.offset_walk
     walks = {g: gain for g, gain in passes.walk_gain.items() if found.noise.offset_walk[g] > before.get(g, 0.0)}
-    return Estimate(
+    estimate = Estimate(
         found,
-        widened,
+        run,
         passes.count,
         factor,
         _contradiction(problem, found, given),
         passes.moved / factor,
-        (*warnings, *_found(effects, walks), *_wider(contradicted)),
-        effects,
-        walks,
-        contradicted,
-        problem,
-        filtered=run.belief,
+        (),
+        walks=walks,
+        contradicted=contradicted,
+        stated=problem,
     )
+    estimate = estimate.adding([
+        *(replace(one, columns=factor * errors @ one.columns) for one in attenuation),
+        scaling("correlated innovations", Source.PATH, run.belief.factor, factor),
+        *(() if last is None else [Contribution("effects that may be there", Source.EFFECTS, last.undecided())]),
+    ])  # fmt: skip
+    effects = considered(last, found, replace(run, belief=estimate.belief), included)
+    return replace(estimate, considered=effects, warnings=(*warnings, *_found(effects, walks), *_wider(contradicted)))
 
 
-def _without_attenuation(passes: _Passes, progress: Progress | None, together: Together) -> _Passes:
+def _without_attenuation(
+    passes: _Passes, progress: Progress | None, together: Together
+) -> tuple[_Passes, list[Contribution]]:
     """Return the passes with a result in which noise of the readings does not count as information."""
     if passes.problem.settings.passes is not None:
-        return passes
+        return passes, []
     pull = pull_of_noise(passes.problem, passes.run, further_pass, of_step(progress, "noise"), together)
-    return passes if pull is None else replace(passes, run=without_attenuation(passes.problem, passes.run, pull))
+    if pull is None:
+        return passes, []
+    run, uncertainty = without_attenuation(passes.problem, passes.run, pull)
+    return replace(passes, run=run), [uncertainty]
 
 
 def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str, float]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.observability import MAX_SHARE
-from kreisel.filtering.result_change import result_moved
+from kreisel.filtering.result_change import regression_on_parameters, result_moved
+from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 
 _CONSIDERED = ("accel_cross_coupling",)
@@ -16,8 +17,10 @@ _DEVICES = 0.015
 """Standard deviation of the elements of such a matrix from nominal ones, as that of non-orthogonality in the prior."""
 
 
-def with_nominal_values(problem: Problem, run: FilterRun, factor: float = 1.0) -> FilterRun:
+def with_nominal_values(problem: Problem, run: FilterRun, factor: float = 1.0) -> tuple[FilterRun, Array]:
     """Return a run's result with nominal values of matrices of which less than half is observable.
+
+    And what then becomes of another error of the result, (degrees, degrees).
 
     factor: on the deviations.
 
@@ -28,6 +31,7 @@ def with_nominal_values(problem: Problem, run: FilterRun, factor: float = 1.0) -
     is propagated.
     """
     layout, n = problem.layout, len(problem.parameter_names)
+    errors = np.eye(layout.degrees)
     for group in _CONSIDERED:
         if group not in layout or problem.settings.partial:
             continue
@@ -39,5 +43,7 @@ def with_nominal_values(problem: Problem, run: FilterRun, factor: float = 1.0) -
         prior = _DEVICES**2 * np.eye(d.stop - d.start)
         off = problem.prior.nominal.stored(group) - run.parameters.stored(group)
         covariance = P - sensitivity @ P[d] + sensitivity @ prior @ sensitivity.T / factor**2
+        through = regression_on_parameters(run.belief, n) @ sensitivity
+        errors -= through @ errors[d]
         run = result_moved(problem, run, sensitivity @ off, 0.5 * (covariance + covariance.T))
-    return run
+    return run, errors

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.filtering.history import FilterRun
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY
 from kreisel.model.problem import Problem
@@ -38,9 +37,8 @@ class Observability:
     not_narrowed: tuple[str, ...]
 
 
-def observability(problem: Problem, run: FilterRun) -> Observability:
-    """Return the observability of each parameter."""
-    deviation = run.belief.standard_deviation
+def observability(problem: Problem, deviation: Array) -> Observability:
+    """Return the observability of each parameter, by the standard deviations of an estimate (degrees,)."""
     names: list[str] = []
     prior: list[float] = []
     posterior: list[float] = []

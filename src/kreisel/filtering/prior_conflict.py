@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.filtering.history import FilterRun
 from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 
 MAX_SCORE = 4.5
@@ -26,15 +27,17 @@ _MIXED = ("robot_placement",)
 """Groups of which the data show mixtures, but hardly any parameter by itself."""
 
 
-def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
+def prior_scores(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> Array:
     """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
 
     The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, and for
     `_MIXED` groups, the estimate itself is compared.
+
+    deviation: of the estimate (degrees,).
     """
     prior = np.diag(problem.prior.covariance[group])
-    own = np.diag(run.belief.covariance)[problem.layout[group]]
-    moved = np.abs(run.parameters.stored(group) - problem.prior.value.stored(group))
+    own = deviation[problem.layout[group]] ** 2
+    moved = np.abs(parameters.stored(group) - problem.prior.value.stored(group))
     if group in _MIXED:
         return np.asarray(moved / np.sqrt(prior))
     share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
@@ -42,16 +45,17 @@ def prior_scores(problem: Problem, run: FilterRun, group: str) -> Array:
     return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
 
 
-def largest_score(problem: Problem, run: FilterRun, group: str) -> float:
+def largest_score(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> float:
     """Return the largest score of a group's parameters that have the group's prior, not one of their own."""
     own = problem.known_places[problem.layout[group]]
-    return float(np.max(prior_scores(problem, run, group)[~own], initial=0.0))
+    return float(np.max(prior_scores(problem, parameters, deviation, group)[~own], initial=0.0))
 
 
 def contradicted_offsets(problem: Problem, run: FilterRun) -> dict[str, float]:
     """Return the offsets whose stated prior the data contradict, with their scores."""
     stated = [g for g in OFFSETS if g in problem.layout and g in problem.prior.stated]
-    scores = {g: largest_score(problem, run, g) for g in stated}
+    deviation = run.belief.standard_deviation
+    scores = {g: largest_score(problem, run.parameters, deviation, g) for g in stated}
     return {group: score for group, score in scores.items() if score > MAX_SCORE}
 
 

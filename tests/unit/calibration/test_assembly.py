@@ -25,7 +25,7 @@ DRAWS = 1000
 
 def assembled(found, *warnings):
     outcome = calibrated()
-    judged = Judged(observability(found.problem, found.run), outcome.consistency, outcome.verdict, 1.25)
+    judged = Judged(observability(found.problem, found.deviation), outcome.consistency, outcome.verdict, 1.25)
     return assemble(recorded()[1], found, judged, warnings)
 
 

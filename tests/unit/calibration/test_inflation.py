@@ -10,6 +10,7 @@ from kreisel.calibration.data_sheet import sensitivity
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
+from kreisel.estimation.uncertainty import Source, scaling
 from kreisel.filtering.prior_exchange import first_pass
 
 from ...oracle import quaternions as quat
@@ -22,12 +23,12 @@ def without(problem):
 
 def test_without_such_errors_the_belief_stays_as_it_is():
     found = estimate_of(without(small_problem()), small_run())
-    assert with_unestimated_errors(found).run.belief is found.run.belief
+    assert with_unestimated_errors(found).belief is found.run.belief
 
 
 def test_lateness_adds_its_square_to_the_time_offset_and_to_nothing_else():
     found = estimate_of(with_noise(without(small_problem()), lateness=3e-4), small_run())
-    added = with_unestimated_errors(found).run.belief.covariance - found.run.belief.covariance
+    added = with_unestimated_errors(found).belief.covariance - found.run.belief.covariance
     i = found.problem.layout["time_offset"].start
     want = np.zeros_like(added)
     want[i, i] = 3e-4**2
@@ -40,8 +41,8 @@ def test_frames_and_scale_add_the_squares_of_their_columns():
     found = estimate_of(problem, small_run())
     after = with_unestimated_errors(found)
     columns = np.hstack([frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run)])
-    added = after.run.belief.covariance - found.run.belief.covariance
-    sd = after.run.belief.standard_deviation
+    added = after.belief.covariance - found.run.belief.covariance
+    sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
     assert [w.subject for w in after.warnings][:1] == ["robot"]
     assert "2 mm and 1 mrad" in after.warnings[0].message
@@ -51,11 +52,12 @@ def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
     """A factor for correlated innovations is no wider prior: the column is that of the filter's own run."""
     problem = with_noise(small_problem(), frame_sd=(2e-3, 0.0))
     run = small_run()
-    wide = replace(run, belief=replace(run.belief, factor=3.0 * run.belief.factor))
-    after = with_unestimated_errors(estimate_of(problem, wide, correlation_factor=3.0))
+    larger = scaling("correlated innovations", Source.PATH, run.belief.factor, 3.0)
+    wide = estimate_of(problem, run, correlation_factor=3.0, contributions=(larger,))
+    after = with_unestimated_errors(wide)
     columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run)])
-    added = after.run.belief.covariance - wide.belief.covariance
-    sd = after.run.belief.standard_deviation
+    added = after.belief.covariance - wide.belief.covariance
+    sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
 
 
@@ -167,7 +169,7 @@ def test_a_doubtful_latitude_counts_by_its_probability(score, share):
     checked = with_doubtful_latitude(found, LatitudeCheck(40.0, 50.0, 3.0, score))
     problem = found.problem
     i = problem.layout["gravity"].start
-    before, after = (one.run.belief.covariance for one in (found, checked))
+    before, after = (one.belief.covariance for one in (found, checked))
     assert after[i, i] - before[i, i] == pytest.approx(share * 0.0090**2, rel=0.02, abs=1e-12)
     slope = before[:, i] / before[i, i]
     np.testing.assert_allclose(after - before, (after - before)[i, i] * np.outer(slope, slope), atol=1e-9)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from kreisel.calibration import interval_check as module
-from kreisel.calibration.interval_check import with_interval_disagreement
+from kreisel.calibration.interval_check import interval_disagreement
 from kreisel.estimation.belief import Belief
+from kreisel.estimation.uncertainty import Source, scaling
 from kreisel.model.problem import with_rarer_updates
 
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run
@@ -31,20 +32,22 @@ def test_rarer_updates_cover_the_same_motion_and_keep_standstills(problem):
 def other_answer(monkeypatch, deviations, factor):
     """An estimate whose gyro offsets a run with rarer updates finds elsewhere, so many of its deviations away."""
     problem, run = small_problem(), small_run()
-    found = estimate_of(problem, run, correlation_factor=factor)
+    larger = scaling("correlated innovations", Source.PATH, run.belief.factor, factor)
+    found = estimate_of(problem, run, correlation_factor=factor).adding([larger])
     change = np.zeros(problem.layout.degrees)
     offset = problem.layout["gyro_offset"]
-    change[offset] = deviations * run.belief.standard_deviation[offset]
+    change[offset] = deviations * found.deviation[offset]
     mean = problem.layout.plus(run.belief.mean, change[:, None])[:, 0]
-    wider = replace(run, belief=Belief(mean, 1.2**0.5 / factor * run.belief.factor))
+    wider = replace(run, belief=Belief(mean, 1.2**0.5 * run.belief.factor))
     monkeypatch.setattr(module, "further_pass", lambda *_, **__: wider)
-    return found, with_interval_disagreement(found)
+    more = interval_disagreement(found)
+    return found, found.adding(more.contributions, more.warnings)
 
 
 def test_another_answer_widens_by_the_difference(monkeypatch):
     """The variance of the difference is 0.2 of the estimate's: 3 deviations are 6.7 of the difference."""
     found, checked = other_answer(monkeypatch, 3.0, 1.5)
-    scale = checked.run.belief.standard_deviation / found.run.belief.standard_deviation
+    scale = checked.deviation / found.deviation
     offset = found.problem.layout["gyro_offset"]
     np.testing.assert_allclose(scale[offset], 10.0**0.5, rtol=1e-6)
     np.testing.assert_allclose(np.delete(scale, np.r_[offset]), 1.0, rtol=1e-9)
@@ -54,4 +57,5 @@ def test_another_answer_widens_by_the_difference(monkeypatch):
 def test_differences_by_chance_and_white_innovations_change_nothing(monkeypatch):
     for deviations, factor in ((0.8, 1.5), (3.0, 1.0)):
         found, checked = other_answer(monkeypatch, deviations, factor)
-        assert checked is found
+        assert checked.contributions == found.contributions
+        assert checked.warnings == ()

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from kreisel.calibration import split_halves as module
+from kreisel.calibration.disagreement import Disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
-from kreisel.calibration.split_halves import split_halves, with_disagreement
+from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.filtering.estimate import without_passing
 from kreisel.filtering.initial_belief import first_belief, stored_state
@@ -20,6 +21,11 @@ from kreisel.model.schedule import MIN_UPDATES
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
 
 OFFSETS = ("gyro_offset", "accel_offset")
+
+
+def with_disagreement(found, halves):
+    more = halves_disagreement(found, halves)
+    return found.adding(more.contributions, more.warnings)
 
 
 def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
@@ -170,15 +176,15 @@ def test_groups_whose_halves_disagree_become_as_uncertain_as_they_show():
     score[problem.layout["time_offset"]] = 50.0  # no sensor's
     found = estimate_of(problem, run)
     after = with_disagreement(found, SplitHalves(problem.parameter_names, score, np.ones(n)))
-    ratio = after.run.belief.standard_deviation / run.belief.standard_deviation
+    ratio = after.deviation / run.belief.standard_deviation
     want = np.ones(problem.layout.degrees)
     want[problem.layout["accel_offset"]] = (50.0 / 3.0) ** 0.5
     np.testing.assert_allclose(ratio, want, rtol=1e-9)
     # an independent error: how other parameters act on the group does not change
     expected, d = run.belief.covariance.copy(), problem.layout["accel_offset"]
     expected[d, d] *= 50.0 / 3.0
-    size = np.outer(after.run.belief.standard_deviation, after.run.belief.standard_deviation)
-    np.testing.assert_allclose(after.run.belief.covariance / size, expected / size, atol=1e-9)
+    size = np.outer(after.deviation, after.deviation)
+    np.testing.assert_allclose(after.belief.covariance / size, expected / size, atol=1e-9)
     assert [w.subject for w in after.warnings] == ["halves"]
     assert after.warnings[0].message.endswith("accel_offset 4.1")
 
@@ -187,8 +193,9 @@ def test_halves_that_agree_or_were_not_compared_change_nothing():
     problem = small_problem()
     n = len(problem.parameter_names)
     found = estimate_of(problem, small_run())
-    assert with_disagreement(found, None) is found
-    assert with_disagreement(found, SplitHalves(problem.parameter_names, np.full(n, 1.9), np.ones(n))) is found
+    assert halves_disagreement(found, None) == Disagreement()
+    agree = SplitHalves(problem.parameter_names, np.full(n, 1.9), np.ones(n))
+    assert halves_disagreement(found, agree) == Disagreement()
 
 
 def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
@@ -198,7 +205,7 @@ def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
     score = np.zeros(len(found.problem.parameter_names))
     score[found.problem.layout["accel_offset"]] = 5.0
     halves = SplitHalves(found.problem.parameter_names, score, np.ones(score.size))
-    widened = with_disagreement(found, halves).run.belief.standard_deviation
+    widened = with_disagreement(found, halves).deviation
     scale = widened / found.run.belief.standard_deviation
     np.testing.assert_allclose(scale[found.problem.layout["accel_offset"]], 5.0, rtol=1e-9)
     np.testing.assert_allclose(np.delete(scale, np.r_[found.problem.layout["accel_offset"]]), 1.0, rtol=1e-9)

@@ -64,7 +64,7 @@ def test_what_was_not_injected_is_expected_to_stay(injection):
     layout = outcome.estimate.problem.layout
     np.testing.assert_allclose(injection.injected[layout["lever_arms"].start :], 0.0, atol=1e-15)
     n = len(injection.names)
-    np.testing.assert_array_equal(injection.deviation, outcome.estimate.run.belief.standard_deviation[:n])
+    np.testing.assert_array_equal(injection.deviation, outcome.estimate.deviation[:n])
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.estimation.belief import Belief
-from kreisel.filtering.history import FilterRun
 from kreisel.filtering.nominal_values import with_nominal_values
 from kreisel.filtering.observability import observability
 from kreisel.model.problem import without_groups
@@ -26,8 +24,7 @@ def deviations(problem, **share):
 
 def seen(problem, deviation):
     """Return what is said of a run with these deviations."""
-    start = problem.prior.start
-    return observability(problem, FilterRun(start, Belief(np.zeros(0), np.diag(deviation)), start, None))
+    return observability(problem, deviation)
 
 
 def names(problem, group):
@@ -100,9 +97,9 @@ def test_a_matrix_that_is_hardly_observable_keeps_its_nominal_value_and_its_unce
     """Against a filter with that matrix fixed, whose result is moved by a drawn error of it."""
     problem, run = small_problem(), small_run()
     d, n = problem.layout["accel_cross_coupling"], len(problem.parameter_names)
-    assert with_nominal_values(problem, run) is run  # this motion shows it
+    assert with_nominal_values(problem, run)[0] is run  # this motion shows it
     wide = replace(problem, prior=replace(problem.prior, width=problem.prior.width | {WEAK: np.array([1e-6])}))
-    found = with_nominal_values(wide, run)
+    found, errors = with_nominal_values(wide, run)
     np.testing.assert_allclose(found.parameters.stored(WEAK), problem.prior.nominal.stored(WEAK), atol=1e-12)
     np.testing.assert_allclose(found.belief.standard_deviation[d], 0.015, rtol=1e-6)
     # conditioning by the information matrix, which shares no step with the gain
@@ -112,6 +109,9 @@ def test_a_matrix_that_is_hardly_observable_keeps_its_nominal_value_and_its_unce
     slope = -conditioned @ information[np.ix_(rest, np.r_[d])]
     expected = conditioned + 0.015**2 * slope @ slope.T
     np.testing.assert_allclose(found.belief.covariance[np.ix_(rest, rest)], expected, rtol=2e-3, atol=1e-14)
+    # another error of the result moves the rest by what is left of it once the matrix is known
+    np.testing.assert_allclose(errors[np.ix_(rest, np.r_[d])], -slope, rtol=2e-3, atol=1e-9)
+    np.testing.assert_allclose(errors[d], 0.0, atol=1e-12)
 
 
 def test_fixed_groups_are_not_spoken_of():

@@ -97,7 +97,7 @@ def test_a_new_group_is_one_entry(monkeypatch, owner, name, path):
     assert (outcome.problem.gyro_degrees, outcome.problem.sensor_degrees) == (gyro, gyro + sensor)
     without = run_calibration(recording, CalibrationSettings(fixed=(name,)))
     assert "dummy" not in without.calibration.document[tree]
-    sd = outcome.estimate.run.belief.standard_deviation
+    sd = outcome.estimate.deviation
     for group in ("gyro_cross_coupling", "accel_offset", "lever_arms"):
         a, b = (one.estimate.run.parameters.stored(group) for one in (outcome, without))
         np.testing.assert_allclose(a, b, atol=1e-3 * sd[outcome.problem.layout[group]].min())
