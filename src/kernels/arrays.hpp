@@ -77,6 +77,11 @@ struct Columns : Table {
     }
 };
 
+/// An order of numbers in an array: places by name, and the names as text for Python, which has no list of its own.
+#define ORDER(name, ...) \
+    enum { __VA_ARGS__ }; \
+    constexpr char name##_order[] = #__VA_ARGS__
+
 inline Vector<double> vector_from(const double *p) { return {p[0], p[1], p[2]}; }
 inline Quaternion<double> quaternion_from(const double *p) { return {p[0], p[1], p[2], p[3]}; }
 

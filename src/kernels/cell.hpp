@@ -34,10 +34,18 @@ struct Model {
 };
 
 /// Places of parts in `Model::stored`.
-enum { VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION };
+ORDER(Stored, VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION);
 
 /// Places of figures in `Model::noise`: reference on the path and at standstill, velocity at standstill, stamps.
-enum { AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP };
+ORDER(Noise, AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP);
+
+/// Places of numbers in `Model::coloured`.
+ORDER(Coloured, COLOURED_TIME, COLOURED_POSITION, COLOURED_ORIENTATION);
+
+/// Places of groups in `Model::gyro`, `Model::accel` and `Model::around`.
+ORDER(Gyro, GYRO_CROSS_COUPLING = 0, GYRO_OFFSET = 9, GYRO_EFFECTS = 12);
+ORDER(Accel, ACCEL_CROSS_COUPLING = 0, ACCEL_OFFSET = 9, LEVER_ARMS = 12, ACCEL_EFFECTS = 21);
+ORDER(Around, ALIGNMENT = 0, NORTH = 4, GRAVITY = 6, TIME_OFFSET = 7, TIME_SKEW = 8, EARTH_DOWN = 9);
 
 /// Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
 struct Steps {
@@ -54,8 +62,8 @@ struct Steps {
 struct Record {
     Table mean, deviation;                        // (u, first numbers of the state), (u, k)
     Mask used;                                    // (u,)
-    Numbers nis, log_likelihood, turns;           // (u,)
-    Table whitened, innovation, residual, noise;  // (u, 9)
+    Numbers nis, log_likelihood, turn_information;         // (u,)
+    Table whitened, innovation, residual, noise_variance;  // (u, 9)
     Table correction, correction_variance;        // (u, 6): of velocity and attitude
 };
 

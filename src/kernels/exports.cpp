@@ -6,6 +6,7 @@
 #include "chain.hpp"
 #include "exported.hpp"
 #include "filter.hpp"
+#include "layout.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
 #include "rotation_fit.hpp"
@@ -43,6 +44,8 @@ Columns columns(Table table) { return {{table.data, table.rows, table.columns}};
 Columns columns(Stack stack) { return {{stack.data, stack.tables * stack.rows, stack.columns}}; }
 
 }  // namespace
+
+EXPORTED const char *KREISEL(layout)() { return layout_text().c_str(); }
 
 EXPORTED int KREISEL(run)(
     const Model *model, const Samples *signal, const Steps *steps, Index begin, Index end, const Gate *gate,

@@ -23,12 +23,12 @@ struct Measured {
 inline void note(const Record &record, Index i, const Measured &of, const Index *place, Index n, bool used) {
     const Index m = of.factor.rows;
     const double nan = std::nan("");
-    for (Table rows : {record.whitened, record.innovation, record.residual, record.noise}) {
+    for (Table rows : {record.whitened, record.innovation, record.residual, record.noise_variance}) {
         for (Index x = 0; x < MOST_MEASURED; x++) rows(i, x) = nan;
     }
     // residual: the noise's covariance times the inverse of the innovation's, times the innovation
     double solved[MOST_MEASURED];
-    record.nis[i] = record.log_likelihood[i] = record.turns[i] = 0.0;
+    record.nis[i] = record.log_likelihood[i] = record.turn_information[i] = 0.0;
     for (Index r = m - 1; r >= 0; r--) {
         solved[r] = of.whitened[r];
         for (Index x = r + 1; x < m; x++) solved[r] -= of.factor(x, r) * solved[x];
@@ -48,14 +48,14 @@ inline void note(const Record &record, Index i, const Measured &of, const Index 
         record.whitened(i, place[r]) = of.whitened[r];
         record.innovation(i, place[r]) = of.innovation[r];
         record.residual(i, place[r]) = residual;
-        record.noise(i, place[r]) = variance;
+        record.noise_variance(i, place[r]) = variance;
         if (!used || place[r] < 3 || place[r] > 5) continue;
         double inverse[MOST_MEASURED];  // column r of the factor's inverse
         for (Index x = r; x < m; x++) {
             inverse[x] = x == r ? 1.0 : 0.0;
             for (Index y = r; y < x; y++) inverse[x] -= of.factor(x, y) * inverse[y];
             inverse[x] /= of.factor(x, x);
-            record.turns[i] += inverse[x] * inverse[x];
+            record.turn_information[i] += inverse[x] * inverse[x];
         }
     }
     // velocity and attitude are the first and the last three of the last nine degrees of freedom

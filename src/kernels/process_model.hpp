@@ -20,9 +20,6 @@ struct IntegratedMotion {
     Table noise;                 // (9, 9): factor of noise in velocity, position and attitude
 };
 
-/// Places in `IntegratedMotion::around`.
-enum { ALIGNMENT = 0, NORTH = 4, GRAVITY = 6, TIME_OFFSET = 7, TIME_SKEW = 8, EARTH_DOWN = 9 };
-
 /// Write some numbers of the model, (e, m), for m columns of the points from `first` on; the rest are those of the last.
 inline Columns rows_of(const ParameterRows &rows, Columns points, Index first, Index m, Workspace &memory) {
     const Columns out = memory.columns(rows.source.count, m);
@@ -62,12 +59,12 @@ inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &or
         turning, sharing,
     };
     const auto force = [&](Columns accel, bool common, Columns to) {
-        const Columns effects = effects_of(model.accel_effects, model.accel_applied, accel.rows_from(21, accel.rows - 21), memory);
+        const Columns effects = effects_of(model.accel_effects, model.accel_applied, accel.rows_from(ACCEL_EFFECTS, accel.rows - ACCEL_EFFECTS), memory);
         force_coefficients(
-            out.rate, common, accel.rows_from(0, 9), accel.rows_from(9, 3), accel.rows_from(12, 9), effects, form, to);
+            out.rate, common, accel.rows_from(ACCEL_CROSS_COUPLING, 9), accel.rows_from(ACCEL_OFFSET, 3), accel.rows_from(LEVER_ARMS, 9), effects, form, to);
     };
-    const Columns effects = effects_of(model.gyro_effects, model.gyro_applied, gyro.rows_from(12, gyro.rows - 12), memory);
-    rate_coefficients(gyro.rows_from(0, 9), gyro.rows_from(9, 3), effects, out.rate);
+    const Columns effects = effects_of(model.gyro_effects, model.gyro_applied, gyro.rows_from(GYRO_EFFECTS, gyro.rows - GYRO_EFFECTS), memory);
+    rate_coefficients(gyro.rows_from(GYRO_CROSS_COUPLING, 9), gyro.rows_from(GYRO_OFFSET, 3), effects, out.rate);
     force(own, false, out.force);
     force(others, true, out.shared);
     return out;
@@ -149,8 +146,8 @@ inline Table process_noise(const Model &model, Table navigation, double duration
     Index row = 0;
     for (Index part : {PATH_POSITION, PATH_ORIENTATION}) {
         if (model.stored[part] < 0) continue;
-        const double kept = std::exp(-duration / model.coloured[0]);
-        const double fresh = model.coloured[1 + part - PATH_POSITION] * std::sqrt(1.0 - kept * kept);
+        const double kept = std::exp(-duration / model.coloured[COLOURED_TIME]);
+        const double fresh = model.coloured[COLOURED_POSITION + part - PATH_POSITION] * std::sqrt(1.0 - kept * kept);
         for (Index axis = 0; axis < 3; axis++, row++) {
             double *numbers = points.row(model.stored[part] + axis);
             for (Index s = 0; s < points.columns; s += LANES) store(Lanes(kept) * load(numbers + s), numbers + s);

@@ -10,7 +10,7 @@
 namespace {
 
 /// Places of the figures of `estimation.sigma_points.SigmaWeights`.
-enum { SPREAD, MEAN, SECOND, SHIFT, CENTRE };
+ORDER(Weights, SPREAD, MEAN, SECOND, SHIFT, CENTRE);
 
 /// Share of a deviation whose square is lost beside it in rounding.
 constexpr double ROUNDING = 1e-9;

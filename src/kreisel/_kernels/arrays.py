@@ -69,6 +69,15 @@ class Pointer:
         self._keep = keep
         self._last: tuple[NamedTuple, ctypes.Structure] | None = None
 
+    @property
+    def structures(self) -> list[type[ctypes.Structure]]:
+        """The structure, and those of the named tuples in it."""
+        own, out = [self._structure], []
+        while own:
+            out.append(own.pop())
+            own += [kind for _, kind in _fields(out[-1]) if not issubclass(kind, View) and hasattr(kind, "_fields_")]
+        return out
+
     def from_param(self, values: NamedTuple) -> object:
         """Return the address of the values, as the library takes them."""
         last = self._last
@@ -104,6 +113,22 @@ def _filled(structure: type[ctypes.Structure], values: NamedTuple) -> ctypes.Str
         else:
             setattr(out, name, _filled(kind, value) if issubclass(kind, ctypes.Structure) else value)
     return out
+
+
+_NAMES: dict[Any, str] = {ctypes.c_double: "double", ctypes.c_int64: "Index"}
+
+
+def _fields(structure: type[ctypes.Structure]) -> list[tuple[str, Any]]:
+    return [(field[0], field[1]) for field in structure._fields_]
+
+
+def described(structure: type[ctypes.Structure]) -> str:
+    """Return a structure in words, as `layout.hpp` does: its size, then name, place and type of each field."""
+    fields = [
+        f"{name} {getattr(structure, name).offset} {_NAMES.get(kind, kind.__name__.removesuffix('View'))}"
+        for name, kind in _fields(structure)
+    ]
+    return f"{ctypes.sizeof(structure)} {', '.join(fields)}"
 
 
 def padded(columns: Array) -> Array:

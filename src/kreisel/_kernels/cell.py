@@ -5,15 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kreisel._kernels.arrays import IndexTable, Indices, Mask, Numbers, Stack, Table
+from kreisel._kernels.compiled import check_count, order
 
-VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION = range(7)
-"""Places of parts in `Model.stored`."""
+STORED, NOISE, COLOURED = order("Stored"), order("Noise"), order("Coloured")
+"""Places of parts in `Model.stored`, and of figures in `Model.noise` and `Model.coloured`, by name."""
 
-AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP = range(6)
-"""Places of figures in `Model.noise`: reference on the path and at standstill, velocity at standstill, stamps."""
+GYRO, ACCEL, AROUND = order("Gyro"), order("Accel"), order("Around")
+"""Places of groups in `Model.gyro`, `Model.accel` and `Model.around`, by name."""
 
 MEASURED = 9
 """Most numbers a measurement has: position, orientation, velocity."""
+
+check_count("measured", MEASURED)
 
 
 class Samples(NamedTuple):
@@ -23,7 +26,7 @@ class Samples(NamedTuple):
     ----------
     stamps : (n,)
         Seconds since the first sample.
-    base, single, double : (n - 1,), (n - 1, 6), (n - 1, 6)
+    base, single, twice : (n - 1,), (n - 1, 6), (n - 1, 6)
         Stencils of `quadrature`.
     rates : (P, n)
         Features of the rate, P = 4 + E: see `coefficients`.
@@ -43,7 +46,7 @@ class Samples(NamedTuple):
     stamps: Numbers
     base: Indices
     single: Table
-    double: Table
+    twice: Table
     rates: Table
     slopes: Table
     integrals: Table
@@ -78,7 +81,7 @@ class Model(NamedTuple):
     gyro_degrees, sensor_degrees
         Degrees of freedom of the gyros' parameters, which come first, and of both sensors' parameters.
     stored : (7,)
-        Where parts lie in the stored state, -1 where they are not in it.
+        Where the parts of `STORED` lie in the stored state, -1 where they are not in it.
     gyro_effects, accel_effects : (E, 3)
         Which of the effects' parameters each feature is multiplied by in each axis; -1 for none.
     gyro_applied, accel_applied : (e,)
@@ -88,7 +91,7 @@ class Model(NamedTuple):
     level, down
         Earth rate that a unit of north, and of its downward part, stands for, rad/s.
     noise : (6,)
-        Standard deviations; see `AT_POSITION`.
+        Standard deviations; see `NOISE`.
     standstill : (2,)
         Deviations of the reference's error at a standstill, in position and orientation.
     coloured : (3,)

@@ -7,8 +7,10 @@ import ctypes
 import numpy as np
 
 from kreisel._kernels.arrays import Array, Pointer, StackView, TableView, check_lengths
-from kreisel._kernels.compiled import function
+from kreisel._kernels.compiled import check_count, function
 from kreisel._kernels.joint_chain import MOST_JOINTS, Chain
+
+check_count("joints", MOST_JOINTS)
 
 _motion = function("chain_motion", Pointer(Chain), *[TableView] * 9)
 _derivatives = function(

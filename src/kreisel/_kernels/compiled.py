@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from kreisel._kernels.arrays import LANES, Pointer, described
 from kreisel.errors import LibraryError
 
 FILE = {"darwin": "libkernels.dylib", "win32": "kernels.dll"}.get(sys.platform, "libkernels.so")
@@ -17,6 +20,9 @@ FILE = {"darwin": "libkernels.dylib", "win32": "kernels.dll"}.get(sys.platform, 
 
 VARIANTS = ("avx2", "baseline")
 """Sets of instructions: AVX2 with fused multiply-add, and what every processor of the platform has."""
+
+
+_AGAIN = "install kreisel again, or, from a checkout, run `pip install -e .`, which compiles it"
 
 
 def _load() -> ctypes.CDLL:
@@ -43,15 +49,36 @@ def _variant(library: ctypes.CDLL) -> str:
     return asked
 
 
+def _sources(library: ctypes.CDLL) -> str:
+    """Return the hash of the sources that the library was compiled from."""
+    library.kreisel_sources.restype = ctypes.c_char_p
+    return str(library.kreisel_sources().decode())
+
+
+def source_hash(folder: Path) -> str:
+    """Return the hash of sources in a folder, as `hatch_build.py` computes it."""
+    return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(folder.glob("*.?pp")))).hexdigest()[:16]
+
+
+def check_sources(library: str, folder: Path) -> None:
+    """Compare the library with its sources, where they are there, as in a checkout.
+
+    Raises
+    ------
+    LibraryError
+        If it was compiled from others.
+    """
+    if (folder / "exports.cpp").is_file() and (wanted := source_hash(folder)) != library:
+        raise LibraryError(
+            f"the compiled library is older than its sources: it was compiled from {library}, {folder} holds {wanted}; "
+            f"{_AGAIN}"
+        )
+
+
 _LIBRARY = _load()
+check_sources(_sources(_LIBRARY), Path(__file__).resolve().parents[2] / "kernels")
 variant = _variant(_LIBRARY)
 """The variant in use."""
-
-
-def sources() -> str:
-    """Return the hash of the sources the library was compiled from, as `hatch_build.py` computes it."""
-    _LIBRARY.kreisel_sources.restype = ctypes.c_char_p
-    return str(_LIBRARY.kreisel_sources().decode())
 
 
 def function(name: str, *types: Any) -> Callable[..., None]:
@@ -59,10 +86,87 @@ def function(name: str, *types: Any) -> Callable[..., None]:
 
     The interpreter lock is released while it runs. It raises a MemoryError if there is not enough memory, and a
     LibraryError if parts of the library do not fit together.
+
+    Raises
+    ------
+    LibraryError
+        If a structure has other fields than the library's, or in another order.
     """
+    for kind in types:
+        for structure in kind.structures if isinstance(kind, Pointer) else []:
+            _check_structure(structure)
     call = getattr(_LIBRARY, f"kreisel_{variant}_{name}")
     call.argtypes, call.restype, call.errcheck = types, ctypes.c_int, _check
     return call
+
+
+def _layout(library: ctypes.CDLL) -> dict[tuple[str, str], str]:
+    """Return what the library says of its structures and orders, by kind and name: see `layout.hpp`."""
+    try:
+        tell = getattr(library, f"kreisel_{variant}_layout")
+    except AttributeError as error:
+        raise LibraryError(f"the compiled library is older than this package; {_AGAIN}") from error
+    tell.restype = ctypes.c_char_p
+    lines = [line.split(":", 1) for line in tell().decode().splitlines()]
+    heads = [(head.split(), text.strip()) for head, text in lines]
+    return {(head[0], head[1]): " ".join([*head[2:], text]).strip() for head, text in heads}
+
+
+_LAYOUT = _layout(_LIBRARY)
+
+
+def order(name: str) -> dict[str, int]:
+    """Return the places of numbers in an array that the library has an order for, by name."""
+    places: dict[str, int] = {}
+    for text in _LAYOUT["order", name].split(", "):
+        number, _, place = text.lower().partition(" = ")
+        places[number] = int(place) if place else len(places)
+    return places
+
+
+def check_count(name: str, own: int) -> None:
+    """Raise a LibraryError where the library is made for another number."""
+    if (theirs := int(_LAYOUT["count", name])) != own:
+        raise LibraryError(
+            f"the compiled library does not fit this package: it is made for {theirs} {name}, expected {own}; {_AGAIN}"
+        )
+
+
+check_count("lanes", LANES)
+
+
+def check_order(name: str, own: Mapping[str, int]) -> None:
+    """Compare an order with the places that numbers have here, by name; -1 where any place will do.
+
+    Raises
+    ------
+    LibraryError
+        If the library has others; the message names the first.
+    """
+    for number, place in order(name).items():
+        if own.get(number) not in (place, -1):
+            here = f"place {own[number]}" if number in own else "nothing of this name"
+            raise LibraryError(
+                f"the compiled library does not fit this package: {name} has {number} at {place}, expected {here}; "
+                f"{_AGAIN}"
+            )
+
+
+def _check_structure(structure: type[ctypes.Structure]) -> None:
+    """Raise a LibraryError that names the first field in which a structure differs from the library's of its name.
+
+    Structures that the library does not describe are those of its parts, which tests call.
+    """
+    told, own = _LAYOUT.get(("struct", structure.__name__)), described(structure)
+    if told is None or told == own:
+        return
+    (size, _, here), (other, _, there) = own.partition(" "), told.partition(" ")
+    pairs = zip_longest(here.split(", "), there.split(", "), fillvalue="nothing")
+    wanted, given = next(((a, b) for a, b in pairs if a != b), (f"{size} bytes", f"{other} bytes"))
+    raise LibraryError(
+        f"the compiled library does not fit this package: {structure.__name__} has {given}, expected {wanted} (field, "
+        f"place, type); {_AGAIN}"
+    )
 
 
 def _check(status: int, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:

@@ -18,8 +18,24 @@ from kreisel._kernels.arrays import (
     check_lengths,
     padded,
 )
-from kreisel._kernels.cell import MEASURED, Gate, Gaussian, Model, Record, Samples, Steps
-from kreisel._kernels.compiled import function
+from kreisel._kernels.cell import (
+    ACCEL,
+    COLOURED,
+    GYRO,
+    MEASURED,
+    NOISE,
+    STORED,
+    Gate,
+    Gaussian,
+    Model,
+    Record,
+    Samples,
+    Steps,
+)
+from kreisel._kernels.compiled import check_count, function
+
+_RATES = 4
+check_count("rates", _RATES)
 
 _run = function(
     "run", Pointer(Model, keep=True), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),
@@ -70,12 +86,13 @@ def _check_model(model: Model, n: int, size: int) -> None:
     check_lengths(
         parts=(model.parts, (len(model.parts), 4)),
         tail=(model.tail, (len(model.tail), 4)), weights=(model.weights, (5,)),
-        gyro=(model.gyro.source, (12 + model.gyro_applied.size,)),
-        accel=(model.accel.source, (21 + model.accel_applied.size,)),
+        gyro=(model.gyro.source, (GYRO["gyro_effects"] + model.gyro_applied.size,)),
+        accel=(model.accel.source, (ACCEL["accel_effects"] + model.accel_applied.size,)),
         gyro_effects=(model.gyro_effects, (len(model.gyro_effects), 3)),
         accel_effects=(model.accel_effects, (len(model.accel_effects), 3)),
-        around=(model.around.source, (10,)), stored=(model.stored, (7,)),
-        noise=(model.noise, (6,)), standstill=(model.standstill, (2,)), coloured=(model.coloured, (3,)),
+        around=(model.around.source, (10,)), stored=(model.stored, (len(STORED),)),
+        noise=(model.noise, (len(NOISE),)), standstill=(model.standstill, (2,)),
+        coloured=(model.coloured, (len(COLOURED),)),
         walk=(model.walk, model.walking.shape), fading=(model.fading, model.walking.shape),
     )  # fmt: skip
     for name in ("gyro", "accel", "around", "robot"):
@@ -103,10 +120,11 @@ def _check_model(model: Model, n: int, size: int) -> None:
 
 
 def _check_signal(signal: Samples, model: Model) -> None:
-    n, P = signal.stamps.size, 4 + len(model.gyro_effects)
+    n, P = signal.stamps.size, _RATES + len(model.gyro_effects)
     check_lengths(
-        base=(signal.base, (n - 1,)), single=(signal.single, (n - 1, 6)), double=(signal.double, (n - 1, 6)),
-        rates=(signal.rates, (P, n)), slopes=(signal.slopes, (4, n)), integrals=(signal.integrals, (P, n - 1)),
+        base=(signal.base, (n - 1,)), single=(signal.single, (n - 1, 6)), twice=(signal.twice, (n - 1, 6)),
+        rates=(signal.rates, (P, n)), slopes=(signal.slopes, (_RATES, n)),
+        integrals=(signal.integrals, (P, n - 1)),
         forces=(signal.forces, (3 + len(model.accel_effects), n)), noise=(signal.noise, (4, 3)),
     )  # fmt: skip
     check_indices("base", signal.base, 0, n - 5)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from kreisel._kernels.arrays import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
-from kreisel._kernels.compiled import function
+from kreisel._kernels.compiled import check_count, function
 
 POINTS = 6
 """Samples each interpolating polynomial goes through."""
+
+check_count("stencil", POINTS)
 
 _interval_weights = function("interval_weights", NumbersView, IndicesView, TableView, TableView)
 _integrate_intervals = function("integrate_intervals", IndicesView, TableView, TableView, TableView)
@@ -15,17 +17,17 @@ _double_integral = function("double_integral", NumbersView, TableView, IndicesVi
 _integrate_attitude = function("integrate_attitude", NumbersView, TableView, TableView, TableView, TableView)
 
 
-def interval_weights(stamps: Array, base: Indices, single: Array, double: Array) -> None:
+def interval_weights(stamps: Array, base: Indices, single: Array, twice: Array) -> None:
     """Write for every sampling interval [t_k, t_k+1] the weights of its two integrals.
 
     ``sum_i single[k, i] * u[base[k] + i]`` is the integral of u over the interval and
-    ``sum_i double[k, i] * u[base[k] + i]`` that of (t_k+1 - t) u, for u the quintic through the six
-    samples from ``base[k]`` on. stamps (n,), base (n - 1,), single and double (n - 1, 6).
+    ``sum_i twice[k, i] * u[base[k] + i]`` that of (t_k+1 - t) u, for u the quintic through the six
+    samples from ``base[k]`` on. stamps (n,), base (n - 1,), single and twice (n - 1, 6).
     """
     n = stamps.size
-    check_lengths(base=(base, (n - 1,)), single=(single, (n - 1, POINTS)), double=(double, (n - 1, POINTS)))
+    check_lengths(base=(base, (n - 1,)), single=(single, (n - 1, POINTS)), twice=(twice, (n - 1, POINTS)))
     check_indices("base", base, 0, n - POINTS + 1)
-    _interval_weights(stamps, base, single, double)
+    _interval_weights(stamps, base, single, twice)
 
 
 def integrate_intervals(base: Indices, single: Array, values: Array, out: Array) -> None:

@@ -20,9 +20,9 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import Gaussian
-from kreisel._kernels.compiled import function
+from kreisel._kernels.compiled import function, order
 
-FIGURES = ("spread", "mean", "second", "shift", "centre")
+FIGURES = tuple(order("Weights"))
 """Figures of `estimation.sigma_points.SigmaWeights` in the order the library takes them."""
 
 

@@ -2,29 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from kreisel._kernels import cell
+from kreisel._kernels.compiled import check_order
 from kreisel._kernels.sigma_points import FIGURES
 from kreisel.estimation.sigma_points import weights
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.strapdown import NOISE_STEP
+from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR, group_part
+from kreisel.model.noise import AssumedNoise, ColouredNoise
 from kreisel.model.parameters import POSE_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
 
-_GYRO = ("gyro_cross_coupling", "gyro_offset")
-_ACCEL = ("accel_cross_coupling", "accel_offset", "lever_arms")
-"""Groups of the sensor model, in the order in which `sensor_coefficients` of process_model.hpp takes them; those of
-effects follow."""
+_NOISE: dict[str, Callable[[AssumedNoise], float]] = {
+    "at_position": lambda noise: noise.coloured.white_factor * noise.reference.position,
+    "at_orientation": lambda noise: noise.coloured.white_factor * noise.reference.orientation,
+    "jitter_position": lambda noise: noise.reference.jitter_position,
+    "jitter_orientation": lambda noise: noise.reference.jitter_orientation,
+    "standstill_velocity": lambda noise: noise.reference.velocity,
+    "stamp": lambda noise: noise.reference.stamp,
+}
+_COLOURED: dict[str, Callable[[ColouredNoise], float]] = {
+    "coloured_time": lambda noise: noise.time,
+    "coloured_position": lambda noise: noise.position,
+    "coloured_orientation": lambda noise: noise.orientation,
+}
+"""Figures by the names that the library has for them."""
+
+
+def _places(order: Mapping[str, int]) -> dict[str, int]:
+    """Return where groups begin if they stand one after another, in an order; effects, of any number, are last."""
+    sizes = [0 if name.endswith("_effects") else group_part(name, 1).size for name in order]
+    return dict(zip(order, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
+
+
+for _name, _own in (
+    ("Stored", dict.fromkeys((part.name for part in (*NAVIGATION, *STANDSTILL_ERROR, *PATH_ERROR)), -1)),
+    ("Noise", dict.fromkeys(_NOISE, -1)),
+    ("Coloured", dict.fromkeys(_COLOURED, -1)),
+    ("Gyro", _places(cell.GYRO)),
+    ("Accel", _places(cell.ACCEL)),
+    ("Around", _places(cell.AROUND)),
+):
+    check_order(_name, _own)
 
 
 def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
-    layout, settings, noise = problem.layout, problem.settings, problem.noise.reference
+    layout, settings = problem.layout, problem.settings
     n = layout.degrees
     w = weights(settings.weights, n)
     level, down = problem.site.earth_rate_units
@@ -37,10 +67,6 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
         return cell.ParameterRows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
 
-    names = (
-        "velocity", "position", "attitude", "standstill_position", "standstill_orientation", "path_position",
-        "path_orientation",
-    )  # fmt: skip
     sizes = effect_sizes(problem)
     gyro, accel = (groups_of(sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
 
@@ -52,13 +78,13 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         tail=layout.tail(problem.changing).table,
         drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
         weights=np.array([getattr(w, figure) for figure in FIGURES]),
-        gyro=rows([*_GYRO, *gyro]),
-        accel=rows([*_ACCEL, *accel]),
-        around=rows(["alignment", "north", "gravity", "time_offset", "time_skew", "earth_down"]),
+        gyro=rows([*_but_effects(cell.GYRO), *gyro]),
+        accel=rows([*_but_effects(cell.ACCEL), *accel]),
+        around=rows(list(cell.AROUND)),
         robot=rows([*reference_groups(problem, known), *ROBOT_GROUPS]),
         gyro_degrees=problem.gyro_degrees,
         sensor_degrees=problem.sensor_degrees,
-        stored=np.array([layout.stored(name).start if name in layout else -1 for name in names]),
+        stored=np.array([layout.stored(name).start if name in layout else -1 for name in cell.STORED]),
         gyro_effects=places_of(sizes, "gyroscope"),
         accel_effects=places_of(sizes, "accelerometer"),
         gyro_applied=applied(gyro),
@@ -67,17 +93,19 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         inside=settings.size_effect.inside,
         level=level,
         down=down,
-        noise=np.array([
-            coloured.white_factor * noise.position, coloured.white_factor * noise.orientation,
-            noise.jitter_position, noise.jitter_orientation, noise.velocity, noise.stamp,
-        ]),
+        noise=np.array([_NOISE[name](problem.noise) for name in cell.NOISE]),
         standstill=np.array(problem.noise.standstill_error, dtype=float),
-        coloured=np.array([coloured.time, coloured.position, coloured.orientation]),
+        coloured=np.array([_COLOURED[name](coloured) for name in cell.COLOURED]),
         walking=walks[:, 0].astype(np.int64),
         walk=walks[:, 1].copy(),
         fading=walks[:, 2].copy(),
         noise_step=NOISE_STEP,
     )  # fmt: skip
+
+
+def _but_effects(order: Mapping[str, int]) -> list[str]:
+    """Return the groups of an order, less the effects', which follow them."""
+    return [group for group in order if not group.endswith("_effects")]
 
 
 def _walks(problem: Problem) -> Array:

@@ -129,7 +129,7 @@ def prepare(
         stamps=stamps,
         base=base,
         single=single,
-        double=double,
+        twice=double,
         rates=features,
         slopes=_stacked(np.zeros(n), slope.T),
         integrals=integrals,

@@ -77,7 +77,7 @@ class _Integrated:
         np.cumsum(signal.integrals, axis=0, out=integral[1:])
         # many of these are in memory at once: only what the integration of the rates needs is kept
         none = np.empty((0, 0))
-        slim = signal.samples._replace(single=none, double=none, slopes=none, forces=none)
+        slim = signal.samples._replace(single=none, twice=none, slopes=none, forces=none)
         rates = np.ascontiguousarray(signal.rates)
         width = max(1, round(SMOOTHED / max(float(np.median(np.diff(signal.stamps[:1000]))), 1e-6)))
         return cls(replace(signal, samples=slim), rates, running_mean(rates, width), integral)

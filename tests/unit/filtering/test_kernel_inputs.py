@@ -63,10 +63,8 @@ def test_places_of_parts_are_those_in_the_stored_state():
     problem = without_groups(small_problem(), ("gravity",))
     model = filter_model(problem, problem.prior.start)
     x = np.arange(problem.layout.size)
-    for place, name in ((cell.VELOCITY, "velocity"), (cell.ATTITUDE, "attitude"),
-                        (cell.STANDSTILL_ORIENTATION, "standstill_orientation"),
-                        (cell.PATH_POSITION, "path_position")):  # fmt: skip
-        assert model.stored[place] == x[problem.layout.stored(name)][0]
+    for name in ("velocity", "attitude", "standstill_orientation", "path_position"):
+        assert model.stored[cell.STORED[name]] == x[problem.layout.stored(name)][0]
     without = replace(problem, layout=problem.layout.tail(9))
     np.testing.assert_array_equal(filter_model(without, problem.prior.start).stored, [0, 3, 6, -1, -1, -1, -1])
     np.testing.assert_array_equal(model.tail, problem.layout.tail(15).table)
@@ -78,10 +76,21 @@ def test_noise_on_the_path_is_split_into_white_and_coloured():
     model = filter_model(problem, problem.prior.start)
     time, position, orientation = model.coloured
     assert time == 1.5
-    assert position**2 + model.noise[cell.AT_POSITION] ** 2 == pytest.approx(own.position**2 + 16e-6, rel=1e-12)
-    assert orientation**2 + model.noise[cell.AT_ORIENTATION] ** 2 == pytest.approx(own.orientation**2 + 9e-6, rel=1e-12)
+    assert position**2 + model.noise[cell.NOISE["at_position"]] ** 2 == pytest.approx(
+        own.position**2 + 16e-6, rel=1e-12
+    )
+    assert orientation**2 + model.noise[cell.NOISE["at_orientation"]] ** 2 == pytest.approx(
+        own.orientation**2 + 9e-6, rel=1e-12
+    )
     np.testing.assert_array_equal(
-        model.noise[[cell.JITTER_POSITION, cell.JITTER_ORIENTATION, cell.STANDSTILL_VELOCITY, cell.STAMP]],
+        model.noise[
+            [
+                cell.NOISE["jitter_position"],
+                cell.NOISE["jitter_orientation"],
+                cell.NOISE["standstill_velocity"],
+                cell.NOISE["stamp"],
+            ]
+        ],
         [own.jitter_position, own.jitter_orientation, own.velocity, own.stamp],
     )
 

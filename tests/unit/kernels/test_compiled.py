@@ -2,15 +2,18 @@
 
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from kreisel._kernels import arrays, compiled, manifold, quadrature
+from kreisel._kernels import arrays, cell, compiled, manifold, quadrature
+from kreisel.errors import LibraryError
 from kreisel.filtering.filter_pass import run_filter
 
 from ...small_problem import small_problem
@@ -25,11 +28,65 @@ print(compiled.variant, *run.belief.mean, *run.belief.standard_deviation)
 """
 
 
-def test_the_library_is_that_of_the_sources():
+def test_a_library_that_is_older_than_its_sources_is_refused(tmp_path):
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     build = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(build)
-    assert compiled.sources() == build.source_hash(ROOT), "compile the library again: python hatch_build.py"
+    built = build.source_hash(ROOT)
+    compiled.check_sources(built, ROOT / "src" / "kernels")
+    compiled.check_sources(built, tmp_path)  # an installed package has no sources
+    shutil.copytree(ROOT / "src" / "kernels", tmp_path / "kernels")
+    with (tmp_path / "kernels" / "cell.hpp").open("a") as file:
+        file.write("\n")
+    with pytest.raises(LibraryError, match=f"older than its sources: it was compiled from {built}"):
+        compiled.check_sources(built, tmp_path / "kernels")
+
+
+def swapped(kind, a, b):
+    """A named tuple with two fields exchanged, as an edit of Python alone would do."""
+    hints, names = kind.__annotations__, list(kind._fields)
+    i, j = names.index(a), names.index(b)
+    names[i], names[j] = b, a
+    made = renamed(kind.__name__, **{name: hints[name] for name in names})
+    made.__module__ = kind.__module__
+    return made
+
+
+def renamed(name, **fields):
+    return NamedTuple(name, list(fields.items()))
+
+
+@pytest.mark.parametrize(
+    ("kind", "a", "b"),
+    [(cell.Model, "standstill", "coloured"), (cell.Record, "nis", "log_likelihood"), (cell.Steps, "first", "last")],
+)
+def test_fields_that_changed_places_on_one_side_are_refused(kind, a, b):
+    with pytest.raises(LibraryError, match=rf"{kind.__name__} has {a} \d+ \w+, expected {b} \d+ \w+"):
+        compiled.function("run", arrays.Pointer(swapped(kind, a, b)))
+
+
+def test_a_field_more_or_of_another_type_is_refused():
+    more = renamed("Gaussian", mean=arrays.Numbers, upper=arrays.Table, size=int)
+    with pytest.raises(LibraryError, match="Gaussian has nothing, expected size 40 Index"):
+        compiled.function("run", arrays.Pointer(more))
+    other = renamed("Gate", bounds=arrays.Numbers, most=float, rejected=arrays.Indices)
+    with pytest.raises(LibraryError, match="Gate has most 16 Index, expected most 16 double"):
+        compiled.function("run", arrays.Pointer(other))
+
+
+def test_another_number_than_the_library_is_made_for_is_refused():
+    with pytest.raises(LibraryError, match="it is made for 9 measured, expected 8"):
+        compiled.check_count("measured", 8)
+
+
+def test_an_order_that_does_not_fit_is_refused():
+    places = dict(cell.AROUND)
+    compiled.check_order("Around", places)
+    with pytest.raises(LibraryError, match="Around has time_offset at 7, expected place 6"):
+        compiled.check_order("Around", places | {"time_offset": 6, "gravity": 6})
+    del places["gravity"]
+    with pytest.raises(LibraryError, match="Around has gravity at 6, expected nothing of this name"):
+        compiled.check_order("Around", places)
 
 
 def numbers_of(variant):

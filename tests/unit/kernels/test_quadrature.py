@@ -24,7 +24,7 @@ def test_quintics_are_integrated_exactly(stamps):
     np.testing.assert_allclose(s.integrals, np.diff(exact, axis=0), atol=1e-15)
     twice = np.stack([np.polyval(np.polyint(c[i], 2), t) for i in range(3)], axis=1)
     dt = np.diff(t)[:, None]
-    double = np.einsum("ki,kic->kc", s.samples.double, s.rates[s.samples.base[:, None] + np.arange(6)])
+    double = np.einsum("ki,kic->kc", s.samples.twice, s.rates[s.samples.base[:, None] + np.arange(6)])
     np.testing.assert_allclose(double, np.diff(twice, axis=0) - exact[:-1] * dt, atol=1e-16)
 
 
