@@ -23,6 +23,7 @@ from kreisel.calibration.parts import (
     Verdict,
 )
 from kreisel.calibration.result import Calibration
+from kreisel.estimation.budget import Budget
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.filtering.observability import Observability
@@ -49,12 +50,13 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class Judged:
-    """Results of the checks of an estimate, and the seconds the estimation took."""
+    """Results of the checks of an estimate, the seconds the estimation took, and the budget of its uncertainty."""
 
     observability: Observability
     consistency: Consistency
     verdict: Verdict
     seconds: float
+    budget: Budget | None = None
 
 
 def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tuple[DataWarning, ...]) -> Calibration:
@@ -74,6 +76,7 @@ def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tu
         robot=None if problem.robot is None else _robot_errors(found, problem.robot),
         others=_others(found),
         considered=found.considered,
+        budget=judged.budget,
     )
     n = len(judged.observability.names)
     names, covariance = judged.observability.names, _covariance(found, n)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kreisel.calibration.assembly import Judged, assemble
+from kreisel.calibration.budget import budget_of, filter_parts
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
@@ -51,6 +52,7 @@ def run_calibration(
     *,
     together: Together = one_by_one,
     validate: bool = False,
+    budget: bool = True,
 ) -> Outcome:
     """Return the calibration of a recording with all intermediate results.
 
@@ -62,6 +64,8 @@ def run_calibration(
         Does checks that do not depend on each other.
     validate
         Whether to cross-validate, too.
+    budget
+        Whether to split the variances by their sources: up to four passes of the filter.
     """
     if progress is not None:
         progress("synchronise", 0.0)
@@ -81,6 +85,7 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
+    parts = filter_parts(found, progress, together) if budget else None
     by_halves = halves_disagreement(without_passing(found), halves)
     found = without_passing(found.adding(by_interval.contributions, by_interval.warnings))
     found = found.adding(by_halves.contributions, by_halves.warnings)
@@ -91,7 +96,8 @@ def run_calibration(
     known = _known_scores(preparation, settings, problem, given, progress)
     verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
-    calibration = assemble(preparation.recording, found, Judged(seen, facts, verdict, seconds), warnings)
+    whole = None if parts is None else budget_of(found, parts)
+    calibration = assemble(preparation.recording, found, Judged(seen, facts, verdict, seconds, whole), warnings)
     return Outcome(
         recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
     )

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.estimation.uncertainty import Contribution, Source
+from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty import Contribution
 from kreisel.filtering.estimate import Estimate
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS

@@ -8,7 +8,8 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
-from kreisel.estimation.uncertainty import Contribution, Source, along, each, scaling
+from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty import Contribution, along, each, scaling
 from kreisel.filtering.estimate import Estimate
 from kreisel.filtering.history import FilterRun
 from kreisel.filtering.prior_exchange import further_pass

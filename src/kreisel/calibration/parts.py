@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from kreisel.estimation.budget import Budget
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.considered import Considered
@@ -383,6 +384,8 @@ class CalibrationParts:
         The axes that `sensors` turns readings into; see `calibration.axes`.
     triads
         The device's own part, with the mounting split off, by choice of axes; of a calibration in axes of the tool.
+    budget
+        Where the uncertainty comes from; of a calibration from one recording, in axes of the tool.
     """
 
     sensors: SensorParameters
@@ -401,3 +404,4 @@ class CalibrationParts:
     joint: JointFacts | None = None
     axes: str = "tool"
     triads: Mapping[str, DeviceTriad] = field(default_factory=dict)
+    budget: Budget | None = None

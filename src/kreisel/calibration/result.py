@@ -137,6 +137,7 @@ class Calibration(CalibrationParts):
             prior_deviation=np.array([prior.get(name, np.nan) for name in names]),
             estimates=np.zeros((0, 1 + 2 * len(names))),
             axes=axes,
+            budget=None,
         )
 
     def stream(self) -> CorrectedStream:

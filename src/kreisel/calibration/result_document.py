@@ -30,6 +30,7 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
+from kreisel.estimation.budget import Budget, Source
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect, check_parameters
 from kreisel.model.considered import Considered
@@ -75,6 +76,8 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
         document["robot"] = _robot_table(parts.robot)
     document |= {"consistency": _consistency_table(parts.consistency), "verdict": _verdict_table(parts.verdict)}
     document["considered"] = [_effect_table(effect) for effect in parts.considered]
+    if parts.budget is not None:
+        document["budget"] = _budget_table(parts.budget)
     document["axes"] = parts.axes
     if parts.triads:
         document["device_axes"] = {axes: _triad_table(triad) for axes, triad in parts.triads.items()}
@@ -113,6 +116,7 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
         others=others,
         considered=tuple(_effect(table) for table in document.get("considered", ())),
         joint=_joint(document["joint"]) if "joint" in document else None,
+        budget=_budget(_table(document, "budget")) if "budget" in document else None,
         axes=str(document.get("axes", "tool")),
         triads={axes: _triad(table) for axes, table in _table(document, "device_axes").items()},
     )
@@ -451,6 +455,23 @@ def _effect(table: Mapping[str, Any]) -> Considered:
         raise TypeError(f"considered.included is {included!r}, expected true or false")
     shift, shifted = _number(table["shift"]), str(table["shifted"])
     return Considered(str(table["group"]), value, deviation, _number(table["gain"]), included, shift, shifted)
+
+
+def _budget_table(budget: Budget) -> dict[str, Any]:
+    parameters = {
+        name: {"standard_deviation": _rounded(sd), "percent": [round(100.0 * share, 3) for share in shares]}
+        for name, sd, shares in zip(budget.names, budget.deviation.tolist(), budget.shares.tolist(), strict=True)
+    }
+    causes = [{"cause": cause, "source": str(source)} for cause, source in budget.causes.items()]
+    return {"causes": causes, "parameters": parameters}
+
+
+def _budget(table: Mapping[str, Any]) -> Budget:
+    causes = {str(one["cause"]): Source(one["source"]) for one in table["causes"]}
+    rows = _table(table, "parameters")
+    shares = [_array(one["percent"], (len(causes),)) / 100.0 for one in rows.values()]
+    deviation = np.array([_number(one["standard_deviation"]) for one in rows.values()])
+    return Budget(_names(list(rows)), deviation, causes, np.array(shares).reshape(len(rows), len(causes)))
 
 
 # Several recordings

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.uncertainty import Contribution, Source
+from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty import Contribution
 from kreisel.filtering.estimate import Estimate
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import usual_covariance

@@ -9,25 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from kreisel.estimation.belief import Belief, with_errors
+from kreisel.estimation.budget import Source
 from kreisel.geometry.rotation import Array
-
-
-class Source(StrEnum):
-    """Where uncertainty comes from, in the order of budgets."""
-
-    SENSOR = "sensor noise"
-    PATH = "reference on the path"
-    STANDSTILL = "reference at standstill"
-    PRIOR = "prior and site"
-    ROBOT = "robot and frames"
-    CLOCKS = "clocks"
-    EFFECTS = "undecided effects"
-    MISFIT = "lack of fit"
 
 
 @dataclass(frozen=True)

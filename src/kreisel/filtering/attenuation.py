@@ -14,7 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.estimation.uncertainty import Contribution, Source
+from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty import Contribution
 from kreisel.filtering.history import FilterRun, Pass
 from kreisel.filtering.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply

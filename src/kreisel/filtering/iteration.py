@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import EstimationError
+from kreisel.estimation.budget import Source
 from kreisel.estimation.consistency import gate_bounds
-from kreisel.estimation.uncertainty import Contribution, Source, scaling
+from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.filtering.attenuation import pull_of_noise, without_attenuation
 from kreisel.filtering.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.filtering.effect_selection import Survey, considered, selected, survey

@@ -9,6 +9,7 @@ from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
 from kreisel.filtering.effect_selection import MIN_GAIN
 from kreisel.report import figures, result_tables, tables
+from kreisel.report.budget import budget_picture
 from kreisel.report.data import ReportData, extract
 from kreisel.report.plots import Figure
 from kreisel.report.snippet import snippet
@@ -83,6 +84,7 @@ def _tables(data: ReportData) -> dict[str, Any]:
         "noise_table": tables.noise_table(outcome),
         "cause_table": tables.cause_table(data.difference),
         "robot_tables": tables.robot_tables(outcome),
+        "budget": budget_picture(outcome),
         "parameter_table": tables.parameter_table(data),
         "considered_table": tables.considered_table(outcome),
         "drift_table": None if data.unseen is None else tables.drift_table(data.unseen),

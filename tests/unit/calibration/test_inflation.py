@@ -10,7 +10,8 @@ from kreisel.calibration.data_sheet import sensitivity
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
-from kreisel.estimation.uncertainty import Source, scaling
+from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty import scaling
 from kreisel.filtering.prior_exchange import first_pass
 
 from ...oracle import quaternions as quat
