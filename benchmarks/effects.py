@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.filtering.history import FilterRun
-from kreisel.filtering.initial_belief import first_belief
-from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import first_belief
+from kreisel.kalman.sigma_point_filter import first_pass, further_pass
 from kreisel.model.problem import Problem, with_groups
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
@@ -36,14 +36,14 @@ def _problem() -> Problem:
     return build_problem(prepare_recording(check_streams(recording), settings), settings)
 
 
-def _with(problem: Problem, run: FilterRun, groups: tuple[str, ...]) -> tuple[Problem, FilterRun]:
+def _with(problem: Problem, run: Fit, groups: tuple[str, ...]) -> tuple[Problem, Fit]:
     larger = with_groups(problem, groups)
     parameters = run.parameters.with_order(larger.settings.polynomial_order)
     belief = first_belief(larger, parameters, larger.prior.covariance)
     return larger, replace(run, parameters=parameters, belief=belief)
 
 
-def _timed(problem: Problem, run: FilterRun) -> tuple[float, FilterRun]:
+def _timed(problem: Problem, run: Fit) -> tuple[float, Fit]:
     seconds = []
     for _ in range(REPEATS):
         began = time.perf_counter()

@@ -31,7 +31,7 @@ from tests.scenarios.test_filter_agreement import (
     problem_and_belief,
 )
 
-from kreisel.filtering.filter_pass import run_filter
+from kreisel.kalman.filter_pass import run_filter
 
 from . import yardstick
 

@@ -64,12 +64,13 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.calibration.split_halves import halves_disagreement, split_halves
     from kreisel.calibration.verdict import consistency, judge
     from kreisel.cli.threads import side_by_side
-    from kreisel.filtering.iteration import Given, estimate
-    from kreisel.filtering.observability import observability
     from kreisel.formats.loading import load
+    from kreisel.kalman.sigma_point_filter import SigmaPointFilter
     from kreisel.model.settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
+    from kreisel.refinement.iteration import Given, estimate
+    from kreisel.refinement.observability import observability
     from kreisel.report.page import write_report
 
     laps = _Laps()
@@ -80,10 +81,10 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     laps.end("synchronise, start values")
     problem = build_problem(preparation, settings)
     laps.end("build the problem")
-    found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True)))
+    found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True), SigmaPointFilter()))
     laps.end(f"filter, {found.passes} pass(es)")
     halves = split_halves(found, together=side_by_side)
-    latitude, cross = side_by_side([lambda: check_latitude(found.problem, found.run), lambda: cross_validate(found)])
+    latitude, cross = side_by_side([lambda: check_latitude(found), lambda: cross_validate(found)])
     laps.end("halves, latitude, validation")
     more = halves_disagreement(found, halves)
     found = found.adding(more.contributions, more.warnings)

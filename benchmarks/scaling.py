@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kreisel.estimation.state import StateLayout
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.sigma_point_filter import first_pass, further_pass
 from kreisel.model.noise import PoseError
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem

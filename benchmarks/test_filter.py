@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from tests.navigation import SensorColumns, preintegrate
 
-from kreisel.filtering.filter_pass import run_filter
 from kreisel.inertial.sensor_model import SizeEffect
+from kreisel.kalman.filter_pass import run_filter
 from kreisel.model.problem import Problem
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.filtering.initial_belief import first_belief
+from kreisel.fitting.stored_state import first_belief
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.noise import AssumedNoise, ReferenceNoise

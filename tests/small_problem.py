@@ -11,11 +11,11 @@ import numpy as np
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.belief import Belief
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.history import FilterRun, History
-from kreisel.filtering.initial_belief import stored_state
-from kreisel.filtering.prior_exchange import first_pass
+from kreisel.fitting.fit import Fit
+from kreisel.fitting.history import History
+from kreisel.fitting.stored_state import stored_state
+from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
 from kreisel.model.noise import Drift
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_groups
@@ -24,6 +24,7 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.recording import Recording
+from kreisel.refinement.estimate import Estimate
 
 from .small_cell import Truth, simulate
 
@@ -47,13 +48,13 @@ def small_problem() -> Problem:
 
 
 @cache
-def small_run() -> FilterRun:
+def small_run() -> Fit:
     """One pass over the small problem, with the stated prior."""
     return first_pass(small_problem())
 
 
 @cache
-def plain_run() -> FilterRun:
+def plain_run() -> Fit:
     """One run of the filter over the small problem, as it leaves it."""
     return run_filter(small_problem(), small_problem().prior.start)
 
@@ -74,9 +75,21 @@ def calibrated() -> Outcome:
     return run_calibration(recorded()[1], CalibrationSettings())
 
 
-def estimate_of(problem: Problem, run: FilterRun, **changed: object) -> Estimate:
+class Given:
+    """An estimator whose fits are made up: one after another, whatever it is asked."""
+
+    name = "given"
+
+    def __init__(self, fits):
+        self._waiting = iter(fits)
+
+    def refit(self, *_, **__):
+        return next(self._waiting)
+
+
+def estimate_of(problem: Problem, run: Fit, **changed: object) -> Estimate:
     """An estimate of one pass without anything to say."""
-    return replace(Estimate(problem, run, 1, 1.0, 1.0, 0.0, ()), **changed)
+    return replace(Estimate(problem, run, SigmaPointFilter(), 1, 1.0, 1.0, 0.0, ()), **changed)
 
 
 def moved_by(problem: Problem, parameters: CellParameters, change: np.ndarray) -> CellParameters:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from kreisel.estimation.belief import Belief
-from kreisel.filtering.attenuation import pull_of_noise, without_attenuation
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.prior_exchange import with_stated_prior
+from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.prior_exchange import with_stated_prior
+from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 
 from ..oracle import batch
 from ..oracle.plain_filter import Imu, World
@@ -36,9 +36,9 @@ class Passes:
         run = run_filter(self.problem, self.problem.prior.start, gate=np.inf, belief=self.begun)
         self.run = with_stated_prior(self.problem, run, self.begun)
         for _ in range(6):
-            self.run = self.further(self.problem, self.run)
+            self.run = self.refit(self.problem, self.run)
 
-    def further(self, problem, run, progress=None):
+    def refit(self, problem, run, progress=None):
         n, layout = len(problem.parameter_names), problem.layout
         mean = self.begun.mean.copy()
         for group in problem.groups:
@@ -77,8 +77,8 @@ def test_what_is_taken_back_of_noise_leads_to_total_least_squares(setup, share):
     """Noise of the readings pulls the matrices to zero, and equation (26) puts them back."""
     case = Case(1, setup)
     passes = Passes(case)
-    change = pull_of_noise(passes.problem, passes.run, passes.further)
-    without = without_attenuation(passes.problem, passes.run, change)
+    change = pull_of_noise(passes.problem, passes.run, passes)
+    without, _ = without_attenuation(passes.problem, passes.run, change)
     total, layout = referee(case, total=True), passes.problem.layout
     (pulled, _), (left, _) = (compare(layout, run, total, PARAMETERS) for run in (passes.run, without))
     print(f"pulled by {pulled:.2g} sd, of which {left:.2g} sd are left")

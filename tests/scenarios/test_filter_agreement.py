@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.filtering.filter_pass import run_filter
+from kreisel.kalman.filter_pass import run_filter
 
 from ..oracle import plain_filter
 from ..oracle_case import EARTH_N, GRAVITY, Case, book_covariance, compare, problem_and_belief

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.filtering import iteration
 from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.checks import check_streams
+from kreisel.refinement import iteration
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 from kreisel.study.truth_comparison import group_errors

@@ -54,3 +54,17 @@ def test_files_and_functions_can_be_read_at_once():
                 body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
                 lines = body[-1].end_lineno - body[0].lineno + 1
                 assert lines <= MAX_BODY, f"{name}.{node.name}: {lines} lines"
+
+
+def test_nothing_outside_its_room_names_the_filters_passes():
+    """Whatever needs a fit asks an estimator: `kalman` is imported where one is chosen, and for figures of its own."""
+    allowed = {"kreisel.calibration.calibrate", "kreisel.calibration.convergence", "kreisel.study.bound"}
+    for name in MODULES:
+        if name.startswith("kreisel.kalman."):
+            continue
+        used = {
+            module for module in imported(name) if module.startswith("kreisel.kalman.") and "__init__" not in module
+        }
+        if name in allowed:
+            used -= {"kreisel.kalman.sigma_point_filter"}
+        assert not used, f"{name} imports {', '.join(used)}"

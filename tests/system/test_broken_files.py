@@ -231,7 +231,7 @@ def test_the_good_recording_is_accepted(good: Good, kreisel: Command) -> None:
     [
         (("--reference", "vicon7"), ("unknown reference 'vicon7'", "pose0")),
         (("--imu", "imu7"), ("unknown IMU 'imu7'", "imu0")),
-        (("--estimator", "magic"), ("unknown estimator 'magic'", "ekf", "spkf")),
+        (("--estimator", "magic"), ("unknown estimator 'magic'", "spkf")),
         (("--sigma-points", "magic"), ("unknown choice of sigma points", "unscented")),
         (("--size-effect", "magic"), ("unknown size effect", "completed")),
         (("--fix", "everything"), ("unknown group 'everything'", "lever_arms")),

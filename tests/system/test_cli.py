@@ -71,9 +71,9 @@ def test_json_is_one_object_on_standard_output(cell):
         assert document["standard_deviation"][sensor].keys() == document[sensor].keys()
 
 
-def test_ekf_and_fixed_groups(cell):
-    fast = json.loads(run("calibrate", cell, "--json", "--estimator", "ekf", "--fix", "lever_arms").stdout)
-    assert fast["estimator"]["name"] == "ekf"
+def test_sigma_points_and_fixed_groups(cell):
+    fast = json.loads(run("calibrate", cell, "--json", "--sigma-points", "unscented", "--fix", "lever_arms").stdout)
+    assert (fast["estimator"]["name"], fast["estimator"]["sigma_points"]) == ("spkf", "unscented")
     assert np.all(np.array(fast["standard_deviation"]["accelerometer"]["lever_arms"]) == 0.0)
 
 
@@ -93,7 +93,7 @@ def test_usage_errors_have_status_two(cell):
 @pytest.mark.parametrize(
     ("arguments", "telling"),
     [
-        (["--estimator", "magic"], "ekf, spkf"),
+        (["--estimator", "magic"], "spkf"),
         (["--fix", "magic"], "lever_arms"),
         (["--reference", "magic"], "pose0"),
         (["--size-effect", "magic"], "fox2005"),

@@ -149,7 +149,7 @@ class Steps(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What updates leave: see `filtering.history.History`, whose names some fields have.
+    """What updates leave: see `fitting.history.History`, whose names some fields have.
 
     mean (u, first numbers of the stored state), deviation (u, first degrees of freedom), used (u,); nis,
     log_likelihood, turn_information (u,); whitened, innovation, residual, noise_variance (u, 9): position, orientation,

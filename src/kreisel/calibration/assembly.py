@@ -24,9 +24,6 @@ from kreisel.calibration.parts import (
 )
 from kreisel.calibration.result import Calibration
 from kreisel.estimation.budget import Budget
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.noise_adaptation import imu_density
-from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named
@@ -42,6 +39,9 @@ from kreisel.model.problem import Problem
 from kreisel.model.robot import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.noise_adaptation import imu_density
+from kreisel.refinement.observability import Observability
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.synchronization.clock import Clock
 
@@ -118,7 +118,7 @@ def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
     gyro_density, accel_density = imu_density(problem)
     return EstimatorFacts(
         name=settings.estimator,
-        sigma_points=settings.weights,
+        sigma_points=settings.sigma_points,
         states=problem.layout.degrees,
         update_interval=problem.schedule.interval,
         updates=judged.consistency.updates,

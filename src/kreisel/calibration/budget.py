@@ -14,15 +14,14 @@ from functools import partial
 import numpy as np
 
 from kreisel.estimation.budget import Budget, Source
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.initial_belief import first_belief
-from kreisel.filtering.prior_exchange import further_pass
+from kreisel.fitting.stored_state import first_belief
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import group_named
 from kreisel.model.noise import AssumedNoise
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
+from kreisel.refinement.estimate import Estimate
 
 _STEP = 0.1
 """Relative step of a variance for its derivative: the variance is nearly a straight line over it."""
@@ -59,7 +58,7 @@ def filter_parts(
     larger = _with_more(problem.noise)
     problems = [problem, *(replace(problem, noise=noise) for noise in larger.values())]
     base, *others = together([
-        partial(further_pass, one, found.run, gate=np.inf, progress=of_step(step, "budget"))
+        partial(found.estimator.refit, one, found.run, gate=np.inf, progress=of_step(step, "budget"))
         for one, step in zip(problems, of_parts(progress, "budget", len(problems)), strict=True)
     ])  # fmt: skip
     whole = base.belief.standard_deviation[:n] ** 2

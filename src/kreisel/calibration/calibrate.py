@@ -20,9 +20,8 @@ from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
-from kreisel.filtering.estimate import Estimate, without_passing
-from kreisel.filtering.iteration import Given, estimate
-from kreisel.filtering.observability import observability
+from kreisel.fitting.fit import Estimator
+from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.known import place_of
 from kreisel.model.problem import Problem, without_forces
 from kreisel.model.settings import CalibrationSettings
@@ -32,6 +31,12 @@ from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress, Together, of_parts, one_by_one
 from kreisel.recording.recording import Recording
+from kreisel.refinement.estimate import Estimate, without_passing
+from kreisel.refinement.iteration import Given, estimate
+from kreisel.refinement.observability import observability
+
+ESTIMATORS: dict[str, Estimator] = {one.name: one for one in (SigmaPointFilter(),)}
+"""What the names in `model.settings.ESTIMATORS` stand for."""
 
 
 def calibrate(recording: Recording, settings: CalibrationSettings | None = None) -> Calibration:
@@ -81,7 +86,7 @@ def run_calibration(
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = together(
         [
-            partial(check_latitude, found.problem, found.run, shares[0]),
+            partial(check_latitude, found, shares[0]),
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
@@ -139,16 +144,17 @@ def _begun(
     table = recording.settings.reference
     stated = table.position_sd is not None or table.orientation_sd is not None
     given = Given(stated, preparation.imu_noise.given)
+    estimator = ESTIMATORS[settings.estimator]
     if problem.reference.positions is not None or settings.only == "accelerometer":
-        return _Begun(preparation, problem, given, estimate(problem, given, progress, together))
+        return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, together))
     try:
-        found = estimate(problem, given, progress, together)
+        found = estimate(problem, given, estimator, progress, together)
     except EstimationError:
         found = None
     if found is None or found.moved > MAX_MOVED:
         # velocities that nothing measures; the gyros need none
         problem = without_forces(problem)
-        found = estimate(problem, given, progress, together)
+        found = estimate(problem, given, estimator, progress, together)
     return _Begun(preparation, problem, given, found)
 
 
@@ -197,7 +203,7 @@ def _known_scores(
         return {}
     fixed = tuple(one for one in settings.priors_given if one[2] == 0.0)
     free = build_problem(preparation, replace(settings, priors=fixed))
-    found = with_unestimated_errors(estimate(free, given, progress))
+    found = with_unestimated_errors(estimate(free, given, ESTIMATORS[settings.estimator], progress))
     layout, deviation = found.problem.layout, found.deviation
     scores = {}
     for name, sd in stated:

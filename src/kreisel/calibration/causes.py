@@ -6,15 +6,15 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Cause
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.noise_adaptation import CONTRADICTION, imu_density
-from kreisel.filtering.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise import coarse_step
 from kreisel.model.considered import describe
 from kreisel.model.problem import Problem
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.recording.recording import excerpt
+from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
+from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
 
 _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),

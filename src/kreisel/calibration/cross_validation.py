@@ -10,13 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.evidence import CrossValidation, Drift
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.history import FilterRun
-from kreisel.filtering.prior_exchange import further_pass
+from kreisel.fitting.fit import Fit
 from kreisel.model.layout import without
 from kreisel.model.problem import Problem, part_of
 from kreisel.progress import Progress, of_step
+from kreisel.refinement.estimate import Estimate
 
 TRAINING = 0.6
 """Share of the updates that the calibration for the cross-validation uses."""
@@ -27,7 +25,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     problem = found.problem
     count = len(problem.schedule.updates)
     cut = int(TRAINING * count)
-    trained = further_pass(part_of(problem, slice(0, cut)), found.run, progress=of_step(progress, "train"))
+    trained = found.estimator.refit(part_of(problem, slice(0, cut)), found.run, progress=of_step(progress, "train"))
     nominal = replace(
         problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
         q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
@@ -35,10 +33,8 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     unseen = _navigation_only(part_of(problem, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.readings.stamps[problem.schedule.updates[cut - 1].last]),
-        nominal=_drift(run_filter(unseen, nominal, gate=np.inf, progress=of_step(progress, "nominal"))),
-        calibrated=_drift(
-            run_filter(unseen, trained.parameters, gate=np.inf, progress=of_step(progress, "calibrated"))
-        ),
+        nominal=_drift(found.estimator.navigate(unseen, nominal, of_step(progress, "nominal"))),
+        calibrated=_drift(found.estimator.navigate(unseen, trained.parameters, of_step(progress, "calibrated"))),
     )
 
 
@@ -48,7 +44,7 @@ def _navigation_only(problem: Problem) -> Problem:
     return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)
 
 
-def _drift(run: FilterRun) -> Drift:
+def _drift(run: Fit) -> Drift:
     h = run.history
     path = ~h.at_standstill
     path[:2] = False  # navigation has just started

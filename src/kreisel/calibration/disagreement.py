@@ -9,10 +9,10 @@ import numpy as np
 
 from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution
-from kreisel.filtering.estimate import Estimate
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.estimate import Estimate
 
 MAX_RMS = 2.0
 """Root mean square of a group's scores above which two estimates count as different; by chance, in one case of 200."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kreisel.calibration.parts import Consistency
-from kreisel.filtering.observability import Observability
 from kreisel.geometry.rotation import Array
+from kreisel.refinement.observability import Observability
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,7 @@ from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
 from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.history import FilterRun
-from kreisel.filtering.prior_exchange import further_pass
+from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
 from kreisel.model.parameters import GROUPS
@@ -20,6 +18,7 @@ from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.preparation.gravity import ANOMALY_SD
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.estimate import Estimate
 
 _TERMS = {"accel_delay": 0.01, "accel_smoothing": 1.5e-4, "reference_smoothing": 1.5e-4}
 """Sizes (s, s^2) at which the terms that the model of an effect leaves out are as large as other uncertainties."""
@@ -40,7 +39,9 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     layout, K_omega = problem.layout, run.parameters.sensors.K_omega
     out, warnings = [], []
     if max(noise.frame_sd) > 0.0:
-        columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run)])
+        columns = np.hstack(
+            [frame_columns(problem, run.parameters), position_scale_column(problem, run, found.estimator)]
+        )
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
         warnings.append(_frame_warning(problem))
     if len(noise.axes):
@@ -128,7 +129,7 @@ def _frame_warning(problem: Problem) -> DataWarning:
     return DataWarning("robot", message)
 
 
-def position_scale_column(problem: Problem, run: FilterRun) -> Array:
+def position_scale_column(problem: Problem, run: Fit, estimator: Estimator) -> Array:
     """Return the effect of an error of the positions' scale on the state, one deviation of it, (degrees, 1).
 
     If all links of the arm are slightly too long, the tool moves too far everywhere. This error does not average out.
@@ -140,14 +141,14 @@ def position_scale_column(problem: Problem, run: FilterRun) -> Array:
         return columns
     middle = reference.positions.mean(axis=0)
     scaled = middle + (1.0 + scale) * (reference.positions - middle)
-    moved = further_pass(replace(problem, reference=replace(reference, positions=scaled)), run, gate=np.inf)
-    base = further_pass(problem, run, gate=np.inf)
+    moved = estimator.refit(replace(problem, reference=replace(reference, positions=scaled)), run, gate=np.inf)
+    base = estimator.refit(problem, run, gate=np.inf)
     n = len(problem.parameter_names)
     columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
     return columns
 
 
-def _gravity_warning(problem: Problem, run: FilterRun) -> list[DataWarning]:
+def _gravity_warning(problem: Problem, run: Fit) -> list[DataWarning]:
     """Return the warning that gravity's uncertainty limits the accelerometers' scale factors, if it does."""
     layout = problem.layout
     if "gravity" not in layout or "accel_cross_coupling" not in layout:

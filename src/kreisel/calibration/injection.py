@@ -10,7 +10,7 @@ from numpy.polynomial import Polynomial
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
-from kreisel.filtering.initial_belief import stored_state
+from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import SENSOR_GROUPS, CellParameters

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.calibration.disagreement import Disagreement, disagreement
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.prior_exchange import further_pass
 from kreisel.model.problem import with_rarer_updates
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_step
+from kreisel.refinement.estimate import Estimate
 
 _LEAST = 0.05
 """Least variance of a difference, as a share of the estimate's own variance."""
@@ -29,7 +28,7 @@ def interval_disagreement(found: Estimate, progress: Progress | None = None) -> 
     rarer = with_rarer_updates(problem)
     if found.correlation_factor == 1.0 or len(rarer.schedule.updates) < MIN_UPDATES:
         return Disagreement()
-    other = further_pass(rarer, run, progress=of_step(progress, "interval"))
+    other = found.estimator.refit(rarer, run, progress=of_step(progress, "interval"))
     change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:, 0]
     own = np.sum(found.as_noisy**2, axis=1)
     variance = found.correlation_factor**2 * np.diag(other.belief.covariance) - own

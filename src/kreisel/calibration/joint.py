@@ -25,13 +25,13 @@ from kreisel.calibration.sharing import DEFAULT, SHARED, Sharing, shift_of, turn
 from kreisel.calibration.verdict import Reason, motion_reasons, verdict_by
 from kreisel.errors import KreiselError, SettingsError, unknown_name
 from kreisel.estimation.consistency import normalised_bounds
-from kreisel.filtering.observability import observability
 from kreisel.geometry.rotation import Array, log
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.progress import Progress, Together, one_by_one
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.refinement.observability import observability
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 _LEVEL = 0.01

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
-from kreisel.filtering.history import FilterRun
-from kreisel.filtering.prior_exchange import first_pass
+from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.problem import Problem, with_groups, with_nominal, without_groups
 from kreisel.preparation.start_values import EARTH_SD
 from kreisel.progress import Progress, of_step
+from kreisel.refinement.estimate import Estimate
 
 _MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
 """The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be accepted."""
@@ -26,8 +26,9 @@ SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
 
 
-def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None = None) -> LatitudeCheck | None:
+def check_latitude(found: Estimate, progress: Progress | None = None) -> LatitudeCheck | None:
     """Return the stated latitude compared with the data; None without a latitude, or if it is not observable."""
+    problem, run, estimator = found.problem, found.run, found.estimator
     layout, site = problem.layout, problem.site
     if site.earth_rate_n is None or "north" not in layout:
         return None
@@ -37,20 +38,20 @@ def check_latitude(problem: Problem, run: FilterRun, progress: Progress | None =
         return None
     step = of_step(progress, "latitude")
     free = _with_free_earth_rate(problem, run)
-    found, stated = first_pass(free, progress=step), down / EARTH_RATE
+    fit, stated = estimator.fit(free, progress=step), down / EARTH_RATE
     if _MIMICS in layout:
         # A wrong latitude looks like gyros that respond to acceleration: along gravity, and equally in all axes.
         plain = replace(run, parameters=with_nominal(problem, run.parameters, (_MIMICS,)))
         simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
-        other = first_pass(simpler, progress=step)
-        if other.history.log_likelihood.sum() > found.history.log_likelihood.sum() - _AS_GOOD:
+        other = estimator.fit(simpler, progress=step)
+        if other.history.log_likelihood.sum() > fit.history.log_likelihood.sum() - _AS_GOOD:
             check = _check_of(simpler, other, stated)
             if check is not None:
                 return check
-    return _check_of(free, found, stated)
+    return _check_of(free, fit, stated)
 
 
-def _check_of(free: Problem, found: FilterRun, stated: float) -> LatitudeCheck | None:
+def _check_of(free: Problem, found: Fit, stated: float) -> LatitudeCheck | None:
     """Return the check of a run with a free Earth's rotation; None where it says nothing of the latitude."""
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
@@ -60,7 +61,7 @@ def _check_of(free: Problem, found: FilterRun, stated: float) -> LatitudeCheck |
     return _compared(found.parameters.north, found.parameters.earth_down, P, stated)
 
 
-def _with_free_earth_rate(problem: Problem, run: FilterRun) -> Problem:
+def _with_free_earth_rate(problem: Problem, run: Fit) -> Problem:
     """Return the problem with the Earth's rotation as three unknowns that start at a run's result."""
     level, down = (rate / EARTH_RATE for rate in problem.site.earth_rate_units)
     earth = {"north": EARTH_SD**2 * np.eye(2), "earth_down": np.array([[EARTH_SD**2]])}

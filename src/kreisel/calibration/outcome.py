@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from kreisel.calibration.evidence import CrossValidation, SplitHalves
 from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.calibration.result import Calibration
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.observability import Observability
 from kreisel.model.problem import Problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.observability import Observability
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from kreisel.calibration.fusion import (
 )
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.state import Part, StateLayout
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.result_change import result_moved
+from kreisel.fitting.result_change import result_moved
 from kreisel.geometry.rotation import Array, from_matrix, nearest_rotation
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import PASSING_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, SENSOR_GROUPS
+from kreisel.refinement.estimate import Estimate
 
 SHARED = ("offsets", "mount", "robot", "site", "reference")
 """What recordings of one device may have in common besides the device."""

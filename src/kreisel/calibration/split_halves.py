@@ -9,12 +9,11 @@ import numpy as np
 from kreisel.calibration.disagreement import Disagreement, disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.initial_belief import first_belief
-from kreisel.filtering.prior_exchange import further_pass
+from kreisel.fitting.stored_state import first_belief
 from kreisel.model.problem import part_of
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
+from kreisel.refinement.estimate import Estimate
 
 _LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
 """Least variance of a difference, in the sum of both variances."""
@@ -39,7 +38,7 @@ def split_halves(
     halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
     a, b = together(
         [
-            partial(further_pass, part_of(problem, half), found.run, progress=of_step(share, "half"))
+            partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
             for half, share in halves
         ]
     )

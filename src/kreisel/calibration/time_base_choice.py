@@ -12,12 +12,12 @@ import numpy as np
 
 from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution
-from kreisel.filtering.estimate import Estimate
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import usual_covariance
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.time_base import CRYSTALS
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.refinement.estimate import Estimate
 
 _SCALES = ("gravity", "position_scale", "robot_placement")
 """Groups that take up what wrong seconds do to accelerations."""

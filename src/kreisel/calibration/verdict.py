@@ -12,12 +12,12 @@ from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
-from kreisel.filtering.estimate import Estimate
-from kreisel.filtering.observability import Observability
-from kreisel.filtering.prior_conflict import MAX_SCORE, largest_score
 from kreisel.model.considered import describe
 from kreisel.model.settings import SENSORS
 from kreisel.preparation.gravity import UNKNOWN_SD
+from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.observability import Observability
+from kreisel.refinement.prior_conflict import MAX_SCORE, largest_score
 from kreisel.synchronization.results import Correlation
 
 MAX_NIS = 4.0

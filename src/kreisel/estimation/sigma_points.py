@@ -56,7 +56,7 @@ def unscented(degrees: int) -> SigmaWeights:
 
 
 def linear(degrees: int) -> SigmaWeights:
-    """Return the weights of a linearisation: the extended Kalman filter, Jacobians by tiny differences."""
+    """Return the weights of a linearisation, Jacobians by tiny differences: for bounds about the truth."""
     del degrees
     return SigmaWeights(1e-2, 0.0, 0.0, 0.0, 0.0)
 

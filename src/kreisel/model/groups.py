@@ -266,7 +266,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "robot", "robot.compliance", _each_joint, "rad/(N m)", 1.0, known_before=True, by_choice=True,
     ),
 )  # fmt: skip
-"""All groups, in the order of the state: the sensors' first, gyros before accelerometers. See `filtering.kernel_inputs`
+"""All groups, in the order of the state: the sensors' first, gyros before accelerometers. See `kalman.kernel_inputs`
 for the reason."""
 
 

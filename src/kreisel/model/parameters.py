@@ -16,7 +16,7 @@ GROUPS = {group.name: group.meaning for group in REGISTRY}
 """All groups of parameters a calibration may estimate, as `--fix` names them."""
 
 SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
-"""Groups every sensor parameter belongs to. They come first in the state; see `filtering.kernel_inputs`."""
+"""Groups every sensor parameter belongs to. They come first in the state; see `kalman.kernel_inputs`."""
 
 PASSING_GROUPS = tuple(group.name for group in REGISTRY if group.passing)
 """Groups that change within seconds: noise with a memory."""

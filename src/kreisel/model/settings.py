@@ -17,8 +17,8 @@ from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.known import Known, known_parameters, parse_prior, parse_value, place_of
 from kreisel.model.parameters import GROUPS
 
-ESTIMATORS = {"spkf": "central-difference", "ekf": "linear"}
-"""Estimators and the sigma points each uses by default."""
+ESTIMATORS = ("spkf",)
+"""Names of estimators; `calibration.estimators` has what they name."""
 
 BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
 """Groups that are estimated only if asked for."""
@@ -35,9 +35,9 @@ class CalibrationSettings:
     Attributes
     ----------
     estimator
-        ``spkf`` or ``ekf``.
+        ``spkf``.
     sigma_points
-        Weights of the SPKF: ``central-difference`` or ``unscented``; by default the estimator's own.
+        Weights of the SPKF: ``central-difference`` or ``unscented``.
     update_interval
         Seconds between two uses of the reference; chosen by the kind of reference if None.
     polynomial_order
@@ -74,7 +74,7 @@ class CalibrationSettings:
     """
 
     estimator: str = "spkf"
-    sigma_points: str | None = None
+    sigma_points: str = "central-difference"
     update_interval: float | None = None
     polynomial_order: int = 1
     fixed: Collection[str] | Mapping[str, Any] = ()
@@ -91,7 +91,7 @@ class CalibrationSettings:
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
             raise SettingsError(unknown_name("estimator", self.estimator, ESTIMATORS))
-        if self.sigma_points is not None and self.sigma_points not in WEIGHTS:
+        if self.sigma_points not in WEIGHTS:
             raise SettingsError(unknown_name("choice of sigma points", self.sigma_points, WEIGHTS))
         if self.size_effect not in list(SizeEffect):
             raise SettingsError(unknown_name("size effect", str(self.size_effect), [form.value for form in SizeEffect]))
@@ -181,11 +181,6 @@ class CalibrationSettings:
         """Return the value a group is held at, as a flat array; None where none was given."""
         value = dict(self.held_at).get(group)
         return None if value is None else np.array(value)
-
-    @property
-    def weights(self) -> str:
-        """Name of the sigma points' weights."""
-        return self.sigma_points or ESTIMATORS[self.estimator]
 
 
 def _names(given: object, argument: str, kind: str, known: Iterable[str]) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """What is known of the parameters before the filter runs: the start values, and the prior.
 
 The two differ. The filter starts near the least squares fits, so that the model is nearly linear between start and
-result. The information of the start is removed from the result again (`filtering.prior_exchange`), because the fits
+result. The information of the start is removed from the result again (`kalman.prior_exchange`), because the fits
 use the same data. The prior describes an unknown IMU on an unknown mount, and what the user states.
 """
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
-from kreisel.filtering.effect_selection import MIN_GAIN
+from kreisel.refinement.effect_selection import MIN_GAIN
 from kreisel.report import figures, result_tables, tables
 from kreisel.report.budget import budget_picture
 from kreisel.report.data import ReportData, extract

@@ -9,11 +9,11 @@ import numpy as np
 
 from kreisel.calibration.evidence import Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
-from kreisel.filtering.noise_adaptation import imu_density
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.noise_adaptation import imu_density
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
 from kreisel.report.result_tables import Support
 from kreisel.report.table import NOTHING, Row, Table, number, pair, with_minus

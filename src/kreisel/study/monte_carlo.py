@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.errors import KreiselError
-from kreisel.filtering.initial_belief import stored_state
+from kreisel.fitting.stored_state import stored_state
 from kreisel.model.settings import CalibrationSettings
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell

@@ -8,13 +8,13 @@ import pytest
 from kreisel.calibration import assembly
 from kreisel.calibration.assembly import Judged, assemble, earth_rate_r, gravity_r, north_r
 from kreisel.calibration.data_sheet import QUANTITIES
-from kreisel.filtering.observability import observability
-from kreisel.filtering.prior_exchange import first_pass
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.kalman.sigma_point_filter import first_pass
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import without_groups
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.observability import observability
 
 from ...oracle import quaternions as quat
 from ...small_problem import calibrated, estimate_of, moved_by, recorded, small_problem, small_run

@@ -9,7 +9,7 @@ from kreisel.calibration.budget import budget_of, filter_parts
 from kreisel.calibration.result_document import from_document, to_document
 from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution, scaling
-from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.kalman.sigma_point_filter import first_pass, further_pass
 
 from ...small_problem import calibrated, camera_problem, estimate_of, small_problem, small_run, with_noise
 

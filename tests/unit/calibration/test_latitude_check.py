@@ -9,14 +9,14 @@ import pytest
 from scipy.optimize import minimize
 
 from kreisel.calibration.latitude_check import SEEN, _compared, _with_free_earth_rate, check_latitude
-from kreisel.filtering.prior_exchange import first_pass
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.kalman.sigma_point_filter import first_pass
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 
 from ...small_cell import simulate
-from ...small_problem import small_problem, small_run
+from ...small_problem import estimate_of, small_problem, small_run
 
 TRUE = 49.2571
 
@@ -97,7 +97,7 @@ def quiet_cell(latitude=TRUE):
 
 
 def test_the_right_latitude_is_found():
-    found = check_latitude(*quiet_cell())
+    found = check_latitude(estimate_of(*quiet_cell()))
     assert found.stated_deg == pytest.approx(TRUE)
     assert abs(found.found_deg - TRUE) < 4.0 * found.deviation_deg
     assert found.deviation_deg < 6.0
@@ -106,7 +106,7 @@ def test_the_right_latitude_is_found():
 
 @pytest.mark.parametrize("wrong", [10.0, -TRUE])
 def test_a_wrong_latitude_does_not_change_what_the_readings_show(wrong):
-    right, found = check_latitude(*quiet_cell()), check_latitude(*quiet_cell(wrong))
+    right, found = check_latitude(estimate_of(*quiet_cell())), check_latitude(estimate_of(*quiet_cell(wrong)))
     assert found.stated_deg == pytest.approx(wrong)
     assert found.found_deg == pytest.approx(right.found_deg, abs=0.3 * right.deviation_deg)
     assert found.score > 6.0
@@ -114,15 +114,15 @@ def test_a_wrong_latitude_does_not_change_what_the_readings_show(wrong):
 
 def test_without_a_latitude_or_without_north_there_is_nothing_to_check():
     problem, run = quiet_cell()
-    assert check_latitude(replace(problem, site=replace(problem.site, earth_rate_n=None)), run) is None
+    assert check_latitude(estimate_of(replace(problem, site=replace(problem.site, earth_rate_n=None)), run)) is None
     kept = [part for part in problem.layout if part.name != "north"]
-    assert check_latitude(replace(problem, layout=type(problem.layout)(kept)), run) is None
+    assert check_latitude(estimate_of(replace(problem, layout=type(problem.layout)(kept)), run)) is None
 
 
 def test_gyros_that_do_not_see_the_earth_turn_check_nothing():
     problem, run = small_problem(), small_run()
     assert run.belief.standard_deviation[problem.layout["north"]].max() > SEEN / np.cos(np.radians(TRUE))
-    assert check_latitude(problem, run) is None
+    assert check_latitude(estimate_of(problem, run)) is None
 
 
 def test_the_free_problem_begins_at_the_run_and_knows_nothing_of_the_rotation():

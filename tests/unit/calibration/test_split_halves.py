@@ -5,20 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration import split_halves as module
 from kreisel.calibration.disagreement import Disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
-from kreisel.filtering.estimate import without_passing
-from kreisel.filtering.initial_belief import first_belief, stored_state
-from kreisel.filtering.prior_exchange import first_pass, further_pass
+from kreisel.fitting.stored_state import first_belief, stored_state
+from kreisel.kalman.sigma_point_filter import first_pass, further_pass
 from kreisel.model.noise import Drift
 from kreisel.model.problem import part_of, without_groups
 from kreisel.model.schedule import MIN_UPDATES
+from kreisel.refinement.estimate import without_passing
 
-from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
+from ...small_problem import Given, camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
 
 OFFSETS = ("gyro_offset", "accel_offset")
 
@@ -55,40 +54,36 @@ def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
     return estimate_of(problem, runs[0], correlation_factor=factor), runs, exact
 
 
-def compared(monkeypatch, **made):
+def compared(**made):
     found, runs, exact = linear_halves(**made)
-    waiting = iter(runs)
-    monkeypatch.setattr(module, "further_pass", lambda *_, **__: next(waiting))
-    return split_halves(found), runs, exact
+    return split_halves(replace(found, estimator=Given(runs))), runs, exact
 
 
 @pytest.mark.parametrize("weak", [1.0, 0.1, 1e-2])
-def test_the_variance_of_the_difference_is_that_of_two_halves_with_one_prior(monkeypatch, weak):
+def test_the_variance_of_the_difference_is_that_of_two_halves_with_one_prior(weak):
     """(22). A half that sees nothing follows the prior, and differs by the other's own distance from it."""
-    halves, runs, exact = compared(monkeypatch, weak=weak)
+    halves, runs, exact = compared(weak=weak)
     np.testing.assert_allclose(halves.deviation, np.sqrt(np.diag(exact)), rtol=1e-6)
     np.testing.assert_allclose(halves.difference, (runs[1].belief.mean - runs[0].belief.mean)[:6], rtol=1e-12)
     assert halves.names == tuple(f"{s}.offset[{i}]" for s in ("gyroscope", "accelerometer") for i in range(3))
 
 
-def test_the_prior_holds_halves_together_that_see_nothing(monkeypatch):
+def test_the_prior_holds_halves_together_that_see_nothing():
     """Both follow it: their difference is far less uncertain than either, and its deviation does not vanish."""
     found, runs, _ = linear_halves()
     prior = first_belief(found.problem, found.problem.prior.value, found.problem.prior.covariance)
     blind = [replace(run, belief=replace(run.belief, factor=prior.factor)) for run in runs]
-    waiting = iter(blind)
-    monkeypatch.setattr(module, "further_pass", lambda *_, **__: next(waiting))
-    halves = split_halves(found)
+    halves = split_halves(replace(found, estimator=Given(blind)))
     own = prior.standard_deviation[:6]
     assert np.all(halves.deviation > 0.0)
     assert np.all(halves.deviation < 0.02 * own)
 
 
-def test_correlated_innovations_a_walk_and_frames_that_err_are_added(monkeypatch):
-    plain, _, exact = compared(monkeypatch)
-    wide, _, _ = compared(monkeypatch, factor=1.7)
+def test_correlated_innovations_a_walk_and_frames_that_err_are_added():
+    plain, _, exact = compared()
+    wide, _, _ = compared(factor=1.7)
     np.testing.assert_allclose(wide.deviation, 1.7 * plain.deviation, rtol=1e-9)
-    walking, _, _ = compared(monkeypatch, walk=1e-4)
+    walking, _, _ = compared(walk=1e-4)
     problem = small_problem()
     updates, stamps = problem.schedule.updates, problem.readings.stamps
     # the mean offsets of two halves of a random walk over T lie apart by one of T / 3; half of T is an upper bound

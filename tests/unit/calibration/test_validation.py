@@ -7,9 +7,9 @@ import pytest
 
 from kreisel.calibration.cross_validation import TRAINING, _drift, _navigation_only, cross_validate
 from kreisel.calibration.injection import _errors, inject
-from kreisel.filtering.filter_pass import run_filter
-from kreisel.filtering.history import FilterRun
+from kreisel.fitting.fit import Fit
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
+from kreisel.kalman.filter_pass import run_filter
 from kreisel.model.problem import part_of
 from kreisel.units import DEG_PER_HOUR, MG
 
@@ -117,7 +117,7 @@ def test_drift_is_the_length_of_the_innovation_on_the_path_once_navigation_runs(
         [9, 9, 9, 9, 9, 9],
         [0, 0, 5, 2, 3, 6],
     ]
-    found = _drift(FilterRun(None, None, None, history(5, innovation=innovation, at_standstill=still)))
+    found = _drift(Fit(None, None, None, history(5, innovation=innovation, at_standstill=still)))
     np.testing.assert_array_equal(found.seconds, [2.0, 4.0])
     np.testing.assert_allclose(found.position, [3.0, 5.0])
     np.testing.assert_allclose(found.attitude, [5.0, 7.0])

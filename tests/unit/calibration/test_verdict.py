@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.parts import Consistency
 from kreisel.calibration.verdict import MAX_CONTRADICTION, MAX_MOVED, MAX_NIS, MAX_SCORE, consistency, judge
-from kreisel.filtering.observability import Observability
 from kreisel.model.settings import CalibrationSettings
+from kreisel.refinement.observability import Observability
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.results import Correlation
 

@@ -14,7 +14,7 @@ import pytest
 
 from kreisel._kernels import arrays, cell, compiled, manifold, quadrature
 from kreisel.errors import LibraryError
-from kreisel.filtering.filter_pass import run_filter
+from kreisel.kalman.filter_pass import run_filter
 
 from ...small_problem import small_problem
 

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from kreisel._kernels.cell import Gaussian, ParameterRows
 from kreisel._kernels.measurement_model import Motion, predict_poses, robot_motion
 from kreisel._kernels.sigma_points import draw
-from kreisel.filtering.initial_belief import stored_state
-from kreisel.filtering.kernel_inputs import filter_model
+from kreisel.fitting.stored_state import stored_state
+from kreisel.kalman.kernel_inputs import filter_model
 
 from ...small_problem import small_problem
 

@@ -1,0 +1,87 @@
+"""What an estimator gives, and what an estimator is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.fitting.history import History
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A problem's result by an estimator: value, covariance, innovations.
+
+    Attributes
+    ----------
+    start
+        Parameters about which the model was linearised first.
+    belief
+        Mean and covariance of the whole state: what data and stated prior say.
+    parameters
+        Those in the mean, and known ones.
+    history
+        What happened at every update.
+    fitted
+        How many parameters were fitted to the same data before: the innovations are smaller by so many degrees of
+        freedom.
+    jumps
+        How often parameters with a random walk may have jumped.
+    begun, gate
+        The belief and the gate it began with, where the estimator is recursive.
+    """
+
+    start: CellParameters
+    belief: Belief
+    parameters: CellParameters
+    history: History
+    fitted: float = 0.0
+    jumps: int = 0
+    begun: Belief | None = None
+    gate: float = 1.0
+
+    @property
+    def excess(self) -> float:
+        """Factor on normalised innovations squared for the degrees of freedom fitted before; 1 where none were."""
+        degrees = float(np.sum(self.history.degrees[self.history.used]))
+        return degrees / max(degrees - self.fitted, 0.3 * degrees, 1.0) if degrees > 0.0 else 1.0
+
+
+class Estimator(Protocol):
+    """What estimates the parameters of a problem from all its updates.
+
+    Every further step asks an estimator for fits, whichever it is: noise figures, effects, halves, cross-validation,
+    intervals, latitude. A fit contains the problem's stated prior and nothing of a start. `gate` is a factor on the
+    bound of innovations beyond which updates are left out.
+
+    Notes
+    -----
+    All methods raise an EstimationError where the state does not stay finite.
+    """
+
+    @property
+    def name(self) -> str:
+        """Its name in settings and results."""
+        ...
+
+    def fit(self, problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem from its start values."""
+        ...
+
+    def refit(self, problem: Problem, near: Fit, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem whose result lies near that of a fit of the same state."""
+        ...
+
+    def repeat(self, problem: Problem, fit: Fit, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem of the same state from the same start: only the likelihoods of both compare."""
+        ...
+
+    def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
+        """Return the innovations of navigation with known parameters, for a problem without any in its state."""
+        ...

@@ -1,0 +1,53 @@
+"""What happened at every update of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kreisel.geometry.rotation import Array, Mask
+
+
+@dataclass(frozen=True)
+class History:
+    """What happened at every update; the first axis counts updates.
+
+    Attributes
+    ----------
+    seconds
+        IMU seconds.
+    parameters, deviations : (u, parameters)
+        Estimates and standard deviations; those of the alignment are distances from the last.
+    at_standstill, used
+        Kind of update, and whether it passed the gate.
+    nis, degrees
+        Normalised innovation squared, and the degrees of freedom it is expected to equal.
+    log_likelihood
+        Of each innovation, up to a constant.
+    whitened, innovation, residual : (u, 9)
+        Innovation divided by its factor; innovation; residual after the update. Position, orientation, velocity; nan
+        where there is no such measurement.
+    noise_variance : (u, 9)
+        The assumed measurement noise, along the diagonal.
+    correction, correction_variance : (u, 6)
+        Change of velocity and attitude by the update, and the variance the filter expected of it; of a rejected update
+        what it would have been.
+    turn_information
+        Information of an update about a rotation, summed over the three axes: trace of the inverse covariance of
+        innovations in orientation, rad^-2; 0 where it was rejected or there is no such measurement.
+    """
+
+    seconds: Array
+    parameters: Array
+    deviations: Array
+    at_standstill: Mask
+    used: Mask
+    nis: Array
+    degrees: Array
+    log_likelihood: Array
+    whitened: Array
+    innovation: Array
+    residual: Array
+    noise_variance: Array
+    correction: Array
+    correction_variance: Array
+    turn_information: Array

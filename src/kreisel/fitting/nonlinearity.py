@@ -1,0 +1,77 @@
+"""Nonlinearity of the model: how large the start deviations of a pass may be, and whether another pass is useful.
+
+The nonlinear part of the model grows with the square of angles, and with the product of an offset and the matrix it is
+multiplied by. It is compared with standard deviations. The one of an offset is taken with all else known, because a
+weak motion determines offset and matrix together much less well than each of them alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import stored_state
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+
+MIN_INFLATION, MAX_INFLATION = 0.3, 10.0
+"""Least and largest factor between the start deviations of a further run and those of the result before it.
+
+The factor is chosen so that the model is linear over the start deviations. In a curved model the estimates must hardly
+move during the run. Otherwise the model is linearised at different points, and parameters that are not observable seem
+to be observable by the difference. In a linear model large start deviations leave room for offsets with a random walk:
+it is not known exactly how much of their start is left at the end.
+"""
+
+LINEAR = 0.02
+"""Curvature, in deviations of the result, up to which the model counts as linear."""
+
+CURVED = 0.2
+"""Curvature, in deviations of the result, above which another pass is useful."""
+
+
+def linear_inflation(problem: Problem, covariance: Array) -> float:
+    """Return the factor on the deviations of a result, of covariance (n, n), over which the model is linear."""
+    layout = problem.layout
+    deviation, alone = np.sqrt(np.diag(covariance)), deviation_alone(covariance)
+
+    def usual(values: Array, group: str) -> float:
+        return float(np.median(values[layout[group]]))
+
+    factors = [MAX_INFLATION]
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout:
+            factors.append((LINEAR / usual(deviation, matrix)) ** 0.5)
+        if matrix in layout and offset in layout:
+            product = usual(deviation, matrix) * usual(deviation, offset)
+            factors.append((LINEAR * usual(alone, offset) / product) ** 0.5)
+    return max(min(factors), MIN_INFLATION)
+
+
+def curved(problem: Problem, run: Fit) -> bool:
+    """Return whether the model is curved between the start of a run and its result.
+
+    By the square of the change of angles, and by the product of the changes of an offset and its matrix.
+    """
+    layout, n = problem.layout, len(problem.parameter_names)
+    change = np.abs(layout.minus(run.belief.mean[:, None], stored_state(problem, run.start))[:, 0])
+    deviation = run.belief.standard_deviation
+    alone = deviation_alone(run.belief.covariance[:n, :n])
+    angles = [layout[g] for g in ("gyro_cross_coupling", "accel_cross_coupling", "alignment") if g in layout]
+    moved = max((float(np.max(change[part])) for part in angles), default=0.0)
+    if moved**2 > CURVED * min((float(np.median(deviation[part])) for part in angles), default=np.inf):
+        return True
+    for sensor in ("gyro", "accel"):
+        matrix, offset = f"{sensor}_cross_coupling", f"{sensor}_offset"
+        if matrix in layout and offset in layout:
+            product = float(np.max(change[layout[matrix]]) * np.max(change[layout[offset]]))
+            if product > CURVED * float(np.median(alone[layout[offset]])):
+                return True
+    return False
+
+
+def deviation_alone(covariance: Array) -> Array:
+    """Return the standard deviation of each parameter with all others known, (n,), from their covariance (n, n)."""
+    deviation = np.sqrt(np.diag(covariance))
+    return np.asarray(deviation / np.sqrt(np.diag(np.linalg.inv(covariance / np.outer(deviation, deviation)))))

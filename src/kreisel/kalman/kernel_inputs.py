@@ -1,0 +1,178 @@
+"""A problem as the compiled filter reads it: see `_kernels.cell`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from kreisel._kernels import cell
+from kreisel._kernels.compiled import check_order
+from kreisel._kernels.sigma_points import FIGURES
+from kreisel.estimation.sigma_points import weights
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import EFFECTS, groups_of, places_of
+from kreisel.inertial.strapdown import NOISE_STEP
+from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR, group_part
+from kreisel.model.noise import AssumedNoise, ColouredNoise
+from kreisel.model.parameters import POSE_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, CellParameters
+from kreisel.model.problem import Problem
+from kreisel.model.schedule import Update
+
+_NOISE: dict[str, Callable[[AssumedNoise], float]] = {
+    "at_position": lambda noise: noise.coloured.white_factor * noise.reference.position,
+    "at_orientation": lambda noise: noise.coloured.white_factor * noise.reference.orientation,
+    "jitter_position": lambda noise: noise.reference.jitter_position,
+    "jitter_orientation": lambda noise: noise.reference.jitter_orientation,
+    "standstill_velocity": lambda noise: noise.reference.velocity,
+    "stamp": lambda noise: noise.reference.stamp,
+}
+_COLOURED: dict[str, Callable[[ColouredNoise], float]] = {
+    "coloured_time": lambda noise: noise.time,
+    "coloured_position": lambda noise: noise.position,
+    "coloured_orientation": lambda noise: noise.orientation,
+}
+"""Figures by the names that the library has for them."""
+
+
+def _places(order: Mapping[str, int]) -> dict[str, int]:
+    """Return where groups begin if they stand one after another, in an order; effects, of any number, are last."""
+    sizes = [0 if name.endswith("_effects") else group_part(name, 1).size for name in order]
+    return dict(zip(order, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
+
+
+for _name, _own in (
+    ("Stored", dict.fromkeys((part.name for part in (*NAVIGATION, *STANDSTILL_ERROR, *PATH_ERROR)), -1)),
+    ("Noise", dict.fromkeys(_NOISE, -1)),
+    ("Coloured", dict.fromkeys(_COLOURED, -1)),
+    ("Gyro", _places(cell.GYRO)),
+    ("Accel", _places(cell.ACCEL)),
+    ("Around", _places(cell.AROUND)),
+):
+    check_order(_name, _own)
+
+
+def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
+    """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
+    layout, settings = problem.layout, problem.settings
+    n = layout.degrees
+    w = weights(settings.sigma_points, n)
+    level, down = problem.site.earth_rate_units
+    coloured = problem.noise.coloured
+    walks = _walks(problem)
+
+    def rows(groups: Sequence[str]) -> cell.ParameterRows:
+        stored = {group: known.stored(group) for group in groups}
+        places = np.arange(layout.size)
+        source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
+        return cell.ParameterRows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
+
+    sizes = effect_sizes(problem)
+    gyro, accel = (groups_of(sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
+
+    def applied(groups: Sequence[str]) -> Array:
+        return np.concatenate([np.zeros(0), *(known.stored(group) for group in groups)])
+
+    return cell.Model(
+        parts=layout.table,
+        tail=layout.tail(problem.changing).table,
+        drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
+        weights=np.array([getattr(w, figure) for figure in FIGURES]),
+        gyro=rows([*_but_effects(cell.GYRO), *gyro]),
+        accel=rows([*_but_effects(cell.ACCEL), *accel]),
+        around=rows(list(cell.AROUND)),
+        robot=rows([*reference_groups(problem, known), *ROBOT_GROUPS]),
+        gyro_degrees=problem.gyro_degrees,
+        sensor_degrees=problem.sensor_degrees,
+        stored=np.array([layout.stored(name).start if name in layout else -1 for name in cell.STORED]),
+        gyro_effects=places_of(sizes, "gyroscope"),
+        accel_effects=places_of(sizes, "accelerometer"),
+        gyro_applied=applied(gyro),
+        accel_applied=applied(accel),
+        products=settings.size_effect.products,
+        inside=settings.size_effect.inside,
+        level=level,
+        down=down,
+        noise=np.array([_NOISE[name](problem.noise) for name in cell.NOISE]),
+        standstill=np.array(problem.noise.standstill_error, dtype=float),
+        coloured=np.array([_COLOURED[name](coloured) for name in cell.COLOURED]),
+        walking=walks[:, 0].astype(np.int64),
+        walk=walks[:, 1].copy(),
+        fading=walks[:, 2].copy(),
+        noise_step=NOISE_STEP,
+    )  # fmt: skip
+
+
+def _but_effects(order: Mapping[str, int]) -> list[str]:
+    """Return the groups of an order, less the effects', which follow them."""
+    return [group for group in order if not group.endswith("_effects")]
+
+
+def _walks(problem: Problem) -> Array:
+    """Return a row for each degree of freedom that walks, (w, 3): which, density, and rate of fading, 1/s."""
+    noise = problem.noise
+    of_groups = [(group, density, 0.0) for group, density in noise.offset_walk.items() if density > 0.0]
+    of_groups += [
+        (group, drift.size * (2.0 / drift.time) ** 0.5, 1.0 / drift.time) for group, drift in noise.drifts.items()
+    ]
+    rows = [
+        (i, density, rate)
+        for group, density, rate in of_groups
+        if group in problem.layout
+        for i in range(problem.layout[group].start, problem.layout[group].stop)
+    ]
+    return np.array(rows).reshape(-1, 3)
+
+
+def reference_groups(problem: Problem, known: CellParameters) -> tuple[str, ...]:
+    """Return those of `REFERENCE_GROUPS` that are in the state, or have a known value other than zero."""
+    return tuple(g for g in REFERENCE_GROUPS if g in problem.layout or known.stored(g).any())
+
+
+def effect_sizes(problem: Problem) -> dict[str, int]:
+    """Return the numbers of parameters of the sensors' effects that are in the state, by group."""
+    layout = problem.layout
+    return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
+
+
+def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -> cell.Steps:
+    """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`."""
+    reference = problem.reference
+    poses = np.array([update.pose for update in updates])
+    positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
+    if reference.positions is not None:
+        positions = reference.positions[poses]
+    if reference.quaternions is not None:
+        quaternions = reference.quaternions[poses]
+    robot = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
+    regressor = np.concatenate([reported, robot], axis=2)
+    return cell.Steps(
+        first=np.array([update.first for update in updates]),
+        last=np.array([update.last for update in updates]),
+        tau=np.array([update.tau for update in updates]),
+        at_standstill=np.array([update.standstill is not None for update in updates]),
+        new_standstill=np.array([update.new_standstill for update in updates]),
+        position=positions,
+        quaternion=quaternions,
+        given=np.array([reference.positions is not None, reference.quaternions is not None]),
+        regressor=np.ascontiguousarray(regressor),
+    )
+
+
+def filter_record(problem: Problem, u: int) -> cell.Record:
+    """Return empty arrays for the record of so many updates."""
+    m = cell.MEASURED
+    return cell.Record(
+        mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),
+        deviation=np.empty((u, len(problem.parameter_names))),
+        used=np.zeros(u, dtype=bool),
+        nis=np.zeros(u),
+        log_likelihood=np.empty(u),
+        turn_information=np.empty(u),
+        whitened=np.empty((u, m)),
+        innovation=np.empty((u, m)),
+        residual=np.empty((u, m)),
+        noise_variance=np.empty((u, m)),
+        correction=np.empty((u, 6)),
+        correction_variance=np.empty((u, 6)),
+    )

@@ -1,0 +1,58 @@
+"""The paper's estimator: a sigma-point Kalman filter of state and parameters, with the prior put in at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import first_belief
+from kreisel.kalman.filter_pass import repeated, run_filter
+from kreisel.kalman.prior_exchange import narrowed_belief, start_near, with_stated_prior
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+
+
+def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+    """Return a run that starts at the problem's start values; its result contains the stated prior."""
+    return _pass(problem, problem.prior.start, first_belief(problem, problem.prior.start), gate, progress)
+
+
+def further_pass(problem: Problem, run: Fit, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+    """Return a run that starts near the result of another one; its result contains the stated prior."""
+    return _pass(problem, start_near(problem, run), narrowed_belief(problem, run), gate, progress)
+
+
+def _pass(problem: Problem, start: CellParameters, begun: Belief, gate: float, progress: StepProgress | None) -> Fit:
+    run = run_filter(problem, start, belief=begun, gate=gate, progress=progress)
+    return with_stated_prior(problem, run, begun)
+
+
+@dataclass(frozen=True)
+class SigmaPointFilter:
+    """The estimator `spkf`; see `fitting.fit.Estimator`. Sigma points are those of the problem's settings."""
+
+    name: str = "spkf"
+
+    def fit(self, problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem from its start values: one pass."""
+        return first_pass(problem, gate=gate, progress=progress)
+
+    def refit(self, problem: Problem, near: Fit, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem from the result of another one: one pass, linearised about it."""
+        return further_pass(problem, near, gate=gate, progress=progress)
+
+    def repeat(self, problem: Problem, fit: Fit, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of a problem from the belief that another one began with."""
+        return repeated(problem, fit, progress)
+
+    def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
+        """Return the innovations of navigation with known parameters; none is rejected."""
+        return run_filter(problem, known, gate=np.inf, progress=progress)
+
+    def begin(self, problem: Problem, start: CellParameters, belief: Belief, *, gate: float = 1.0) -> Fit:
+        """Return the plain run of the filter from a belief, which its result contains."""
+        return run_filter(problem, start, gate=gate, belief=belief)

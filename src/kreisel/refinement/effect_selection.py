@@ -1,0 +1,370 @@
+"""Which effects a recording shows: all that are possible are estimated once, together, and weighed by their evidence.
+
+In one pass every candidate is in the state, with its prior. By its result, a normal distribution of all parameters, the
+model with some of the candidates only is known too: the others are then zero, and the distribution is conditioned on
+it. The evidence for a candidate is the ratio of the likelihoods of the data with and without it, each a mean over the
+prior: an effect with a wide prior has to gain more. No further pass is needed to compare models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.estimation.consistency import mean_normalised
+from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.stored_state import parameters_of, stored_state
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
+from kreisel.model.considered import Considered
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
+from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal
+from kreisel.model.settings import BY_CHOICE
+from kreisel.progress import StepProgress
+from kreisel.refinement.correlated_innovations import correlation_factor
+
+MIN_GAIN = 6.0
+"""Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
+
+USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 1.0, 20.0
+"""Odds, before any look at the data, that a device has an effect, one that is common in devices like it, and one that
+its grade states."""
+
+_CAREFUL = 0.25
+"""Power of the tempering by which more evidence is needed."""
+
+_GATE = 100.0
+"""Factor on the gate: noise may be larger than assumed."""
+
+_ENOUGH = 10_000
+"""Samples that show the mean of a reading."""
+
+_LEAST_WARMTH = 0.5
+"""K."""
+
+_OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
+
+_POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
+
+
+def candidates(problem: Problem) -> tuple[str, ...]:
+    """Return the effects that a problem may have beyond those that are in its state or fixed."""
+    reference, out = problem.reference, []
+    for group in (*BY_CHOICE, *_POLYNOMIALS):
+        needs_positions = group in ("position_scale", *ROBOT_GROUPS) or group.startswith("accel")
+        possible = reference.positions is not None or not needs_positions
+        possible &= reference.quaternions is not None or group not in POSE_GROUPS
+        possible &= problem.robot is not None or group not in ROBOT_GROUPS
+        possible &= not group_named(group).rare or group in problem.prior.expected
+        possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
+        possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
+        if possible and group not in problem.layout and group not in problem.settings.fixed:
+            out.append(group)
+    return tuple(group for group in GROUPS if group in out)
+
+
+def _temperature_changes(problem: Problem) -> bool:
+    """Return whether a temperature was recorded, and changes by more than thermometers err."""
+    warmth = problem.readings.warmth
+    return warmth is not None and float(np.ptp(warmth)) > _LEAST_WARMTH
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A pass with all candidates in the state.
+
+    Attributes
+    ----------
+    before
+        The problem without candidates.
+    problem, run
+        With all of them.
+    groups
+        The candidates.
+    temper
+        Factor on the information of the data: the innovations are correlated in time.
+    """
+
+    before: Problem
+    problem: Problem
+    run: Fit
+    groups: tuple[str, ...]
+    temper: float
+
+    def places(self, groups: tuple[str, ...]) -> Indices:
+        """Return the degrees of freedom of groups."""
+        layout = self.problem.layout
+        return np.array([i for g in groups for i in range(layout[g].start, layout[g].stop)], dtype=np.int64)
+
+    def gain(self, groups: tuple[str, ...]) -> float:
+        """Return the logarithm of the ratio of the evidences with some candidates and without any."""
+        if not groups:
+            return 0.0
+        D, eta = self._data_about(groups)
+        value, _ = self.alone(groups)
+        return float(0.5 * eta @ value - 0.5 * np.linalg.slogdet(np.eye(eta.size) + self._prior(groups) @ D)[1])
+
+    def alone(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return estimate and covariance of some candidates with all others zero."""
+        D, eta = self._data_about(groups)
+        P = np.linalg.inv(np.linalg.inv(self._prior(groups)) + D)
+        return np.asarray(P @ eta), np.asarray(P)
+
+    def conditioned(self, groups: tuple[str, ...]) -> tuple[Problem, Fit]:
+        """Return the problem with some candidates, and the run's result with all others zero.
+
+        The prior of one that is larger than usual is as wide as its estimate: what is usual for many devices must not
+        pull at one that is found in the data.
+        """
+        rest = tuple(g for g in self.groups if g not in groups)
+        problem = with_groups(self.before, groups, {group: self._priors[group] for group in groups})
+        all_of, P = self._without(rest)
+        before, after = self.problem.layout, problem.layout
+        kept = np.concatenate([np.r_[before[part.name]] for part in after])
+        mean = np.empty(after.size)
+        for part in after:
+            mean[after.stored(part.name)] = all_of[before.stored(part.name)]
+        known = with_nominal(self.problem, self.run.parameters, rest)
+        belief = Belief(mean, _factor(P[np.ix_(kept, kept)]))
+        return problem, replace(self.run, belief=belief, parameters=parameters_of(problem, known, mean))
+
+    def shift(self, group: str) -> tuple[float, str]:
+        """Return the largest change of a sensor's parameter by one candidate, in deviations, and its name."""
+        base, P = self._plain
+        more, _ = self._with_one[group]
+        places = [i for i in self._others if i < self.problem.sensor_degrees]
+        if not places:
+            return 0.0, ""
+        change = self.problem.layout.minus(more[:, None], base)[places, 0] / _deviations(P)[places]
+        worst = int(np.argmax(np.abs(change)))
+        return float(np.abs(change[worst])), self.problem.parameter_names[places[worst]]
+
+    def undecided(self) -> Array:
+        """Return columns (degrees of the problem without candidates, k) for effects that may be there or not.
+
+        The square of a column is what an effect that is left out may add to the covariance, times the probability that
+        it is there: its shift of the result, and the uncertainty of that.
+        """
+        degrees, base = self.before.layout.degrees, self._plain[0]
+        columns = [np.zeros((degrees, 0))]
+        for group in self.groups:
+            odds = self._odds(group) * np.exp(min(self.gain((group,)), MIN_GAIN))
+            more, P = self._with_one[group]
+            i = self.places((group,))
+            spread = P[np.ix_(self._others, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
+            shift = self.problem.layout.minus(more[:, None], base)[self._others]
+            part = np.zeros((degrees, 1 + i.size))
+            part[: self._others.size] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
+            columns.append(part)
+        return np.hstack(columns)
+
+    def _odds(self, group: str) -> float:
+        """Return the odds, before any look at the data, that the device has an effect."""
+        prior = self.before.prior
+        return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
+
+    @cached_property
+    def _others(self) -> Indices:
+        """Degrees of freedom of all parameters that are no candidates."""
+        return np.setdiff1d(np.arange(len(self.problem.parameter_names)), self.places(self.groups))
+
+    @cached_property
+    def _plain(self) -> tuple[Array, Array]:
+        """Mean and covariance without any candidate."""
+        return self._without(self.groups)
+
+    @cached_property
+    def _with_one(self) -> dict[str, tuple[Array, Array]]:
+        """Mean and covariance with each candidate alone."""
+        return {group: self._without(tuple(g for g in self.groups if g != group)) for group in self.groups}
+
+    def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return mean and covariance conditioned on zero values of candidates."""
+        belief, i = self.run.belief, self.places(groups)
+        P = belief.covariance
+        gain = np.linalg.solve(P[np.ix_(i, i)], P[i]).T
+        change = self.problem.layout.plus(belief.mean, -(gain @ self._values[i])[:, None])[:, 0]
+        return change, P - gain @ P[i]
+
+    @cached_property
+    def _values(self) -> Array:
+        """Distance of the estimate from one with all candidates zero, for every degree of freedom."""
+        zero = stored_state(self.problem, with_nominal(self.problem, self.run.parameters, self.groups))
+        return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[:, 0])
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array]:
+        """Information matrix and vector of the data about all candidates, all else estimated."""
+        every, covariance = self.places(self.groups), self.problem.prior.covariance
+        P = self.run.belief.covariance[np.ix_(every, every)]
+        scale = np.sqrt(np.diag(P))
+        information = np.linalg.inv(P / np.outer(scale, scale)) / np.outer(scale, scale)
+        prior = np.concatenate([np.diag(covariance[group]) for group in self.groups])
+        return self.temper * (information - np.diag(1.0 / prior)), self.temper * (information @ self._values[every])
+
+    def _data_about(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return the part of `_data` that belongs to some candidates."""
+        D, eta = self._data
+        i = np.searchsorted(self.places(self.groups), self.places(groups))
+        return D[np.ix_(i, i)], eta[i]
+
+    def _prior(self, groups: tuple[str, ...]) -> Array:
+        """Return the covariance of the candidates' prior, as wide as the data ask for."""
+        out, at = np.zeros((self.places(groups).size,) * 2), 0
+        for group in groups:
+            block = self._priors[group]
+            out[at : at + len(block), at : at + len(block)] = block
+            at += len(block)
+        return out
+
+    @cached_property
+    def _priors(self) -> dict[str, Array]:
+        """Covariance of each candidate's prior: the usual one, or wider by the size of its estimate.
+
+        What is usual for many devices must not pull at an effect that is found in the data.
+        """
+        return {group: self._as_wide_as_asked(group) for group in self.groups}
+
+    def _as_wide_as_asked(self, group: str) -> Array:
+        usual = self.before.prior.covariance.get(group, self.problem.prior.covariance[group])
+        D, eta = self._data_about((group,))
+        scale = np.sqrt(np.diag(usual))
+        seen, strength = np.linalg.eigh(D * np.outer(scale, scale))
+        shown = seen > 1.0  # by data, not by the prior
+        if not shown.any():
+            return usual
+        along = strength[:, shown].T @ (scale * eta) / seen[shown]
+        factor = float(np.mean(along**2 - 1.0 / seen[shown]))
+        return usual * max(1.0, factor)
+
+
+def _deviations(P: Array) -> Array:
+    """Return the standard deviations of a covariance matrix that may have lost rank in rounding."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(P), 1e-300)))
+
+
+def _factor(P: Array) -> Array:
+    """Return the lower triangular factor of a covariance matrix that may have lost rank in rounding."""
+    scale = _deviations(P)
+    correlation = P / np.outer(scale, scale)
+    return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
+
+
+def survey(problem: Problem, run: Fit, estimator: Estimator, progress: StepProgress | None = None) -> Survey | None:
+    """Return a pass with all candidates, from the result of a run without them; None if there are none.
+
+    If the innovations of this very pass are too large or correlated, something else is missing too: the evidence is
+    then tempered.
+    """
+    groups = candidates(problem)
+    if not groups:
+        return None
+    # A grade may state that there is hardly such an effect. Here its prior is wide: the data must be seen behind it.
+    wide = {g: usual_covariance(g, problem) for g in groups if group_named(g).usual_sd is not None}
+    larger = with_groups(problem, groups, {g: P for g, P in wide.items() if len(P)})
+    n, before, after = len(problem.parameter_names), problem.layout, larger.layout
+    parameters = run.parameters.with_order(larger.settings.polynomial_order)
+    P = np.zeros((after.degrees, after.degrees))
+    for part in after:
+        d = after[part.name]
+        P[d, d] = larger.prior.covariance[part.name] if part.name in groups else np.eye(d.stop - d.start)
+    names = [part.name for part in before if before[part.name].stop <= n]
+    old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
+    P[np.ix_(new, new)] = run.belief.covariance[np.ix_(old, old)]
+    T = _kept_mean(larger, groups)
+    P = T @ P @ T.T
+    begun = replace(run, belief=Belief(stored_state(larger, parameters), _factor(P)), parameters=parameters)
+    found = estimator.refit(larger, begun, gate=_GATE, progress=progress)
+    return Survey(problem, larger, found, groups, 1.0 / (correlation_factor(found) ** 2 * max(1.0, _size(found))))
+
+
+def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
+    """Return the change of a state (degrees, degrees) in which offsets take back what effects add on average.
+
+    So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
+    distinguished from an offset starts as such.
+    """
+    layout, readings, known = problem.layout, problem.readings, problem.known_places
+    T = np.eye(layout.degrees)
+    thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
+    raw = RawReadings(
+        readings.stamps[thinned],
+        readings.rates[thinned],
+        readings.accelerations[thinned],
+        np.zeros_like,  # derivatives are zero on average
+        np.zeros_like,
+        np.zeros(readings.stamps[thinned].size) if readings.warmth is None else readings.warmth[thinned],
+    )
+    for group in groups:
+        effect = EFFECTS.get(group)
+        if effect is None or _OFFSET_OF[effect.sensor] not in layout:
+            continue
+        offset, own = layout[_OFFSET_OF[effect.sensor]].start, layout[group]
+        size = own.stop - own.start
+        means = effect.features(raw, size).mean(axis=1)
+        for mean, places in zip(means, effect.places(size), strict=True):
+            for axis in np.flatnonzero((places >= 0) & ~known[offset : offset + 3]):
+                T[offset + axis, own.start + places[axis]] -= mean
+    return T
+
+
+def _size(run: Fit) -> float:
+    """Return the mean normalised innovation squared per degree of freedom."""
+    return run.excess * mean_normalised(run.history.nis, run.history.degrees)
+
+
+def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
+    """Return the candidates that the recording shows.
+
+    From all of them, the one without which least evidence is lost is left out, again and again, as long as that is
+    little. So an effect is not taken for another one that is similar, as it would be if they were added one by one.
+    Where the evidence is tempered, more of it is needed: by how much it must be tempered is not known exactly.
+    """
+    chosen, threshold = found.groups, threshold * found.temper**-_CAREFUL
+    while chosen:
+        whole = found.gain(chosen)
+        rest = {g: tuple(other for other in chosen if other != g) for g in chosen}
+        lost = {g: whole - found.gain(others) for g, others in rest.items()}
+        needed = {g: 0.0 if g in found.before.prior.expected else threshold for g in chosen}
+        least = min(lost, key=lambda g: lost[g] - needed[g])
+        if lost[least] >= needed[least]:
+            break
+        chosen = rest[least]
+    return chosen
+
+
+def gain_of(problem: Problem, run: Fit, group: str) -> float:
+    """Return the logarithm of the ratio of the evidences with and without a group of the state."""
+    d = problem.layout[group]
+    value, P, prior = run.parameters.stored(group), run.belief.covariance[d, d], problem.prior.covariance[group]
+    return float(0.5 * value @ np.linalg.solve(P, value) + 0.5 * np.linalg.slogdet(np.linalg.solve(prior, P))[1])
+
+
+def considered(found: Survey | None, problem: Problem, run: Fit, included: tuple[str, ...]) -> tuple[Considered, ...]:
+    """Return all effects: those that are part of a model, with their run's result, and those that were left out."""
+    out = []
+    for group in included:
+        value, sd = run.parameters.stored(group), run.belief.standard_deviation[problem.layout[group]]
+        gain, (shift, name) = gain_of(problem, run, group), _shift_without(problem, run, group)
+        out.append(Considered(group, value, sd, gain, included=True, shift=shift, shifted=name))
+    if found is not None:
+        for group in found.groups:
+            value, P = found.alone((group,))
+            sd, (shift, name) = _deviations(P), found.shift(group)
+            gain = found.gain((group,))
+            out.append(Considered(group, value, sd, gain, included=False, shift=shift, shifted=name))
+    return tuple(sorted(out, key=lambda effect: -effect.gain))
+
+
+def _shift_without(problem: Problem, run: Fit, group: str) -> tuple[float, str]:
+    """Return the largest change of a sensor's parameter if a group were zero, in deviations, and its name."""
+    d, P = problem.layout[group], run.belief.covariance
+    others = [i for i in range(problem.sensor_degrees) if not d.start <= i < d.stop]
+    change = P[others, d] @ np.linalg.solve(P[d, d], run.parameters.stored(group))
+    score = np.abs(change) / np.sqrt(np.diag(P)[others])
+    worst = int(np.argmax(score))
+    return float(score[worst]), problem.parameter_names[others[worst]]

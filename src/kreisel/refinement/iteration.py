@@ -1,0 +1,442 @@
+"""Passes of the filter over a problem: relinearised at each pass, noise corrected where the data contradict it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from kreisel.errors import EstimationError
+from kreisel.estimation.budget import Source
+from kreisel.estimation.consistency import gate_bounds
+from kreisel.estimation.uncertainty import Contribution, scaling
+from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.nonlinearity import curved
+from kreisel.fitting.stored_state import parameters_of
+from kreisel.geometry.rotation import Array
+from kreisel.model.considered import Considered, describe
+from kreisel.model.parameters import GROUPS
+from kreisel.model.problem import Problem, with_correlation_time
+from kreisel.progress import Progress, StepProgress, Together, of_parts, of_step, one_by_one
+from kreisel.recording.recording import DataWarning
+from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
+from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
+from kreisel.refinement.effect_selection import Survey, considered, selected, survey
+from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.noise_adaptation import (
+    NoiseFactors,
+    imu_density,
+    noise_factors,
+    noise_warning,
+    with_factors,
+    within_bounds,
+)
+from kreisel.refinement.nominal_values import with_nominal_values
+from kreisel.refinement.parameter_walk import found_walks
+from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
+from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+
+WIDE_GATE = 100.0
+"""Factor on the gate in the first pass, in which the parameters are still far from their final values."""
+
+MAX_NOISE_PASSES = 8
+"""Largest number of passes to find noise figures where none are given or the given ones are contradicted."""
+
+MAX_PASSES = 10
+
+MAX_ROUNDS = 4
+"""Largest number of times that further effects, or parameters that walk, are looked for."""
+
+NEAR = 3.0
+"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another pass."""
+
+SETTLED = 0.2
+"""Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
+
+_LASTING, _HARDLY_NOISE = 3.0, 3.0
+"""Factors for correlated innovations, and between noise found and given, above which the noise found may stand for
+parameters that walk."""
+
+_LEAST_SHARE = 0.1
+"""Of the change by a pass, for the start of the next one."""
+
+MAX_CORRELATION_TIME = 40.0
+"""Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
+
+MIN_LIKELIHOOD_GAIN = 5.0
+"""Least gain of log-likelihood with which coloured noise is assumed."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Whose noise figures the user gave; they are changed only if the data contradict them."""
+
+    reference: bool
+    imu: bool
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What every step needs: whose noise figures were given, the estimator, progress, and how tasks run together."""
+
+    given: Given
+    estimator: Estimator
+    progress: Progress | None
+    together: Together
+
+    def step(self, name: str) -> StepProgress | None:
+        return of_step(self.progress, name)
+
+
+@dataclass(frozen=True)
+class _Passes:
+    """Result of several passes.
+
+    Attributes
+    ----------
+    problem, run
+        After the last one.
+    count
+        Number of passes.
+    adapted
+        Whether noise figures were changed.
+    moved
+        How far the last pass moved the estimates, in standard deviations; 0 after a single one.
+    survey, surveyed
+        The last look at further effects, and the problem it was made for.
+    walk_gain
+        What the walk of each group gained in log-likelihood.
+    """
+
+    problem: Problem
+    run: Fit
+    count: int
+    adapted: bool = False
+    moved: float = 0.0
+    survey: Survey | None = None
+    surveyed: Problem | None = None
+    walk_gain: Mapping[str, float] = field(default_factory=dict)
+
+
+def estimate(
+    problem: Problem,
+    given: Given,
+    estimator: Estimator,
+    progress: Progress | None = None,
+    together: Together = one_by_one,
+) -> Estimate:
+    """Return the estimate after all passes.
+
+    Parameters
+    ----------
+    given
+        Whose noise figures the user gave.
+    estimator
+        Makes the passes.
+    together
+        Does passes that do not depend on each other.
+
+    Raises
+    ------
+    EstimationError
+        If the estimate does not stay finite.
+    """
+    try:
+        return _estimate(problem, _Work(given, estimator, progress, together))
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            f"the estimate's covariance does not stay positive ({error}): the noise figures, or the grade, in "
+            "recording.toml are far from the data, or the readings have gross errors"
+        ) from error
+
+
+def _estimate(problem: Problem, work: _Work) -> Estimate:
+    passes = _until_settled(problem, 0, work)
+    passes = _without_contradiction(problem, passes, work)
+    passes = _with_effects(problem, passes, work)
+    passes = _without_contradiction(problem, passes, work)
+    contradicted = _contradicted(problem, passes, problem)
+    adapted = passes.adapted
+    passes = _with_coloured_noise(passes, work)
+    factor = correlation_factor(passes.run)
+    warnings: list[DataWarning] = []
+    passes, attenuation = _without_attenuation(passes, work)
+    if adapted:
+        warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
+    warnings += _whiteness(passes.problem, factor)
+    last = _last_survey(passes, work)
+    found = passes.problem
+    run, errors = with_nominal_values(found, passes.run, factor)
+    included = tuple(g for g in found.groups if g not in problem.groups)
+    before = problem.noise.offset_walk
+    walks = {g: gain for g, gain in passes.walk_gain.items() if found.noise.offset_walk[g] > before.get(g, 0.0)}
+    estimate = Estimate(
+        found,
+        run,
+        work.estimator,
+        passes.count,
+        factor,
+        _contradiction(problem, found, work.given),
+        passes.moved / factor,
+        (),
+        walks=walks,
+        contradicted=contradicted,
+        stated=problem,
+    )
+    estimate = estimate.adding([
+        *(replace(one, columns=factor * errors @ one.columns) for one in attenuation),
+        scaling("correlated innovations", Source.PATH, run.belief.factor, factor),
+        *(() if last is None else [Contribution("effects that may be there", Source.EFFECTS, last.undecided())]),
+    ])  # fmt: skip
+    effects = considered(last, found, replace(run, belief=estimate.belief), included)
+    return replace(estimate, considered=effects, warnings=(*warnings, *_found(effects, walks), *_wider(contradicted)))
+
+
+def _without_attenuation(passes: _Passes, work: _Work) -> tuple[_Passes, list[Contribution]]:
+    """Return the passes with a result in which noise of the readings does not count as information."""
+    if passes.problem.settings.passes is not None:
+        return passes, []
+    pull = pull_of_noise(passes.problem, passes.run, work.estimator, work.step("noise"), work.together)
+    if pull is None:
+        return passes, []
+    run, uncertainty = without_attenuation(passes.problem, passes.run, pull)
+    return replace(passes, run=run), [uncertainty]
+
+
+def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str, float]:
+    """Return the offsets whose prior in a problem the data contradict, but those that walk: they are not one value."""
+    if passes.problem.settings.passes is not None:
+        return {}
+    found = contradicted_offsets(replace(passes.problem, prior=stating.prior), passes.run)
+    walks, before = passes.problem.noise.offset_walk, first.noise.offset_walk
+    return {group: score for group, score in found.items() if not walks.get(group, 0.0) > before.get(group, 0.0)}
+
+
+def _without_contradiction(first: Problem, passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes with wider priors of offsets, where the data contradict those that are stated."""
+    for _ in range(MAX_ROUNDS):  # a narrow prior hides how far away the data lie
+        scores = _contradicted(first, passes, passes.problem)
+        if not scores:
+            break
+        wider = with_wider_priors(passes.problem, scores)
+        again = _until_settled(wider, passes.count, work, passes.run)
+        passes = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+    return passes
+
+
+def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
+    """Return the warnings about stated priors that had to be widened."""
+    return [
+        DataWarning(
+            "offsets",
+            f"{OFFSETS[group]} offsets lie {score:.1f} stated deviations away: "
+            f"what is stated is not used (imu.{group}_sd or imu.grade in recording.toml)",
+        )
+        for group, score in contradicted.items()
+    ]
+
+
+def _last_survey(passes: _Passes, work: _Work) -> Survey | None:
+    """Return the survey of the final problem: the last one, if the problem has not changed since."""
+    found = passes.survey
+    if passes.problem.settings.passes is not None or found is None:
+        return None
+    if passes.surveyed is passes.problem:
+        return found
+    return survey(passes.problem, passes.run, work.estimator, work.step("effects"))
+
+
+def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
+    """Return the warnings about effects and walks that are part of the model because the data show them."""
+    messages = [f"{describe(effect)} (gain {effect.gain:.0f})" for effect in effects if effect.included]
+    messages += [f"{GROUPS[group].split(',')[0]} changes during the recording" for group in walks]
+    if not messages:
+        return []
+    return [DataWarning("effects", f"found in the data and estimated: {'; '.join(messages)}")]
+
+
+def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
+    """Return the warnings about innovations that are correlated in time."""
+    messages, time = [], problem.noise.correlation_time
+    if time > 0.0:
+        messages.append(f"the reference has coloured noise on the path, with a time constant of about {time:.2g} s")
+    if factor > 1.0:
+        messages.append(
+            f"innovations are correlated in time; standard deviations were therefore multiplied by {factor:.2f}"
+        )
+    return [DataWarning("whiteness", message) for message in messages]
+
+
+def _contradiction(before: Problem, after: Problem, given: Given) -> float:
+    """Return the largest factor between noise finally assumed, on the path and of the IMU, and what the user gave."""
+    ratios = [1.0]
+    if given.reference:
+        found, stated = after.noise.reference, before.noise.reference
+        ratios += [found.position / stated.position, found.orientation / stated.orientation]
+    if given.imu:
+        ratios += [a / b for a, b in zip(imu_density(after), imu_density(before), strict=True)]
+    return max(ratios)
+
+
+def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None = None) -> _Passes:
+    """Run passes until their number is the requested one and the noise figures fit; `before` were run already.
+
+    They start at the problem's start values, or near the result of a run over the same parameters.
+    """
+    moved, far = np.inf, True
+    estimator, given, step = work.estimator, work.given, work.step(f"pass {before + 1}")
+    if begun is None:
+        run = estimator.fit(problem, gate=WIDE_GATE, progress=step)
+    else:
+        run = estimator.refit(problem, begun, gate=WIDE_GATE, progress=step)
+    count, adapted = 1, False
+    near, share, change = run, 1.0, np.zeros(0)
+    while True:
+        factors = noise_factors(run, coloured=problem.noise.correlation_time > 0.0)
+        rejected = 1.0 - float(np.mean(run.history.used))
+        factors = factors.contradicted(reference=given.reference, imu=given.imu, rejected=rejected)
+        factors = within_bounds(problem, factors)
+        if count == 1 and problem.reference.quaternions is None:
+            factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
+        settled = factors.agree() or count >= MAX_NOISE_PASSES
+        if settled and not _another_pass(problem, run, moved, count):
+            return _Passes(problem, run, before + count, adapted, moved if count > 1 else 0.0)
+        if count == 1:
+            far = curved(problem, run) or assigns_otherwise(problem, run.parameters.clock)
+        problem = rescheduled(with_attitudes_of(problem, run), run.parameters.clock)
+        if not factors.agree():
+            problem, adapted = with_factors(problem, factors), True
+        count += 1
+        gate = WIDE_GATE if far else 1.0
+        near = run if share == 1.0 else _between(problem, near, run, share)
+        run = estimator.refit(problem, near, gate=gate, progress=work.step(f"pass {before + count}"))
+        change_before, change = change, _change(problem, near, run)
+        share = _relaxation(share, change_before, change)
+        moved = float(np.max(np.abs(change), initial=0.0))
+        if far:
+            far = moved > NEAR
+            if _wide_gate_mattered(run):
+                moved = np.inf  # the usual gate has not been used yet
+
+
+def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes with the effects that the recording shows, settled again.
+
+    With further effects in the state the noise is found again from that of `first`, the problem at the beginning.
+    """
+    if passes.problem.settings.passes is not None:
+        return passes
+    for _ in range(MAX_ROUNDS):
+        problem, run, count = passes.problem, passes.run, passes.count + 1
+        correlation, name = correlation_factor(run), f"pass {count}"
+        steps = [of_step(part, name) for part in of_parts(work.progress, name, 2)]
+        quiet = _with_noise_of(first, problem)  # noise that was found explains what effects would
+        least = MIN_LIKELIHOOD_GAIN * correlation**2
+        found, walk = work.together([
+            partial(survey, quiet, run, work.estimator, steps[0]),
+            partial(found_walks, problem, run, work.estimator, least, steps[1]),
+        ])  # fmt: skip
+        chosen = () if found is None else selected(found)
+        if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
+            again = work.estimator.repeat(quiet, run, steps[1])
+            walk = found_walks(quiet, again, work.estimator, least, steps[1])
+        larger = [] if walk is None else [(walk[0], run)]
+        larger += [found.conditioned(chosen)] if found is not None and chosen else []
+        as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
+        if not larger:
+            return as_it_is
+        tried = [_until_settled(_with_noise_of(first, one), count, work, begun) for one, begun in larger]
+        if problem.noise.correlation_time == 0.0:
+            coloured = _with_coloured_noise(passes, work)
+            tried += [coloured] if coloured.problem is not problem else []
+        best = max(tried, key=lambda one: bounded_likelihood(one.run))
+        if bounded_likelihood(best.run) < bounded_likelihood(passes.run):
+            return as_it_is
+        gain = {**passes.walk_gain, **walk[1]} if walk is not None and best is tried[0] else passes.walk_gain
+        passes = replace(best, survey=found, walk_gain=gain)
+    return passes
+
+
+def _with_noise_of(first: Problem, problem: Problem) -> Problem:
+    """Return a problem with the noise that was assumed at first."""
+    noise = replace(problem.noise, reference=first.noise.reference)
+    return replace(problem, noise=noise, readings=replace(problem.readings, noise=first.readings.noise))
+
+
+def _relaxation(share: float, before: Array, after: Array) -> float:
+    """Return the share of the last change that the next pass starts with, from that of the one before and both changes.
+
+    In weak motion a pass may answer to its start with the opposite change, and passes would go to and fro for ever.
+
+    Notes
+    -----
+    Aitken's extrapolation for vectors (Irons and Tuck 1969), within bounds.
+    """
+    if before.size == 0:
+        return 1.0
+    turned = after - before
+    return float(np.clip(-share * (before @ turned) / max(float(turned @ turned), 1e-300), _LEAST_SHARE, 1.0))
+
+
+def _between(problem: Problem, a: Fit, b: Fit, share: float) -> Fit:
+    """Return the second of two runs with a result between them, by a share of the way."""
+    change = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)
+    mean = problem.layout.plus(a.belief.mean, share * change)[:, 0]
+    return replace(b, belief=replace(b.belief, mean=mean), parameters=parameters_of(problem, b.parameters, mean))
+
+
+def _change(problem: Problem, before: Fit, after: Fit) -> Array:
+    """Return the change of each lasting parameter between two results, in standard deviations."""
+    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[problem.lasting, 0]
+    return np.asarray(change / after.belief.standard_deviation[problem.lasting])
+
+
+def _with_coloured_noise(passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes with coloured noise of the reference, if innovations are correlated.
+
+    Its time constant is found by likelihood: it is doubled from half the update interval while the likelihood grows.
+    """
+    problem, run, count = passes.problem, passes.run, passes.count
+    if problem.settings.passes is not None or correlation_factor(run) == 1.0 or problem.noise.correlation_time > 0.0:
+        return passes
+    best = passes
+    likelihood = float(work.estimator.refit(problem, run).history.log_likelihood.sum()) + MIN_LIKELIHOOD_GAIN
+    interval = problem.schedule.interval
+    time = 0.5 * interval
+    while time < MAX_CORRELATION_TIME * interval:
+        trial = with_correlation_time(problem, time)
+        count += 1
+        trial_run = work.estimator.refit(trial, run, progress=work.step(f"pass {count}"))
+        found = float(trial_run.history.log_likelihood.sum())
+        if found > likelihood:
+            best, likelihood = replace(passes, problem=trial, run=trial_run), found
+        elif best is not passes:
+            break
+        time *= 2.0
+    return replace(best, count=count)
+
+
+def _another_pass(problem: Problem, run: Fit, moved: float, count: int) -> bool:
+    """Return whether another pass is requested, or useful.
+
+    After the first pass another one is useful if the wide gate accepted updates that the usual gate would reject
+    (grossly, or often), if the clocks assign poses to other samples, or if the model is curved between start and
+    result. Later it is useful as long as the estimates move.
+    """
+    if problem.settings.passes is not None:
+        return count < problem.settings.passes
+    if count >= MAX_PASSES:
+        return False
+    if count > 1:
+        return moved > SETTLED
+    if _wide_gate_mattered(run) or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
+        return True
+    return assigns_otherwise(problem, run.parameters.clock) or curved(problem, run)
+
+
+def _wide_gate_mattered(run: Fit) -> bool:
+    """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
+    beyond = run.history.used * run.history.nis / gate_bounds(run.history.degrees)
+    return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002

@@ -1,0 +1,160 @@
+"""Comparison of the assumed noise figures with the innovations, and their correction."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.consistency import mean_normalised
+from kreisel.fitting.fit import Fit
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+from kreisel.recording.recording import DataWarning
+
+CONTRADICTION = 2.0
+"""Factor on a given standard deviation above which the data contradict it."""
+
+FEW_REJECTED = 0.02
+"""Share of rejected updates up to which given noise figures count as confirmed."""
+
+_AGREEMENT = 1.2
+
+
+@dataclass(frozen=True)
+class NoiseFactors:
+    """Factors between the standard deviations by the innovations and the assumed ones.
+
+    position, orientation and standstill are the reference's, gyro and accel the IMU's.
+    """
+
+    position: float = 1.0
+    orientation: float = 1.0
+    standstill: float = 1.0
+    gyro: float = 1.0
+    accel: float = 1.0
+
+    def agree(self) -> bool:
+        """Whether all lie within 20 % of one."""
+        return all(1.0 / _AGREEMENT < f < _AGREEMENT for f in astuple(self))
+
+    def contradicted(self, *, reference: bool, imu: bool, rejected: float = 0.0) -> NoiseFactors:
+        """Return the factors, 1 for figures that were given and are not clearly too small.
+
+        rejected: share of rejected updates; if it is large, a given figure need not be twice too small.
+        """
+        least = CONTRADICTION if rejected < FEW_REJECTED else _AGREEMENT
+
+        def keep(f: float, *, given: bool) -> float:
+            return f if not given or f > least else 1.0
+
+        return NoiseFactors(
+            keep(self.position, given=reference),
+            keep(self.orientation, given=reference),
+            keep(self.standstill, given=reference),
+            keep(self.gyro, given=imu),
+            keep(self.accel, given=imu),
+        )
+
+
+def noise_factors(run: Fit, *, coloured: bool = False) -> NoiseFactors:
+    """Return the factors between observed and assumed noise.
+
+    With coloured noise, innovations and residuals no longer show its size. The mean NIS is then used for both
+    position and orientation.
+
+    Notes
+    -----
+    Reference: the product of the innovation and the residual after the update has the variance of the measurement
+    noise as its expectation (Desroziers, Berre, Chapnik and Poli 2005). Rejected updates count too: without them noise
+    that is stated too small would confirm itself. IMU: the updates' corrections of attitude and velocity are compared
+    with the variance the filter expected of them. The largest and smallest two per cent are left out.
+    """
+    history, excess = run.history, run.excess**0.5
+    settled = np.arange(history.nis.size) >= history.nis.size // 10
+    path = settled & ~history.at_standstill
+
+    def reference(rows: slice) -> float:
+        product = np.sum(history.innovation[path, rows] * history.residual[path, rows], axis=1)
+        return excess * _trimmed_ratio(product, np.sum(history.noise_variance[path, rows], axis=1))
+
+    def imu(rows: slice) -> float:
+        used = path & history.used
+        size = np.sum(history.correction[used, rows] ** 2, axis=1)
+        return excess * _trimmed_ratio(size, np.sum(history.correction_variance[used, rows], axis=1))
+
+    at_standstill = settled & history.at_standstill
+    standstill = 1.0
+    if at_standstill.sum() >= 6:
+        ratio = run.excess * float(np.median(history.nis[at_standstill] / history.degrees[at_standstill]))
+        standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
+    size = None
+    if coloured and (path & history.used).any():
+        used = path & history.used
+        size = excess * float(np.sqrt(mean_normalised(history.nis[used], history.degrees[used])))
+    return NoiseFactors(
+        position=reference(slice(0, 3)) if size is None else size,
+        orientation=reference(slice(3, 6)) if size is None else size,
+        standstill=standstill,
+        gyro=imu(slice(3, 6)),
+        accel=imu(slice(0, 3)),
+    )
+
+
+def within_bounds(problem: Problem, factors: NoiseFactors) -> NoiseFactors:
+    """Return the factors limited: densities within the problem's bounds, the reference's noise above its least."""
+    limited = []
+    for density, factor, (low, high) in zip(
+        imu_density(problem), (factors.gyro, factors.accel), problem.noise.imu_bounds, strict=True
+    ):
+        limited.append(float(np.clip(density * factor, low, high)) / density)
+    return replace(
+        factors,
+        gyro=limited[0],
+        accel=limited[1],
+        position=max(factors.position, problem.noise.min_reference[0] / problem.noise.reference.position),
+        orientation=max(factors.orientation, problem.noise.min_reference[1] / problem.noise.reference.orientation),
+    )
+
+
+def _trimmed_ratio(observed: Array, assumed: Array) -> float:
+    """Return the root of the mean ratio, without its largest and smallest two per cent; 1 where too few have one.
+
+    A variance is zero where nothing was measured, or nothing is estimated.
+    """
+    known = np.isfinite(assumed) & (assumed > 0.0)
+    if known.sum() < 15 or not np.isfinite(observed).all():
+        return 1.0
+    ratio = np.sort(observed[known] / assumed[known])
+    cut = max(1, ratio.size // 50)
+    return float(np.sqrt(np.clip(np.mean(ratio[cut:-cut]), 1e-2, 1e4)))
+
+
+def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
+    """Return the problem with its noise figures multiplied by factors."""
+    noise = problem.noise
+    reference = noise.reference.scaled(
+        position=factors.position, orientation=factors.orientation, standstill=factors.standstill
+    )
+    readings = problem.readings.with_noise(factors.gyro, factors.accel)
+    return replace(problem, noise=replace(noise, reference=reference), readings=readings)
+
+
+def imu_density(problem: Problem) -> tuple[float, float]:
+    """Return the assumed noise densities, gyro and accelerometer, rms over the axes, SI."""
+    gyro, accel = np.sqrt(problem.readings.noise[:2].mean(axis=1))
+    return float(gyro), float(accel)
+
+
+def noise_warning(problem: Problem, *, given: bool) -> DataWarning:
+    """Return the warning about noise figures that were found, or that replaced given ones."""
+    noise = problem.noise.reference
+    gyro, accel = imu_density(problem)
+    figures = (
+        f"reference {noise.position * 1e3:.3g} mm and {noise.orientation * 1e3:.3g} mrad on the path, "
+        f"{noise.standstill_position * 1e3:.3g} mm and {noise.standstill_orientation * 1e3:.3g} mrad at standstill; "
+        f"gyro {gyro:.3g} rad/s/sqrt(Hz), accelerometer {accel:.3g} m/s^2/sqrt(Hz)"
+    )
+    if given:
+        return DataWarning("noise", f"given noise figures contradict the data; used instead: {figures}")
+    return DataWarning("noise", f"found from the data: {figures}")

@@ -1,0 +1,66 @@
+"""Random walks of offsets and of the clocks, with a density found by likelihood.
+
+An offset that warms up, steps or walks, and a clock that jumps or drifts, all leave innovations that a parameter with
+a random walk explains: the filter then forgets what it learnt of it long ago.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.fitting.fit import Estimator, Fit
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+from kreisel.refinement.correlated_innovations import bounded_likelihood
+
+GROUPS_THAT_WALK = ("gyro_offset", "accel_offset", "time_offset")
+
+_FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
+"""Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
+
+
+def found_walks(
+    problem: Problem, run: Fit, estimator: Estimator, least: float, progress: StepProgress | None = None
+) -> tuple[Problem, dict[str, float]] | None:
+    """Return the problem with the walks that raise the likelihood of its run most, and what each gains.
+
+    None if that is below `least`.
+
+    All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
+    """
+    groups = [g for g in GROUPS_THAT_WALK if g in problem.layout]
+    if not groups:
+        return None
+    seconds = float(problem.readings.stamps[problem.schedule.updates[-1].last])
+    deviation = run.belief.standard_deviation
+    least_densities = {g: _FIRST * float(np.median(deviation[problem.layout[g]])) * seconds**-0.5 for g in groups}
+
+    def likelihood(walks: dict[str, float]) -> float:
+        own = {g: max(walks.get(g, 0.0), density) for g, density in (problem.noise.offset_walk | walks).items()}
+        return bounded_likelihood(estimator.repeat(with_walks(problem, own), run, progress))
+
+    base = bounded_likelihood(run)
+    if likelihood(least_densities) < base + least:
+        return None
+    walks: dict[str, float] = {}
+    gains: dict[str, float] = {}
+    best = base
+    for group in groups:
+        density = max(least_densities[group], problem.noise.offset_walk.get(group, 0.0))
+        for _ in range(_MAX_STEPS):
+            now = likelihood(walks | {group: density})
+            if now < best + (least if group not in walks else 0.0):
+                break
+            gains[group] = gains.get(group, 0.0) + now - best
+            walks[group], best = density, now
+            density *= _STEP
+    if best < base + least or not walks:
+        return None
+    return with_walks(problem, problem.noise.offset_walk | walks), gains
+
+
+def with_walks(problem: Problem, density: dict[str, float]) -> Problem:
+    """Return the problem with random walks of groups, their densities in SI per root second."""
+    return replace(problem, noise=replace(problem.noise, offset_walk=density))

@@ -1,0 +1,68 @@
+"""Stated priors against what the data alone say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.fitting.fit import Fit
+from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import CellParameters
+from kreisel.model.problem import Problem
+
+MAX_SCORE = 4.5
+"""Standard deviations by which estimates may differ between halves of a recording, or from stated values."""
+
+_WIDER = 2.0
+"""Deviations of the wider prior that the data then lie from its centre."""
+
+_LEAST_SHARE = 0.02
+"""Share of the information about a parameter that the data must give to be compared with its prior."""
+
+OFFSETS = {"gyro_offset": "gyro", "accel_offset": "accelerometer"}
+"""Groups of offsets, and the word for their sensor."""
+
+_MIXED = ("robot_placement",)
+"""Groups of which the data show mixtures, but hardly any parameter by itself."""
+
+
+def prior_scores(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> Array:
+    """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
+
+    The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, and for
+    `_MIXED` groups, the estimate itself is compared.
+
+    deviation: of the estimate (degrees,).
+    """
+    prior = np.diag(problem.prior.covariance[group])
+    own = deviation[problem.layout[group]] ** 2
+    moved = np.abs(parameters.stored(group) - problem.prior.value.stored(group))
+    if group in _MIXED:
+        return np.asarray(moved / np.sqrt(prior))
+    share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
+    score = moved / share / np.sqrt(own / share + prior)
+    return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
+
+
+def largest_score(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> float:
+    """Return the largest score of a group's parameters that have the group's prior, not one of their own."""
+    own = problem.known_places[problem.layout[group]]
+    return float(np.max(prior_scores(problem, parameters, deviation, group)[~own], initial=0.0))
+
+
+def contradicted_offsets(problem: Problem, run: Fit) -> dict[str, float]:
+    """Return the offsets whose stated prior the data contradict, with their scores."""
+    stated = [g for g in OFFSETS if g in problem.layout and g in problem.prior.stated]
+    deviation = run.belief.standard_deviation
+    scores = {g: largest_score(problem, run.parameters, deviation, g) for g in stated}
+    return {group: score for group, score in scores.items() if score > MAX_SCORE}
+
+
+def with_wider_priors(problem: Problem, scores: dict[str, float]) -> Problem:
+    """Return the problem with priors so wide that the data no longer contradict them."""
+    covariance = dict(problem.prior.covariance)
+    for group, score in scores.items():
+        factor = np.where(problem.known_places[problem.layout[group]], 1.0, score / _WIDER)
+        covariance[group] = covariance[group] * np.outer(factor, factor)
+    return replace(problem, prior=replace(problem.prior, covariance=covariance))
