@@ -20,9 +20,9 @@ from kreisel.model.problem import Problem, with_groups
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.recording.checks import check_streams
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
+from kreisel.validation.checks import check_streams
 
 OTHERS = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")

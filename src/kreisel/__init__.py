@@ -28,8 +28,18 @@ if TYPE_CHECKING:
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
     from kreisel.recording.recording import Recording
+    from kreisel.validation.arrays import from_arrays
 
-__all__ = ["Calibration", "CalibrationSettings", "Recording", "__version__", "calibrate", "calibrate_joint", "load"]
+__all__ = [
+    "Calibration",
+    "CalibrationSettings",
+    "Recording",
+    "__version__",
+    "calibrate",
+    "calibrate_joint",
+    "from_arrays",
+    "load",
+]
 
 _HOMES = {
     "Calibration": "kreisel.calibration.result",
@@ -37,6 +47,7 @@ _HOMES = {
     "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",
     "calibrate_joint": "kreisel.calibration.joint",
+    "from_arrays": "kreisel.validation.arrays",
     "load": "kreisel.formats.loading",
 }
 

@@ -8,10 +8,10 @@ import pytest
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.model.groups import REGISTRY
 from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.checks import check_streams
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 from kreisel.study.truth_comparison import group_errors
+from kreisel.validation.checks import check_streams
 
 SENSOR = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 BOUND = 4.5

@@ -7,11 +7,11 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.checks import check_streams
 from kreisel.refinement import iteration
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.settings import Cell
 from kreisel.study.truth_comparison import group_errors
+from kreisel.validation.checks import check_streams
 
 pytestmark = pytest.mark.slow
 

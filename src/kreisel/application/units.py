@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.recording.imu_checks import check_gravity, check_temperature
 from kreisel.recording.recording import ImuSamples
+from kreisel.validation.imu_checks import check_gravity, check_temperature
 
 FASTEST = 40.0
 """rad/s; rates above it in a hundredth of the samples are in another unit, for gyros end at 35 (2000 deg/s)."""

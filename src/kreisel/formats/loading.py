@@ -9,8 +9,8 @@ from pathlib import Path
 from kreisel.errors import RecordingError
 from kreisel.formats.folder import is_folder, load_folder
 from kreisel.progress import Progress, Together, one_by_one
-from kreisel.recording.checks import check_streams
 from kreisel.recording.recording import Recording
+from kreisel.validation.checks import check_streams
 
 
 def load(

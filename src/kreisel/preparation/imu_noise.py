@@ -23,7 +23,7 @@ from kreisel.inertial.noise import (
 from kreisel.inertial.readings import Readings
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import ImuSamples, Recording, excerpt
-from kreisel.recording.stamp_checks import LONG_GAP, gaps
+from kreisel.validation.stamp_checks import LONG_GAP, gaps
 
 _MIN_NOISE_SHARE, _MOTION_NOISE = 0.7, 20.0
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from kreisel.errors import RobotError
 from kreisel.model.robot import RobotModel
-from kreisel.recording.joint_checks import angles_at, distance, in_degrees, near
 from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.robot import kinematics
 from kreisel.robot.description import parse_arm
 from kreisel.units import DEG
+from kreisel.validation.joint_checks import angles_at, distance, in_degrees, near
 
 LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
 """m and rad; standard deviations of a joint's placement from the model, where the user states none."""

@@ -9,8 +9,8 @@ from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, chunks
-from kreisel.recording.stamp_checks import runs
 from kreisel.synchronization.clock import Clock
+from kreisel.validation.stamp_checks import runs
 
 MIN_SECONDS = 0.2
 """Least duration of a standstill without the margins, s."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.recording.header import NO_UNITS, HeaderUnits
@@ -247,45 +247,6 @@ class Recording:
     datasheet: Datasheet | None = None
     urdf: str | None = None
     sha256: str | None = None
-
-    @classmethod
-    def from_arrays(
-        cls,
-        imu_stamps: ArrayLike,
-        rates: ArrayLike,
-        accelerations: ArrayLike,
-        pose_stamps: ArrayLike | None = None,
-        positions: ArrayLike | None = None,
-        quaternions: ArrayLike | None = None,
-        **more: Any,
-    ) -> Recording:
-        """Return a recording from arrays, or from columns of pandas or polars, checked as one from files.
-
-        Parameters
-        ----------
-        imu_stamps, pose_stamps : (n,), (m,)
-            Each on its own clock: integers are nanoseconds, floats are seconds; or dates.
-        rates, accelerations : (n, 3)
-            Raw readings, rad/s and m/s^2.
-        positions : (m, 3)
-            m; may be left out if there are quaternions.
-        quaternions : (m, 4)
-            q_rb, scalar first; may be left out if there are positions.
-        more
-            `joint_stamps` (k,) (those of the poses by default) and `joint_angles` (k, joints), rad; `temperature` (n,)
-            of the sensor, degrees Celsius; `settings`: tables as in recording.toml, such as
-            ``{"imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}``; `urdf`: text of the robot's
-            description; `name` of the recording.
-
-        Raises
-        ------
-        RecordingError
-            For an argument of another shape, type or unit, or that is not finite (the message begins with its name),
-            and for all that is refused in files.
-        """
-        from kreisel.recording.arrays import recording_from_arrays  # it imports this module
-
-        return recording_from_arrays(imu_stamps, rates, accelerations, pose_stamps, positions, quaternions, **more)
 
     @property
     def name(self) -> str:

@@ -8,6 +8,7 @@ from kreisel.geometry.rotation import Array, apply, conjugate, exp, multiply
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
 from kreisel.recording.recording import Recording
+from kreisel.validation.arrays import from_arrays
 
 IMU_RATE, FINE, POSES = 200.0, 10, 2
 """Samples a second, steps of the integration in a sample, samples between two poses."""
@@ -66,7 +67,7 @@ def free_recording(seconds: float, rng: np.random.Generator) -> tuple[SensorPara
         "reference": {"kind": "mocap", "position_sd": POSITION_NOISE, "orientation_sd": ORIENTATION_NOISE},
     }
     stamps = (10.0 + t) * 1e9
-    return truth, Recording.from_arrays(
+    return truth, from_arrays(
         stamps.astype(np.int64), rates, accelerations, ((stamps - 1e9 * TIME_OFFSET)[own]).astype(np.int64), positions,
         orientations, settings=settings, name="free motion",
     )  # fmt: skip

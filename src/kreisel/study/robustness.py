@@ -32,11 +32,11 @@ from kreisel.formats.write import write
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.checks import check_streams
 from kreisel.simulation.cell import Truth, simulate, write_truth
 from kreisel.simulation.settings import Cell
 from kreisel.study.results import whole_rows
 from kreisel.study.situations import Situation, situations
+from kreisel.validation.checks import check_streams
 
 _SEEDS = 10_000
 """More than there are seeds: a run's number is that of its situation times this, plus its seed."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array
 from kreisel.recording.location import and_more, fault, rows
-from kreisel.recording.stamp_checks import Rows
+from kreisel.validation.stamp_checks import Rows
 
 IMPOSSIBLE = 1e9
 """A number of this size or larger cannot be a reading in any unit."""

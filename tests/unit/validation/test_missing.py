@@ -9,9 +9,10 @@ import pytest
 from kreisel.errors import RecordingError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write_folder
-from kreisel.recording.checks import check_streams
-from kreisel.recording.missing import without_missing
 from kreisel.recording.recording import NO_STAMP, JointAngles, Recording
+from kreisel.validation.arrays import from_arrays
+from kreisel.validation.checks import check_streams
+from kreisel.validation.missing import without_missing
 
 from .test_checks import JOINT, armed, message, recording, with_imu, with_poses
 
@@ -153,10 +154,10 @@ def test_arrays_may_hold_lost_samples() -> None:
     r = recording()
     stamps, rates = r.imu.seconds.copy(), r.imu.rates.copy()
     stamps[40], rates[50] = np.nan, np.nan
-    got = Recording.from_arrays(stamps, rates, r.imu.accelerations)
+    got = from_arrays(stamps, rates, r.imu.accelerations)
     np.testing.assert_array_equal(got.imu.stamps_ns, lost_at(r, 40, 50))
     dates = np.datetime64("2026-01-01", "ns") + r.imu.stamps_ns.astype("timedelta64[ns]")
     dates[40] = np.datetime64("NaT")
-    assert Recording.from_arrays(dates, rates, r.imu.accelerations).imu.stamps_ns.size == r.imu.stamps_ns.size - 2
+    assert from_arrays(dates, rates, r.imu.accelerations).imu.stamps_ns.size == r.imu.stamps_ns.size - 2
     with pytest.raises(RecordingError, match="imu_stamps: 1 of 2400 are finite numbers"):
-        Recording.from_arrays(np.where(np.arange(2400) < 1, 0.0, np.nan), rates, r.imu.accelerations)
+        from_arrays(np.where(np.arange(2400) < 1, 0.0, np.nan), rates, r.imu.accelerations)

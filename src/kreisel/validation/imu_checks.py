@@ -14,12 +14,12 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.recording.finite import check_finite
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import is_table, wrong_unit
-from kreisel.recording.masking import CHANNELS, without_faults, without_repeats
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
+from kreisel.validation.finite import check_finite
+from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
 
 _COLDEST, _HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""

@@ -5,7 +5,7 @@ import pytest
 
 import kreisel
 from kreisel.errors import RecordingError
-from kreisel.recording.checks import check_streams
+from kreisel.validation.checks import check_streams
 
 from ...small_problem import recorded
 
@@ -22,7 +22,7 @@ def arguments(**changed):
 
 def test_arrays_are_the_same_recording():
     want = check_streams(recorded()[1])
-    got = kreisel.Recording.from_arrays(**arguments())
+    got = kreisel.from_arrays(**arguments())
     for stream in ("imu", "reference"):
         np.testing.assert_array_equal(getattr(got, stream).stamps_ns, getattr(want, stream).stamps_ns)
     np.testing.assert_array_equal(got.imu.rates, want.imu.rates)
@@ -35,7 +35,7 @@ def test_arrays_are_the_same_recording():
 def test_seconds_and_dates_are_stamps_too():
     stamps = recorded()[1].imu.stamps_ns
     for given in (stamps * 1e-9, stamps.astype("datetime64[ns]"), (stamps * 1e-9).tolist()):
-        got = kreisel.Recording.from_arrays(**arguments(imu_stamps=given))
+        got = kreisel.from_arrays(**arguments(imu_stamps=given))
         assert np.abs(got.imu.stamps_ns - stamps).max() <= 120  # a double of a thousand seconds
 
 
@@ -43,7 +43,7 @@ def test_frames_of_pandas():
     pandas = pytest.importorskip("pandas")
     r = recorded()[1]
     frame = pandas.DataFrame(r.imu.rates, columns=["gx", "gy", "gz"]).assign(t=r.imu.stamps_ns)
-    got = kreisel.Recording.from_arrays(**arguments(imu_stamps=frame["t"], rates=frame[["gx", "gy", "gz"]]))
+    got = kreisel.from_arrays(**arguments(imu_stamps=frame["t"], rates=frame[["gx", "gy", "gz"]]))
     np.testing.assert_array_equal(got.imu.rates, r.imu.rates)
 
 
@@ -79,14 +79,14 @@ def test_a_bad_argument_is_named(changed, words):
     given = arguments()
     given |= {name: change(given.get(name)) for name, change in changed.items()}
     with pytest.raises(kreisel.errors.KreiselError, match=words):
-        kreisel.calibrate(kreisel.Recording.from_arrays(**given))
+        kreisel.calibrate(kreisel.from_arrays(**given))
 
 
 def test_a_fault_in_a_row_names_the_row():
     stamps = recorded()[1].imu.stamps_ns.copy()
     stamps[500] = stamps[499]
     with pytest.raises(RecordingError, match="<arrays>/imu: row 501: the stamp .* occurs twice"):
-        kreisel.Recording.from_arrays(**arguments(imu_stamps=stamps))
+        kreisel.from_arrays(**arguments(imu_stamps=stamps))
 
 
 def test_the_public_names_are_shown():

@@ -12,7 +12,6 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.recording.location import at, fault, rows
-from kreisel.recording.masking import CHANNELS, part_of
 from kreisel.recording.recording import (
     NO_STAMP,
     DataWarning,
@@ -20,7 +19,8 @@ from kreisel.recording.recording import (
     Recording,
     ReferencePoses,
 )
-from kreisel.recording.stamp_checks import Rows, runs
+from kreisel.validation.masking import CHANNELS, part_of
+from kreisel.validation.stamp_checks import Rows, runs
 
 MOST_SAMPLES, MOST_POSES = 0.2, 0.5
 """Shares of the IMU's samples, and of poses or joint angles, that may be missing."""

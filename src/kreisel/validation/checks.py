@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from kreisel.recording.digest import digest
-from kreisel.recording.imu_checks import check_imu
-from kreisel.recording.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
-from kreisel.recording.missing import without_missing
-from kreisel.recording.ordering import in_order
-from kreisel.recording.pose_checks import check_poses, stamped_poses
 from kreisel.recording.recording import Recording
-from kreisel.recording.sampling import regularly_sampled, with_lateness, with_restarts
-from kreisel.recording.stamp_checks import (
+from kreisel.validation.imu_checks import check_imu
+from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
+from kreisel.validation.missing import without_missing
+from kreisel.validation.ordering import in_order
+from kreisel.validation.pose_checks import check_poses, stamped_poses
+from kreisel.validation.sampling import regularly_sampled, with_lateness, with_restarts
+from kreisel.validation.stamp_checks import (
     LONG_GAP,
     MIN_SECONDS,
     Stamped,

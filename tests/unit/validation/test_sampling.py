@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kreisel.recording.recording import ImuSamples, ReferencePoses
-from kreisel.recording.sampling import regularly_sampled, with_lateness
+from kreisel.validation.sampling import regularly_sampled, with_lateness
 
 INTERVAL = 5e-3
 COUNT = 6000

@@ -12,9 +12,9 @@ import numpy as np
 
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.location import at, rows
-from kreisel.recording.masking import part_of
 from kreisel.recording.recording import DataWarning, Recording, Stamps
-from kreisel.recording.stamp_checks import Rows, runs
+from kreisel.validation.masking import part_of
+from kreisel.validation.stamp_checks import Rows, runs
 
 _FARTHEST = 64
 """Rows by which a row may be displaced; packets hold several samples."""

@@ -16,7 +16,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.location import and_more, at, fault, rows
 from kreisel.recording.recording import DataWarning, ImuSamples, Stamps, chunks, rows_of
-from kreisel.recording.stamp_checks import runs
+from kreisel.validation.stamp_checks import runs
 
 CHANNELS = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")
 

@@ -12,12 +12,12 @@ from pydantic import ValidationError
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.recording.checks import check_streams
 from kreisel.recording.header import HeaderUnits
 from kreisel.recording.location import ARRAYS
 from kreisel.recording.nanoseconds import in_nanoseconds
 from kreisel.recording.recording import NO_STAMP, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings, what_is_wrong
+from kreisel.validation.checks import check_streams
 
 _SLOWEST_IMU, _SLOWEST_POSES, _FASTEST = 2.5, 100.0, 4e4
 """Longest steps between stamps, s, and the shortest, ns, that devices have."""
@@ -25,7 +25,7 @@ _SLOWEST_IMU, _SLOWEST_POSES, _FASTEST = 2.5, 100.0, 4e4
 _MAX_SECONDS = 9e9
 
 
-def recording_from_arrays(
+def from_arrays(
     imu_stamps: ArrayLike,
     rates: ArrayLike,
     accelerations: ArrayLike,
@@ -40,7 +40,35 @@ def recording_from_arrays(
     urdf: str | None = None,
     name: str = "arrays",
 ) -> Recording:
-    """Return a recording, checked as one from files; see `Recording.from_arrays`."""
+    """Return a recording from arrays, or from columns of pandas or polars, checked as one from files.
+
+    Parameters
+    ----------
+    imu_stamps, pose_stamps : (n,), (m,)
+        Each on its own clock: integers are nanoseconds, floats are seconds; or dates.
+    rates, accelerations : (n, 3)
+        Raw readings, rad/s and m/s^2.
+    positions : (m, 3)
+        m; may be left out if there are quaternions.
+    quaternions : (m, 4)
+        q_rb, scalar first; may be left out if there are positions.
+    joint_stamps, joint_angles : (k,), (k, joints)
+        The arm's, rad; the stamps are those of the poses by default.
+    temperature : (n,)
+        Of the sensor, degrees Celsius.
+    settings
+        Tables as in recording.toml, such as ``{"imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}``.
+    urdf
+        Text of the robot's description.
+    name
+        Of the recording.
+
+    Raises
+    ------
+    RecordingError
+        For an argument of another shape, type or unit, or that is not finite (the message begins with its name), and
+        for all that is refused in files.
+    """
     stamps = _stamps(imu_stamps, "imu_stamps", _SLOWEST_IMU)
     n = stamps.size
     warm = None if temperature is None else _numbers(temperature, "temperature", n, None)

@@ -14,12 +14,12 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import exp
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording import recording as module
-from kreisel.recording.checks import check_streams
 from kreisel.recording.header import UNITS, HeaderUnits
-from kreisel.recording.joint_checks import angles_at
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.robot import description, kinematics
 from kreisel.units import DEG, STANDARD_GRAVITY
+from kreisel.validation.checks import check_streams
+from kreisel.validation.joint_checks import angles_at
 
 IMU, POSE = Path("run/imu0/data.csv"), Path("run/pose0/data.csv")
 RATE, POSE_RATE, SECONDS = 200.0, 80.0, 12.0

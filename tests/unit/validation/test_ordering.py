@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel.recording.checks import check_streams
-from kreisel.recording.ordering import order_of
+from kreisel.validation.checks import check_streams
+from kreisel.validation.ordering import order_of
 
 from .test_checks import armed, message, recording, with_imu
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.recording.finite import check_finite
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
-from kreisel.recording.masking import first_of_each
-from kreisel.recording.missing import POSITION, QUATERNION
 from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
-from kreisel.recording.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
+from kreisel.validation.finite import check_finite
+from kreisel.validation.masking import first_of_each
+from kreisel.validation.missing import POSITION, QUATERNION
+from kreisel.validation.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
 MAX_OUTLIERS = 0.1
 """Share of poses that may jump away and back; with more, the reference is an error."""

@@ -9,13 +9,13 @@ import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
-from kreisel.recording.finite import check_finite
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.stamp_checks import check_stamps
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
+from kreisel.validation.finite import check_finite
+from kreisel.validation.stamp_checks import check_stamps
 
 SAME_FRAME = (5e-3, 5e-3)
 """m and rad; reported poses this near to the nominal kinematics have the same base and tool frame."""
