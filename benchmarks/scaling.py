@@ -57,9 +57,9 @@ def shortest(problem: Problem, start: CellParameters, repeats: int = 8) -> float
 
 def part(problem: Problem, minutes: float) -> Problem:
     """Return the problem's first minutes, or its updates over and over for more than there are."""
-    end = problem.readings.stamps[-1]
+    end = problem.sensor.readings.stamps[-1]
     if minutes * 60.0 < end:
-        stamps = problem.readings.stamps
+        stamps = problem.sensor.readings.stamps
         updates = tuple(u for u in problem.schedule.updates if stamps[u.last] < minutes * 60.0)
         return replace(problem, schedule=replace(problem.schedule, updates=updates))
     times = round(minutes * 60.0 / end)

@@ -54,7 +54,7 @@ def test_columns_side_by_side(benchmark: Any, recording: Recording, unit: float,
 
     def run() -> None:
         for update in problem.schedule.updates:
-            signal, _ = problem.readings.holding(update.first, update.last)
+            signal, _ = problem.sensor.readings.holding(update.first, update.last)
             preintegrate(signal, update.first - signal.begin, update.last - signal.begin, columns)
 
     benchmark.pedantic(run, rounds=3)

@@ -130,7 +130,7 @@ def _robot(estimate: Estimate) -> list[Cause]:
 
 def _rounding(estimate: Estimate) -> list[Cause]:
     """Return readings that are rounded so coarsely that their errors do not average out at rest."""
-    readings, out = estimate.problem.readings, []
+    readings, out = estimate.problem.sensor.readings, []
     for name, values, unit in (("gyro", readings.rates, "rad/s"), ("accelerometer", readings.accelerations, "m/s^2")):
         step = max(coarse_step(part) for part in excerpt(values))
         if step > 0.0 and step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
@@ -182,7 +182,7 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 
 def _of_readings(estimate: Estimate) -> tuple[str, str]:
     """Return what makes the readings noisy."""
-    readings = estimate.problem.readings
+    readings = estimate.problem.sensor.readings
     rate = np.linalg.norm(readings.rates[:_EXCERPT], axis=1)
     moving = rate[1:] > 0.2 * float(np.percentile(rate, 95))  # at rest, readings of few digits repeat
     for values in (readings.rates, readings.accelerations):
@@ -190,7 +190,7 @@ def _of_readings(estimate: Estimate) -> tuple[str, str]:
         repeated = float(np.mean(same[moving])) if moving.any() else 0.0
         if repeated > _REPEATED:
             return "stuck samples", f"{100.0 * repeated:.0f} % of the samples repeat the one before"
-    quiet, busy = _third_differences(estimate.problem, estimate.problem.readings.accelerations)
+    quiet, busy = _third_differences(estimate.problem, estimate.problem.sensor.readings.accelerations)
     if busy > _SHAKEN * quiet > 0.0:
         return "vibration", f"the IMU vibrates while it moves: its noise is {busy / quiet:.0f} times that at rest"
     return "stated noise", "the IMU is noisier than stated"
@@ -208,7 +208,7 @@ def _misstated(estimate: Estimate) -> list[Cause]:
 
 def _third_differences(problem: Problem, values: Array) -> tuple[float, float]:
     """Return the usual size of third differences of readings (n, 3) at standstill and on the path; 0 without either."""
-    stamps = problem.readings.stamps
+    stamps = problem.sensor.readings.stamps
     at = np.zeros(stamps.size - 3, dtype=bool)
     for interval in problem.schedule.standstills:
         a, b = np.searchsorted(stamps, (interval.start, interval.stop))

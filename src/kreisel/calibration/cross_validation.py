@@ -32,7 +32,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     )  # fmt: skip
     unseen = _navigation_only(part_of(problem, slice(cut, count)))
     return CrossValidation(
-        trained_until=float(problem.readings.stamps[problem.schedule.updates[cut - 1].last]),
+        trained_until=float(problem.sensor.readings.stamps[problem.schedule.updates[cut - 1].last]),
         nominal=_drift(found.estimator.navigate(unseen, nominal, of_step(progress, "nominal"))),
         calibrated=_drift(found.estimator.navigate(unseen, trained.parameters, of_step(progress, "calibrated"))),
     )

@@ -56,7 +56,7 @@ def run_filter(
         If the state is no longer finite; the message gives the time.
     """
     updates, model = problem.schedule.updates, filter_model(problem, start)
-    readings = problem.readings.with_effects(effect_sizes(problem), start.sensors.effects)
+    readings = problem.sensor.readings.with_effects(effect_sizes(problem), start.sensors.effects)
     begun = belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
     limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
@@ -80,9 +80,10 @@ def run_filter(
             )  # fmt: skip
             belief = Belief(filtered.mean, filtered.upper.T.copy())
             if not np.isfinite(record.nis[done - 1 - begin]):
+                seconds = float(problem.sensor.readings.stamps[updates[done - 1].last])
                 raise EstimationError(
-                    f"the filter's state is no longer finite at {problem.readings.stamps[updates[done - 1].last]:.2f} "
-                    "s; check units and noise figures, or fix groups that are not observable"
+                    f"the filter's state is no longer finite at {seconds:.2f} s; check units and noise figures, or fix "
+                    "groups that are not observable"
                 )
             if progress is not None:
                 progress(done / len(updates))

@@ -20,7 +20,7 @@ def navigation_from_reference(problem: Problem, known: CellParameters, belief: B
     """Return the belief with navigation started again at an update's first sample, its own or the previous update's."""
     layout, reference, item = problem.layout, problem.reference, problem.schedule.updates[at]
     attitude = problem.schedule.attitude[at if item.first == item.last else at - 1]
-    t = problem.readings.stamps[item.first]
+    t = problem.sensor.readings.stamps[item.first]
     parameters = parameters_of(problem, known, belief.mean)
     q, p, v = pose_near(reference, float(parameters.clock.reference_time(t)))
     turned, moved = reference.quaternions is not None, reference.positions is not None

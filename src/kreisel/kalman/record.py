@@ -20,7 +20,7 @@ def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> H
     at_standstill = np.array([item.standstill is not None for item in updates])
     given = 3 * ((reference.positions is not None) + (reference.quaternions is not None))
     return History(
-        seconds=problem.readings.stamps[[item.last for item in updates]],
+        seconds=problem.sensor.readings.stamps[[item.last for item in updates]],
         parameters=record.mean,
         deviations=record.deviation,
         at_standstill=at_standstill,

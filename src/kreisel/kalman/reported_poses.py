@@ -54,7 +54,7 @@ _COLUMNS = {"position_scale": _scale, "reference_smoothing": _smoothing}
 
 def _motion(problem: Problem, known: CellParameters, samples: Array) -> tuple[Array, Array]:
     """Return the specific force and the angular acceleration of b, (u, 3) each, at samples."""
-    readings, sensors = problem.readings, known.sensors
+    readings, sensors = problem.sensor.readings, known.sensors
     width = max(1, round(_WINDOW / float(np.median(np.diff(readings.stamps[:1000])))))
     before, behind = np.maximum(samples - width, 0), np.minimum(samples + width, readings.stamps.size - 1)
     span = (readings.stamps[behind] - readings.stamps[before])[:, None]

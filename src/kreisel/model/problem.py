@@ -62,13 +62,21 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """An IMU on the body: its name, and its readings."""
+
+    name: str
+    readings: Readings
+
+
+@dataclass(frozen=True)
 class Problem:
     """Everything a filter run needs; nothing in it changes during a run.
 
     Attributes
     ----------
-    readings, reference
-        What IMU and reference recorded.
+    sensors, reference
+        The IMUs, and what the reference recorded.
     schedule
         Which pose is used when.
     layout
@@ -77,7 +85,7 @@ class Problem:
         The arm, where its errors are estimated.
     """
 
-    readings: Readings
+    sensors: tuple[Sensor, ...]
     reference: ReferencePoses
     schedule: Schedule
     settings: CalibrationSettings
@@ -86,6 +94,18 @@ class Problem:
     prior: Prior
     noise: AssumedNoise
     robot: RobotModel | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """The only sensor.
+
+        Raises
+        ------
+        ValueError
+            If there are several: what asks for the only one is made for one.
+        """
+        (only,) = self.sensors
+        return only
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -150,9 +170,14 @@ class Problem:
         return tuple(names)
 
 
+def with_readings(problem: Problem, readings: Readings) -> Problem:
+    """Return the problem with other readings of its only sensor."""
+    return replace(problem, sensors=(replace(problem.sensor, readings=readings),))
+
+
 def walked_variance(problem: Problem, group: str) -> float:
     """Return the variance of a group's random walk from the first update to the last."""
-    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     return problem.noise.offset_walk.get(group, 0.0) ** 2 * float(stamps[updates[-1].last] - stamps[updates[0].first])
 
 
@@ -201,7 +226,7 @@ def without_forces(problem: Problem) -> Problem:
     gyro, accel = problem.noise.imu_bounds
     bounds = (gyro, (_NOTHING * accel[0], _NOTHING * accel[1]))
     noise = replace(problem.noise, imu_bounds=bounds)
-    return replace(problem, noise=noise, readings=problem.readings.with_noise(1.0, _NOTHING))
+    return with_readings(replace(problem, noise=noise), problem.sensor.readings.with_noise(1.0, _NOTHING))
 
 
 def with_nominal(problem: Problem, values: CellParameters, groups: tuple[str, ...]) -> CellParameters:

@@ -15,7 +15,7 @@ from kreisel.inertial.noise import DRIFT_TIME
 from kreisel.model.groups import REGISTRY
 from kreisel.model.noise import AssumedNoise, Drift, PoseError
 from kreisel.model.parameters import GROUPS, PASSING_GROUPS, ROBOT_GROUPS, CellParameters
-from kreisel.model.problem import Prior, Problem
+from kreisel.model.problem import Prior, Problem, Sensor
 from kreisel.model.schedule import MIN_UPDATES, Schedule
 from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.attitude import start_attitudes
@@ -42,6 +42,9 @@ second; errors of motion capture are nearly independent from frame to frame, and
 
 REACH = 1.0
 """m; length over which angle errors of a robot act on positions, and its length errors on their scale."""
+
+_SENSOR = "imu0"
+"""Name of the only sensor of a recording."""
 
 _MIN_NOISE = 0.1
 _HALF_A_CHAIN = math.sqrt(2.0)
@@ -150,7 +153,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     )
     prior = _prior(preparation, settings.polynomial_order, layout, start, start_covariance)
     return Problem(
-        readings=preparation.readings,
+        sensors=(Sensor(_SENSOR, preparation.readings),),
         reference=reference,
         schedule=schedule,
         settings=settings,

@@ -19,7 +19,7 @@ from kreisel.estimation.uncertainty import Contribution
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, with_readings
 from kreisel.progress import StepProgress, Together, one_by_one
 
 _NEGLIGIBLE = 0.15
@@ -131,7 +131,7 @@ def _false_information(problem: Problem, run: Fit, pull: Array) -> Array:
 
 def _with_more_noise(problem: Problem, rng: np.random.Generator) -> tuple[Problem, Problem]:
     """Return the problem with as much noise again in readings and orientations, and with its opposite."""
-    readings, reference = problem.readings, problem.reference
+    readings, reference = problem.sensor.readings, problem.reference
     interval = float(np.median(np.diff(readings.stamps)))
     width = max(3, round(_LOCAL / interval))
     power = np.minimum(np.square(problem.noise.observed), readings.noise[:2]) / interval
@@ -154,9 +154,9 @@ def _with_more_noise(problem: Problem, rng: np.random.Generator) -> tuple[Proble
             _ready={}, _crossing={},
         )  # fmt: skip
         if turned is None or reference.quaternions is None:
-            return replace(problem, readings=noisy)
+            return with_readings(problem, noisy)
         moved = replace(reference, quaternions=multiply(reference.quaternions, exp(sign * turned)))
-        return replace(problem, readings=noisy, reference=moved)
+        return replace(with_readings(problem, noisy), reference=moved)
 
     return with_sign(1.0), with_sign(-1.0)
 

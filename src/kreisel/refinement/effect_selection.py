@@ -69,7 +69,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
 
 def _temperature_changes(problem: Problem) -> bool:
     """Return whether a temperature was recorded, and changes by more than thermometers err."""
-    warmth = problem.readings.warmth
+    warmth = problem.sensor.readings.warmth
     return warmth is not None and float(np.ptp(warmth)) > _LEAST_WARMTH
 
 
@@ -288,7 +288,7 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
     So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
     distinguished from an offset starts as such.
     """
-    layout, readings, known = problem.layout, problem.readings, problem.known_places
+    layout, readings, known = problem.layout, problem.sensor.readings, problem.known_places
     T = np.eye(layout.degrees)
     thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
     raw = RawReadings(

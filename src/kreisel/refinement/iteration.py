@@ -18,7 +18,7 @@ from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import Problem, with_correlation_time
+from kreisel.model.problem import Problem, with_correlation_time, with_readings
 from kreisel.progress import Progress, StepProgress, Together, of_parts, of_step, one_by_one
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
@@ -362,7 +362,8 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
 def _with_noise_of(first: Problem, problem: Problem) -> Problem:
     """Return a problem with the noise that was assumed at first."""
     noise = replace(problem.noise, reference=first.noise.reference)
-    return replace(problem, noise=noise, readings=replace(problem.readings, noise=first.readings.noise))
+    readings = replace(problem.sensor.readings, noise=first.sensor.readings.noise)
+    return with_readings(replace(problem, noise=noise), readings)
 
 
 def _relaxation(share: float, before: Array, after: Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, with_readings
 from kreisel.recording.recording import DataWarning
 
 CONTRADICTION = 2.0
@@ -136,13 +136,13 @@ def with_factors(problem: Problem, factors: NoiseFactors) -> Problem:
     reference = noise.reference.scaled(
         position=factors.position, orientation=factors.orientation, standstill=factors.standstill
     )
-    readings = problem.readings.with_noise(factors.gyro, factors.accel)
-    return replace(problem, noise=replace(noise, reference=reference), readings=readings)
+    readings = problem.sensor.readings.with_noise(factors.gyro, factors.accel)
+    return with_readings(replace(problem, noise=replace(noise, reference=reference)), readings)
 
 
 def imu_density(problem: Problem) -> tuple[float, float]:
     """Return the assumed noise densities, gyro and accelerometer, rms over the axes, SI."""
-    gyro, accel = np.sqrt(problem.readings.noise[:2].mean(axis=1))
+    gyro, accel = np.sqrt(problem.sensor.readings.noise[:2].mean(axis=1))
     return float(gyro), float(accel)
 
 

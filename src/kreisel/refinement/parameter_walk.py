@@ -33,7 +33,7 @@ def found_walks(
     groups = [g for g in GROUPS_THAT_WALK if g in problem.layout]
     if not groups:
         return None
-    seconds = float(problem.readings.stamps[problem.schedule.updates[-1].last])
+    seconds = float(problem.sensor.readings.stamps[problem.schedule.updates[-1].last])
     deviation = run.belief.standard_deviation
     least_densities = {g: _FIRST * float(np.median(deviation[problem.layout[g]])) * seconds**-0.5 for g in groups}
 

@@ -22,7 +22,7 @@ _ATTITUDE_SD = 0.01
 
 def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
     """Return whether another clock assigns poses to other samples."""
-    step = float(np.median(np.diff(problem.readings.stamps[:1000])))
+    step = float(np.median(np.diff(problem.sensor.readings.stamps[:1000])))
     return problem.schedule.clock.distance(clock, problem.reference.seconds) > 0.5 * step
 
 
@@ -34,7 +34,9 @@ def rescheduled(problem: Problem, clock: Clock) -> Problem:
     standstills = schedule.standstills
     if schedule.stillness is not None:
         standstills = find_standstills(schedule.stillness, problem.reference, clock, problem.noise.reference)
-    updates = schedule_updates(problem.readings, clock.imu_time(tau), problem.reference, standstills, schedule.interval)
+    updates = schedule_updates(
+        problem.sensor.readings, clock.imu_time(tau), problem.reference, standstills, schedule.interval
+    )
     if len(updates) < MIN_UPDATES:
         return problem
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))
@@ -48,7 +50,7 @@ def with_attitudes_of(problem: Problem, run: Fit) -> Problem:
     A run that starts with a guess of the attitude is nonlinear until the attitude has converged; the next run needs no
     guess. With gaps in the readings attitudes cannot be transferred, and the problem is returned unchanged.
     """
-    readings, schedule = problem.readings, problem.schedule
+    readings, schedule = problem.sensor.readings, problem.schedule
     if problem.reference.quaternions is not None or len(readings.segments) > 1:
         return problem
     p, samples = run.parameters, np.array([update.last for update in schedule.updates])

@@ -223,7 +223,7 @@ def telling_excerpt(outcome: Outcome) -> slice:
     It lies within one unbroken segment, and between the first and the last update where they are far
     enough apart.
     """
-    readings, history = outcome.problem.readings, outcome.estimate.run.history
+    readings, history = outcome.problem.sensor.readings, outcome.estimate.run.history
     t = readings.stamps
     step = every(t.size, _ENERGY_POINTS).step
     seconds, omega = t[::step], readings.rates[::step]
@@ -302,7 +302,7 @@ def _upward(outcome: Outcome) -> Array:
 def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
     """Return the norms of the rate by corrected gyros and by the reference, over the same excerpt."""
     readings, parameters, reference = (
-        outcome.problem.readings,
+        outcome.problem.sensor.readings,
         outcome.estimate.run.parameters,
         outcome.problem.reference,
     )
@@ -397,7 +397,7 @@ def _correlation(series: Array, lags: int) -> Array | None:
 
 def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     readings, sensors, nominal = (
-        outcome.problem.readings,
+        outcome.problem.sensor.readings,
         outcome.calibration.sensors,
         outcome.problem.prior.nominal.sensors,
     )

@@ -10,6 +10,7 @@ from kreisel.calibration.result_document import from_document, to_document
 from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.model.problem import with_readings
 
 from ...small_problem import calibrated, camera_problem, estimate_of, small_problem, small_run, with_noise
 
@@ -37,7 +38,7 @@ def test_the_sensors_noise_is_what_is_left(parts):
     """By a pass with readings assumed noisier by 5 % in variance: no step in common with the difference of the rest."""
     problem, run, step = small_problem(), small_run(), 0.05
     factor = (1.0 + step) ** 0.5
-    noisier = replace(problem, readings=problem.readings.with_noise(factor, factor))
+    noisier = with_readings(problem, problem.sensor.readings.with_noise(factor, factor))
     base, more = (further_pass(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, noisier))
     n = len(problem.parameter_names)
     share = (more[:n] / base[:n] - 1.0) / step

@@ -13,7 +13,7 @@ from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
 from kreisel.model.noise import Drift
-from kreisel.model.problem import part_of, without_groups
+from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.refinement.estimate import without_passing
 
@@ -85,7 +85,7 @@ def test_correlated_innovations_a_walk_and_frames_that_err_are_added():
     np.testing.assert_allclose(wide.deviation, 1.7 * plain.deviation, rtol=1e-9)
     walking, _, _ = compared(walk=1e-4)
     problem = small_problem()
-    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     # the mean offsets of two halves of a random walk over T lie apart by one of T / 3; half of T is an upper bound
     gathered = 0.5e-8 * (stamps[updates[-1].last] - stamps[updates[0].first])
     np.testing.assert_allclose(walking.deviation**2, np.diag(exact) + gathered, rtol=1e-6)
@@ -151,10 +151,10 @@ def test_an_offset_that_steps_in_the_middle_shows_as_large_as_it_is(steady):
     problem = camera_problem()
     middle = problem.schedule.updates[len(problem.schedule.updates) // 2].last
     step = np.array([2e-4, -3e-4, 1e-4])
-    rates = problem.readings.rates.copy()
+    rates = problem.sensor.readings.rates.copy()
     rates[middle:] += step
-    readings = replace(problem.readings, rates=rates, _ready={})
-    stepped = replace(problem, readings=readings)
+    readings = replace(problem.sensor.readings, rates=rates, _ready={})
+    stepped = with_readings(problem, readings)
     found = split_halves(estimate_of(stepped, first_pass(stepped)))
     d = problem.layout["gyro_offset"]
     change = found.difference[d] - steady.difference[d]

@@ -74,7 +74,7 @@ def crossed():
 
 def test_drift_is_that_of_the_part_that_was_not_trained_on(crossed):
     problem = calibrated().estimate.problem
-    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     unseen = updates[int(TRAINING * len(updates)) :]
     want = [stamps[u.last] for i, u in enumerate(unseen) if i >= 2 and u.standstill is None]
     for drift in (crossed.nominal, crossed.calibrated):

@@ -129,7 +129,7 @@ def test_navigation_begins_anew_with_the_pose_at_the_sample_and_no_memory():
     update = problem.schedule.updates[at]
     found = navigation_from_reference(problem, problem.prior.start, belief, at)
     clock = problem.prior.start.clock
-    tau = (problem.readings.stamps[update.first] - clock.start) / (1.0 + clock.skew)
+    tau = (problem.sensor.readings.stamps[update.first] - clock.start) / (1.0 + clock.skew)
     q, p, v = pose_near(problem.reference, tau)
     layout = problem.layout
     for name, value, deviation in (("attitude", q, 0.02), ("velocity", v, 0.3), ("position", p, 0.02)):

@@ -53,7 +53,7 @@ def test_kinds_and_times_are_those_of_the_updates(case):
     problem, updates, record, _, found = case
     np.testing.assert_array_equal(found.at_standstill, [item.standstill is not None for item in updates])
     np.testing.assert_array_equal(found.degrees, [9 if item.standstill is not None else 6 for item in updates])
-    np.testing.assert_array_equal(found.seconds, [problem.readings.stamps[item.last] for item in updates])
+    np.testing.assert_array_equal(found.seconds, [problem.sensor.readings.stamps[item.last] for item in updates])
     np.testing.assert_array_equal(found.used, record.used)
 
 

@@ -49,7 +49,7 @@ def test_a_walk_gathers_density_squared_times_the_time_from_the_first_update_to_
     """The steps from sample to sample are independent: their variances add."""
     density, problem = {"gyro_offset": 2e-5, "accel_offset": 3e-4, "gyro_polynomial": 1.0}, small_problem()
     found = with_noise(problem, offset_walk=density).walked_variance
-    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     steps = np.diff(stamps[updates[0].first : updates[-1].last + 1])
     for group in ("gyro_offset", "accel_offset"):
         np.testing.assert_allclose(found[problem.layout[group]], np.sum(density[group] ** 2 * steps), rtol=1e-9)

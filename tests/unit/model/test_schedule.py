@@ -26,7 +26,7 @@ def test_each_update_begins_where_the_one_before_ended():
 
 def test_a_pose_is_used_at_the_sample_nearest_to_it():
     problem = small_problem()
-    t, reference = problem.readings.stamps, problem.reference
+    t, reference = problem.sensor.readings.stamps, problem.reference
     for update in problem.schedule.updates:
         assert update.tau == reference.seconds[update.pose]
         at = problem.schedule.clock.imu_time(update.tau)

@@ -8,6 +8,7 @@ import pytest
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.uncertainty import total
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
+from kreisel.model.problem import with_readings
 from kreisel.refinement.attenuation import _profile, pull_of_noise, without_attenuation
 
 from ...small_problem import camera_problem, with_noise
@@ -19,7 +20,7 @@ def weak():
     problem = camera_problem()
     noise = problem.noise.reference.scaled(position=0.1, orientation=1.0, standstill=0.1)
     problem = with_noise(problem, reference=noise, observed=np.full((2, 3), np.inf))
-    problem = replace(problem, readings=problem.readings.with_noise(1.0, 30.0))
+    problem = with_readings(problem, problem.sensor.readings.with_noise(1.0, 30.0))
     run = first_pass(problem)
     i = problem.layout["accel_cross_coupling"]
     factor = run.belief.factor.copy()
@@ -42,7 +43,7 @@ def test_noise_pulls_towards_smaller_matrices(weak):
 
 def test_there_is_none_to_speak_of_with_quiet_sensors():
     problem = camera_problem()
-    quiet = replace(problem, readings=problem.readings.with_noise(0.1, 0.1))
+    quiet = with_readings(problem, problem.sensor.readings.with_noise(0.1, 0.1))
     assert pull_of_noise(quiet, first_pass(quiet), SigmaPointFilter()) is None
 
 

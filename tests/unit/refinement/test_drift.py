@@ -33,7 +33,7 @@ def test_without_measurements_the_deviation_approaches_its_size(begun):
     mean[problem.layout.stored("gyro_drift")] = 2.0 * SIZE
     history = run_filter(problem, problem.prior.start, belief=Belief(mean, factor), gate=0.0).history
     assert not history.used.any()
-    updates, stamps = problem.schedule.updates, problem.readings.stamps
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     t = np.cumsum([stamps[u.last] - stamps[u.first] for u in updates])[:, None]
     expected = SIZE * np.sqrt(1.0 + (begun**2 - 1.0) * np.exp(-2.0 * t / 8.0))
     np.testing.assert_allclose(history.deviations[:, d], expected * np.ones(3), rtol=1e-6, atol=1e-11)

@@ -9,7 +9,7 @@ from kreisel.fitting.stored_state import first_belief
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass, further_pass
-from kreisel.model.problem import with_groups
+from kreisel.model.problem import with_groups, with_readings
 from kreisel.refinement import effect_selection
 from kreisel.refinement.effect_selection import _kept_mean, candidates, selected, survey
 
@@ -92,7 +92,7 @@ def test_a_new_effect_leaves_the_mean_of_the_readings_as_it_was():
     """Offset and effect together: drawn from the changed belief, they add nothing on average."""
     problem = with_groups(camera_problem(), ("gyro_g_sensitivity", "accel_asymmetry"))
     T = _kept_mean(problem, ("gyro_g_sensitivity", "accel_asymmetry"))
-    layout, readings = problem.layout, problem.readings
+    layout, readings = problem.layout, problem.sensor.readings
     x = np.random.default_rng(4).normal(size=layout.degrees)
     changed = T @ x - x
     np.testing.assert_array_equal(np.delete(changed, np.r_[layout["gyro_offset"], layout["accel_offset"]]), 0.0)
@@ -107,6 +107,6 @@ def test_what_is_rare_or_needs_a_thermometer_is_looked_for_only_then():
     expecting = replace(problem, prior=replace(problem.prior, expected=("gyro_g_squared",)))
     assert "gyro_g_squared" in candidates(expecting)
     for rise, there in ((0.4, False), (2.0, True)):
-        warmth = np.linspace(0.0, rise, problem.readings.stamps.size)
-        measured = replace(problem, readings=replace(problem.readings, warmth=warmth))
+        warmth = np.linspace(0.0, rise, problem.sensor.readings.stamps.size)
+        measured = with_readings(problem, replace(problem.sensor.readings, warmth=warmth))
         assert ({*OF_TEMPERATURE} <= {*candidates(measured)}) == there

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.fitting.fit import Fit
+from kreisel.model.problem import with_readings
 from kreisel.refinement.noise_adaptation import (
     NoiseFactors,
     imu_density,
@@ -182,9 +183,9 @@ def test_densities_are_the_stated_ones_and_rms_over_unlike_axes():
     problem = small_problem()
     stated = (0.15 * np.pi / 180.0 / 60.0, 0.1e-3 * 9.80665)  # 0.15 deg/sqrt(h), 0.1 mg/sqrt(Hz)
     np.testing.assert_allclose(imu_density(problem), stated, rtol=1e-12)
-    noise = problem.readings.noise.copy()
+    noise = problem.sensor.readings.noise.copy()
     noise[:2] = [[1.0, 4.0, 4.0], [0.0, 0.0, 12.0]]  # squares of densities
-    unlike = replace(problem, readings=replace(problem.readings, noise=noise))
+    unlike = with_readings(problem, replace(problem.sensor.readings, noise=noise))
     np.testing.assert_allclose(imu_density(unlike), [3.0**0.5, 2.0], rtol=1e-12)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
+from kreisel.model.problem import with_readings
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.synchronization.clock import Clock
 
@@ -46,7 +47,7 @@ def test_by_another_clock_each_pose_is_used_at_the_sample_nearest_to_it(shift):
     problem = small_problem()
     clock = replace(problem.schedule.clock, start=problem.schedule.clock.start + shift)
     found = rescheduled(problem, clock)
-    t = problem.readings.stamps
+    t = problem.sensor.readings.stamps
     assert found.schedule.clock == clock
     for update in found.schedule.updates:
         at = clock.start + (1.0 + clock.skew) * problem.reference.seconds[update.pose]
@@ -68,7 +69,7 @@ def test_standstills_are_found_again_unless_they_are_given():
 
 def test_a_clock_that_leaves_too_few_updates_is_not_followed():
     problem = small_problem()
-    assert rescheduled(problem, Clock(problem.readings.stamps[-1] - 3.0)) is problem
+    assert rescheduled(problem, Clock(problem.sensor.readings.stamps[-1] - 3.0)) is problem
 
 
 def test_without_orientations_updates_stay_where_they_are():
@@ -85,7 +86,7 @@ def test_attitudes_integrated_back_are_those_the_reference_had():
     run, problem = plain_run(), without_orientations()
     found = with_attitudes_of(problem, run).schedule
     whole = small_problem().reference
-    at = run.parameters.clock.reference_time(problem.readings.stamps[[u.last for u in found.updates]])
+    at = run.parameters.clock.reference_time(problem.sensor.readings.stamps[[u.last for u in found.updates]])
     inside = (at > whole.seconds[0]) & (at < whole.seconds[-1])
     truth = Slerp(whole.seconds, Rotation.from_quat(whole.quaternions, scalar_first=True))(at[inside])
     off = truth.inv() * Rotation.from_quat(found.attitude[inside], scalar_first=True)
@@ -103,14 +104,14 @@ def test_the_earths_rotation_is_taken_off():
     p = run.parameters
     level, down = problem.site.earth_rate_units
     earth = Rotation.from_quat(p.q_rn, scalar_first=True).apply([*(level * p.north), down])
-    seconds = problem.readings.stamps[[u.last for u in problem.schedule.updates]]
+    seconds = problem.sensor.readings.stamps[[u.last for u in problem.schedule.updates]]
     want = -(seconds - seconds[-1])[:, None] * 100.0 * earth
     np.testing.assert_allclose(off.as_rotvec(), want, atol=2e-7)
 
 
 def test_nothing_is_carried_over_a_gap_or_where_the_reference_shows_attitudes():
     run, problem = plain_run(), without_orientations()
-    n = problem.readings.stamps.size
-    gap = replace(problem, readings=replace(problem.readings, segments=((0, 1500), (1510, n - 1))))
+    n = problem.sensor.readings.stamps.size
+    gap = with_readings(problem, replace(problem.sensor.readings, segments=((0, 1500), (1510, n - 1))))
     assert with_attitudes_of(gap, run) is gap
     assert with_attitudes_of(small_problem(), run) is small_problem()
