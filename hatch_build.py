@@ -80,8 +80,12 @@ def source_hash(root: Path) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in sorted((root / SOURCES).glob("*.?pp")))).hexdigest()[:16]
 
 
-def compile_library(root: Path, out: Path, target: str | None = None, *, sanitize: bool = False) -> None:
+def compile_library(
+    root: Path, out: Path, target: str | None = None, *, sanitize: bool = False, exports: Path | None = None
+) -> None:
     """Compile the library for this machine, or for one of the `TARGETS`, into a file.
+
+    exports: the file with its functions; that of the package by default.
 
     Raises
     ------
@@ -103,7 +107,7 @@ def compile_library(root: Path, out: Path, target: str | None = None, *, sanitiz
         works = {
             "choose": [str(root / SOURCES / "choose.cpp"), f'-DSOURCES="{source_hash(root)}"'],
             **{
-                name: [str(root / SOURCES / "exports.cpp"), f"-DVARIANT={name}", *more]
+                name: [str(exports or root / SOURCES / "exports.cpp"), f"-DVARIANT={name}", *more]
                 for name, more in variants.items()
             },
         }
@@ -152,9 +156,14 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", dest="out", type=Path, default=PACKAGE / this_machine().file, help="the file to write")
     parser.add_argument("--target", choices=TARGETS, help="compile for another platform, with zig")
+    parser.add_argument(
+        "--exports", type=Path, help="the file with the library's functions; the tests have another one"
+    )
     parser.add_argument("--sanitize", action="store_true", help="with address and undefined-behaviour sanitizers")
     parser.add_argument("--compiler", action="store_true", help="only say which C++ compiler is used; fail without one")
     options = parser.parse_args()
     if options.compiler:
         sys.exit(print(shlex.join(found)) if (found := native_compiler() or zig()) else "no C++ compiler")  # noqa: T201
-    compile_library(Path(__file__).parent, options.out, options.target, sanitize=options.sanitize)
+    compile_library(
+        Path(__file__).parent, options.out, options.target, sanitize=options.sanitize, exports=options.exports
+    )

@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels import coefficients, composition, preintegration
-from kreisel._kernels.preintegration import Increments
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import groups_of, places_of
 from kreisel.inertial.sensor_model import (
@@ -20,6 +18,9 @@ from kreisel.inertial.sensor_model import (
     correct_specific_force,
 )
 from kreisel.inertial.strapdown import NOISE_STEP, InertialSignal, raw_readings, without_effects
+
+from .kernel_parts import coefficients, composition, preintegration
+from .kernel_parts.preintegration import Increments
 
 Sensors = Mapping[str, Array]
 """Values of effects, flat, by group."""

@@ -6,7 +6,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from kreisel._kernels import rotation as kernels
 from kreisel.geometry.rotation import (
     apply,
     conjugate,
@@ -18,6 +17,8 @@ from kreisel.geometry.rotation import (
     multiply,
     nearest_rotation,
 )
+
+from ..kernel_parts import rotation as kernels
 
 EPS = np.finfo(float).eps
 component = st.one_of(st.floats(-1.8, 1.8), st.floats(-1e-9, 1e-9), st.sampled_from([0.0, 1e-160, -1e-300]))

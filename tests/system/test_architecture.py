@@ -13,6 +13,8 @@ MODULES = {
 MAX_CHAIN = 12
 MAX_LINES = 600
 MAX_BODY = 65
+MANY_ARGUMENTS = 0.012
+"""Share of functions with more than six arguments."""
 
 
 def imported(module, *, deferred=False):
@@ -94,3 +96,68 @@ def test_nothing_outside_its_room_names_the_filters_passes():
         if name in allowed:
             used -= {"kreisel.kalman.sigma_point_filter"}
         assert not used, f"{name} imports {', '.join(used)}"
+
+
+def test_few_functions_take_more_than_six_arguments():
+    """Commands take their options; what a program of its own calls is the exception elsewhere."""
+    counts = []
+    for tree in MODULES.values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+                counts.append(len([name for name in names if name not in ("self", "cls")]))
+    assert sum(count > 6 for count in counts) <= MANY_ARGUMENTS * len(counts)
+
+
+THROUGH = {
+    "kreisel._version": "tests/system/test_cli.py",
+    "kreisel.cli": "tests/system/test_cli.py",  # commands are run as users run them
+    "kreisel.exchange": "tests/unit/exchange/test_proofs.py",  # every format, from the registry
+    "kreisel.report": "tests/unit/report/test_report.py",  # the page, with all its parts
+    "kreisel.validation": "tests/unit/validation/test_checks.py",  # `check_streams` runs all checks
+    "kreisel.formats": "tests/unit/formats/test_proposal.py",  # what proposals consist of
+    "kreisel.formats.imu_lines": "tests/system/test_handing_on.py",
+    "kreisel.formats.kuka_trace_text": "tests/unit/formats/test_kuka_trace.py",
+    "kreisel.formats.playback": "tests/system/test_replay.py",
+    "kreisel.devices": "tests/system/test_record_robots.py",  # over loopback, against the simulators
+    "kreisel.acquisition": "tests/system/test_run.py",
+    "kreisel.application": "tests/system/test_handing_on.py",
+    "kreisel.batch": "tests/system/test_handing_on.py",
+    "kreisel.preparation": "tests/unit/preparation/test_build_problem.py",  # steps of `prepare_recording`
+    "kreisel.fitting.result_change": "tests/unit/refinement/test_attenuation.py",
+    "kreisel.kalman.reported_poses": "tests/scenarios/test_filter_agreement.py",
+    "kreisel.refinement": "tests/unit/refinement/test_iteration.py",  # steps of `estimate`
+    "kreisel.calibration": "tests/unit/calibration/test_verdict.py",
+    "kreisel.calibration.sharing": "tests/scenarios/test_joint.py",
+    "kreisel.calibration.joint_outcome": "tests/scenarios/test_joint.py",
+    "kreisel.calibration.stream": "tests/unit/calibration/test_correct.py",
+    "kreisel.calibration.arguments": "tests/unit/calibration/test_correct.py",
+    "kreisel.study": "tests/unit/study/test_robustness.py",
+    "kreisel.simulation": "tests/system/test_simulate.py",
+    "kreisel.synchronization.lost_samples": "tests/unit/synchronization/test_lost_samples.py",
+    "kreisel.markup": "tests/unit/robot/test_description.py",  # what a hostile description is refused by
+    "kreisel.model.considered": "tests/unit/refinement/test_effect_selection.py",
+    "kreisel.progress": "tests/system/test_cli.py",
+    "kreisel.protocols.framing": "tests/protocols/test_peers.py",
+    "kreisel.recording": "tests/unit/validation/test_checks.py",
+    "kreisel.robot.pose_accuracy": "tests/unit/calibration/test_assembly.py",
+    "kreisel._kernels.filter": "tests/scenarios/test_filter_agreement.py",
+    "kreisel._kernels.recursions": "tests/unit/simulation/test_low_pass.py",
+    "kreisel._kernels.rotation_fit": "tests/unit/synchronization/test_rate_fit.py",
+}
+"""Tests of modules that no test imports by name, by package or module: they are run through what these tests call."""
+
+
+def test_every_module_is_imported_by_a_test_or_run_through_one():
+    tests = SRC.parent / "tests"
+    named = set()
+    for file in tests.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                named |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    for name in MODULES:
+        if name in named or name.endswith(".__init__"):
+            continue
+        entry = max((key for key in THROUGH if name == key or name.startswith(f"{key}.")), key=len, default=None)
+        assert entry is not None, f"{name}: no test imports it; write one, or say which runs it"
+        assert (SRC.parent / THROUGH[entry]).is_file(), THROUGH[entry]

@@ -10,6 +10,9 @@ from kreisel._kernels.compiled import check_count, order
 STORED, NOISE, COLOURED = order("Stored"), order("Noise"), order("Coloured")
 """Places of parts in `Model.stored`, and of figures in `Model.noise` and `Model.coloured`, by name."""
 
+WEIGHTS = tuple(order("Weights"))
+"""Figures of `estimation.sigma_points.SigmaWeights` in the order of `Model.weights`."""
+
 GYRO, ACCEL, AROUND = order("Gyro"), order("Accel"), order("Around")
 """Places of groups in `Model.gyro`, `Model.accel` and `Model.around`, by name."""
 
@@ -74,7 +77,7 @@ class Model(NamedTuple):
         Tables of `manifold` for the state; for its last parts alone, which change between updates; and for the parts of
         which sigma points are needed: all but the robot's errors, which enter linearly.
     weights : (5,)
-        See `sigma_points.FIGURES`.
+        See `WEIGHTS`.
     gyro, accel, around, robot : ParameterRows
         Matrix, offset and effects of the gyros; the same, with lever arms before the effects, of the accelerometers;
         alignment, north, gravity, time offset and skew, Earth rate downward; errors of the reported poses.

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from kreisel._kernels.arrays import LANES, Pointer, described
 from kreisel.errors import LibraryError
@@ -25,8 +25,101 @@ VARIANTS = ("avx2", "baseline")
 _AGAIN = "install kreisel again, or, from a checkout, run `pip install -e .`, which compiles it"
 
 
-def _load() -> ctypes.CDLL:
-    path = Path(__file__).with_name(FILE)
+class Library:
+    """A compiled library: its functions for this processor, and what it says of itself.
+
+    Attributes
+    ----------
+    variant
+        The set of instructions in use.
+    sources
+        Hash of the sources it was compiled from.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Load a library; raise LibraryError where it is missing, does not load, or is older than this package."""
+        self._loaded = _load(path)
+        self.variant = _variant(self._loaded)
+        self._loaded.kreisel_sources.restype = ctypes.c_char_p
+        self.sources = str(self._loaded.kreisel_sources().decode())
+        self._layout = self._told()
+        self.check_count("lanes", LANES)
+
+    def function(self, name: str, *types: Any) -> Callable[..., None]:
+        """Return a function of the library that takes arguments of these types.
+
+        The interpreter lock is released while it runs. It raises a MemoryError if there is not enough memory, and a
+        LibraryError if parts of the library do not fit together.
+
+        Raises
+        ------
+        LibraryError
+            If a structure has other fields than the library's, or in another order.
+        """
+        for kind in types:
+            for structure in kind.structures if isinstance(kind, Pointer) else []:
+                self._check_structure(structure)
+        call = getattr(self._loaded, f"kreisel_{self.variant}_{name}")
+        call.argtypes, call.restype, call.errcheck = types, ctypes.c_int, _check
+        return cast("Callable[..., None]", call)
+
+    def order(self, name: str) -> dict[str, int]:
+        """Return the places of numbers in an array that the library has an order for, by name."""
+        places: dict[str, int] = {}
+        for text in self._layout["order", name].split(", "):
+            number, _, place = text.lower().partition(" = ")
+            places[number] = int(place) if place else len(places)
+        return places
+
+    def check_count(self, name: str, own: int) -> None:
+        """Raise a LibraryError where the library is made for another number."""
+        if (theirs := int(self._layout["count", name])) != own:
+            raise LibraryError(f"{_NOT_THIS}: it is made for {theirs} {name}, expected {own}; {_AGAIN}")
+
+    def check_order(self, name: str, own: Mapping[str, int]) -> None:
+        """Compare an order with the places that numbers have here, by name; -1 where any place will do.
+
+        Raises
+        ------
+        LibraryError
+            If the library has others; the message names the first.
+        """
+        for number, place in self.order(name).items():
+            if own.get(number) not in (place, -1):
+                here = f"place {own[number]}" if number in own else "nothing of this name"
+                raise LibraryError(f"{_NOT_THIS}: {name} has {number} at {place}, expected {here}; {_AGAIN}")
+
+    def _told(self) -> dict[tuple[str, str], str]:
+        """Return what the library says of its structures and orders, by kind and name: see `layout.hpp`."""
+        try:
+            tell = getattr(self._loaded, f"kreisel_{self.variant}_layout")
+        except AttributeError as error:
+            raise LibraryError(f"the compiled library is older than this package; {_AGAIN}") from error
+        tell.restype = ctypes.c_char_p
+        lines = [line.split(":", 1) for line in tell().decode().splitlines()]
+        heads = [(head.split(), text.strip()) for head, text in lines]
+        return {(head[0], head[1]): " ".join([*head[2:], text]).strip() for head, text in heads}
+
+    def _check_structure(self, structure: type[ctypes.Structure]) -> None:
+        """Raise a LibraryError that names the first field in which a structure differs from the library's of its name.
+
+        Structures that the library does not describe are those of its parts, which tests call.
+        """
+        told, own = self._layout.get(("struct", structure.__name__)), described(structure)
+        if told is None or told == own:
+            return
+        (size, _, here), (other, _, there) = own.partition(" "), told.partition(" ")
+        pairs = zip_longest(here.split(", "), there.split(", "), fillvalue="nothing")
+        wanted, given = next(((a, b) for a, b in pairs if a != b), (f"{size} bytes", f"{other} bytes"))
+        raise LibraryError(
+            f"{_NOT_THIS}: {structure.__name__} has {given}, expected {wanted} (field, place, type); {_AGAIN}"
+        )
+
+
+_NOT_THIS = "the compiled library does not fit this package"
+
+
+def _load(path: Path) -> ctypes.CDLL:
     here = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
     try:
         return ctypes.CDLL(str(path))
@@ -49,12 +142,6 @@ def _variant(library: ctypes.CDLL) -> str:
     return asked
 
 
-def _sources(library: ctypes.CDLL) -> str:
-    """Return the hash of the sources that the library was compiled from."""
-    library.kreisel_sources.restype = ctypes.c_char_p
-    return str(library.kreisel_sources().decode())
-
-
 def source_hash(folder: Path) -> str:
     """Return the hash of sources in a folder, as `hatch_build.py` computes it."""
     return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(folder.glob("*.?pp")))).hexdigest()[:16]
@@ -75,103 +162,19 @@ def check_sources(library: str, folder: Path) -> None:
         )
 
 
-_LIBRARY = _load()
-check_sources(_sources(_LIBRARY), Path(__file__).resolve().parents[2] / "kernels")
-variant = _variant(_LIBRARY)
-"""The variant in use."""
-
-
-def function(name: str, *types: Any) -> Callable[..., None]:
-    """Return a function of the library that takes arguments of these types.
-
-    The interpreter lock is released while it runs. It raises a MemoryError if there is not enough memory, and a
-    LibraryError if parts of the library do not fit together.
-
-    Raises
-    ------
-    LibraryError
-        If a structure has other fields than the library's, or in another order.
-    """
-    for kind in types:
-        for structure in kind.structures if isinstance(kind, Pointer) else []:
-            _check_structure(structure)
-    call = getattr(_LIBRARY, f"kreisel_{variant}_{name}")
-    call.argtypes, call.restype, call.errcheck = types, ctypes.c_int, _check
-    return call
-
-
-def _layout(library: ctypes.CDLL) -> dict[tuple[str, str], str]:
-    """Return what the library says of its structures and orders, by kind and name: see `layout.hpp`."""
-    try:
-        tell = getattr(library, f"kreisel_{variant}_layout")
-    except AttributeError as error:
-        raise LibraryError(f"the compiled library is older than this package; {_AGAIN}") from error
-    tell.restype = ctypes.c_char_p
-    lines = [line.split(":", 1) for line in tell().decode().splitlines()]
-    heads = [(head.split(), text.strip()) for head, text in lines]
-    return {(head[0], head[1]): " ".join([*head[2:], text]).strip() for head, text in heads}
-
-
-_LAYOUT = _layout(_LIBRARY)
-
-
-def order(name: str) -> dict[str, int]:
-    """Return the places of numbers in an array that the library has an order for, by name."""
-    places: dict[str, int] = {}
-    for text in _LAYOUT["order", name].split(", "):
-        number, _, place = text.lower().partition(" = ")
-        places[number] = int(place) if place else len(places)
-    return places
-
-
-def check_count(name: str, own: int) -> None:
-    """Raise a LibraryError where the library is made for another number."""
-    if (theirs := int(_LAYOUT["count", name])) != own:
-        raise LibraryError(
-            f"the compiled library does not fit this package: it is made for {theirs} {name}, expected {own}; {_AGAIN}"
-        )
-
-
-check_count("lanes", LANES)
-
-
-def check_order(name: str, own: Mapping[str, int]) -> None:
-    """Compare an order with the places that numbers have here, by name; -1 where any place will do.
-
-    Raises
-    ------
-    LibraryError
-        If the library has others; the message names the first.
-    """
-    for number, place in order(name).items():
-        if own.get(number) not in (place, -1):
-            here = f"place {own[number]}" if number in own else "nothing of this name"
-            raise LibraryError(
-                f"the compiled library does not fit this package: {name} has {number} at {place}, expected {here}; "
-                f"{_AGAIN}"
-            )
-
-
-def _check_structure(structure: type[ctypes.Structure]) -> None:
-    """Raise a LibraryError that names the first field in which a structure differs from the library's of its name.
-
-    Structures that the library does not describe are those of its parts, which tests call.
-    """
-    told, own = _LAYOUT.get(("struct", structure.__name__)), described(structure)
-    if told is None or told == own:
-        return
-    (size, _, here), (other, _, there) = own.partition(" "), told.partition(" ")
-    pairs = zip_longest(here.split(", "), there.split(", "), fillvalue="nothing")
-    wanted, given = next(((a, b) for a, b in pairs if a != b), (f"{size} bytes", f"{other} bytes"))
-    raise LibraryError(
-        f"the compiled library does not fit this package: {structure.__name__} has {given}, expected {wanted} (field, "
-        f"place, type); {_AGAIN}"
-    )
-
-
 def _check(status: int, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     del function, arguments
     if status == 1:
         raise MemoryError("not enough memory for the filter")
     if status != 0:
         raise LibraryError("features that are counted and features that are computed differ: see coefficients.hpp")
+
+
+LIBRARY = Library(Path(__file__).with_name(FILE))
+"""That of this package."""
+
+check_sources(LIBRARY.sources, Path(__file__).resolve().parents[2] / "kernels")
+variant = LIBRARY.variant
+"""The set of instructions in use."""
+
+function, order, check_count, check_order = LIBRARY.function, LIBRARY.order, LIBRARY.check_count, LIBRARY.check_order

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-from typing import NamedTuple
 
 import numpy as np
 
 from kreisel._kernels.arrays import (
-    Array,
-    Indices,
     IndicesView,
-    Numbers,
     Pointer,
-    Table,
     check_indices,
     check_lengths,
-    padded,
 )
 from kreisel._kernels.cell import (
     ACCEL,
@@ -161,37 +155,3 @@ def _check_record(record: Record, begin: int, end: int, belief: Gaussian) -> Non
     ):  # fmt: skip
         if array.shape[0] != u or array.shape[1] > most:
             raise ValueError(f"the record's {name} has the shape {array.shape}; expected {u} and at most {most}")
-
-
-class MeasuredArrays(NamedTuple):
-    """What `note` is given of an update."""
-
-    innovation: Numbers
-    noise: Table
-    factor: Table
-    whitened: Numbers
-    gain: Table
-    place: Indices
-
-
-_note = function("note", Pointer(Record), ctypes.c_int64, Pointer(MeasuredArrays), ctypes.c_int64, ctypes.c_int64)
-
-
-def note(
-    record: Record, i: int, innovation: Array, noise: Array, factor: Array, whitened: Array, gain: Array,
-    place: Indices, *, used: bool,
-) -> None:  # fmt: skip
-    """Write into a record what update i leaves of a measurement of m numbers.
-
-    Parameters
-    ----------
-    innovation, whitened : (m,)
-    noise, factor : (m, e), (m, m)
-        Factor of the measurement's noise; of the innovation's covariance, lower triangular.
-    gain : (n, m)
-        On the whitened innovation; the last nine degrees of freedom are velocity, position and attitude.
-    place : (m,)
-        Where the numbers stand among position, orientation and velocity.
-    """
-    of = MeasuredArrays(innovation, noise, factor, whitened, padded(gain.T), place)
-    _note(record, i, of, len(gain), int(used))

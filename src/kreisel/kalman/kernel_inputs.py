@@ -8,7 +8,6 @@ import numpy as np
 
 from kreisel._kernels import cell
 from kreisel._kernels.compiled import check_order
-from kreisel._kernels.sigma_points import FIGURES
 from kreisel.estimation.sigma_points import weights
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
@@ -77,7 +76,7 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
         drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
-        weights=np.array([getattr(w, figure) for figure in FIGURES]),
+        weights=np.array([getattr(w, figure) for figure in cell.WEIGHTS]),
         gyro=rows([*_but_effects(cell.GYRO), *gyro]),
         accel=rows([*_but_effects(cell.ACCEL), *accel]),
         around=rows(list(cell.AROUND)),

@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel._kernels import sigma_points
 from kreisel._kernels.cell import Gaussian
 from kreisel.errors import SettingsError
 from kreisel.estimation.belief import Belief, inflate_variance, renew, triangularise
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds
 from kreisel.estimation.sigma_points import WEIGHTS, weights
 from kreisel.estimation.state import Part, StateLayout
+
+from ...kernel_parts import sigma_points
 
 
 @pytest.mark.parametrize("name", list(WEIGHTS))

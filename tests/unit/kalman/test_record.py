@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from kreisel._kernels.cell import Record
-from kreisel._kernels.filter import note
 from kreisel.fitting.history import History
 from kreisel.kalman.kernel_inputs import filter_record
 from kreisel.kalman.record import history_of, joined
 
+from ...kernel_parts.note import note
 from ...oracle import quaternions as quat
 from ...small_problem import plain_run, small_problem
 

@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kreisel._kernels.cell import Gaussian, ParameterRows
-from kreisel._kernels.measurement_model import Motion, predict_poses, robot_motion
-from kreisel._kernels.sigma_points import draw
 from kreisel.fitting.stored_state import stored_state
 from kreisel.kalman.kernel_inputs import filter_model
 
+from ...kernel_parts.measurement_model import Motion, predict_poses, robot_motion
+from ...kernel_parts.sigma_points import draw
 from ...small_problem import small_problem
 
 BEFORE, AFTER = 0.010, 0.014

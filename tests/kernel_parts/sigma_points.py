@@ -20,10 +20,8 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import Gaussian
-from kreisel._kernels.compiled import function, order
 
-FIGURES = tuple(order("Weights"))
-"""Figures of `estimation.sigma_points.SigmaWeights` in the order the library takes them."""
+from .compiled_parts import function
 
 
 class UpdateArrays(NamedTuple):
@@ -92,7 +90,7 @@ def update(
     parts, tail : (p, 4), (t, 4)
         Tables of the state and of its last parts, which have moved.
     weights : (5,)
-        See `FIGURES`.
+        See `WEIGHTS`.
     points, noise : (size, 2 n + 1), (c, k)
         At the update, in the order of `draw`; columns of noise of the degrees of freedom that have moved.
     seen, seen_noise : (m, 2 n + 1), (m, 2 k)

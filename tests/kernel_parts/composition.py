@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 
 from kreisel._kernels.arrays import Array, TableView, padded
-from kreisel._kernels.compiled import function
-from kreisel._kernels.preintegration import Increments
+
+from .compiled_parts import function
+from .preintegration import Increments
 
 _compose = function("compose", ctypes.c_double, *[TableView] * 8)
 

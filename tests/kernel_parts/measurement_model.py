@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from kreisel._kernels.arrays import Array, Pointer, Stack, Table, TableView, for_columns, padded
 from kreisel._kernels.cell import Gaussian, Model
-from kreisel._kernels.compiled import function
+
+from .compiled_parts import function
 
 
 class Motion(NamedTuple):

@@ -19,8 +19,9 @@ from kreisel._kernels.arrays import (
     padded,
 )
 from kreisel._kernels.cell import Samples
-from kreisel._kernels.compiled import function
 from kreisel._kernels.quadrature import POINTS
+
+from .compiled_parts import function
 
 
 class Increments(NamedTuple):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from kreisel._kernels.arrays import Array, NumbersView, TableView, for_columns, padded
-from kreisel._kernels.compiled import function
+
+from .compiled_parts import function
 
 _turn = function("turn", TableView, TableView)
 _turn_between = function("turn_between", NumbersView, TableView, TableView)

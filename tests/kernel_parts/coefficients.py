@@ -12,7 +12,8 @@ from __future__ import annotations
 import ctypes
 
 from kreisel._kernels.arrays import Array, StackView, TableView, check_lengths, for_columns, padded
-from kreisel._kernels.compiled import function
+
+from .compiled_parts import function
 
 RATES = 4
 """Features of the rate without effects."""

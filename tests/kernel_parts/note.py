@@ -1,0 +1,45 @@
+"""What an update leaves in a record, by itself."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import NamedTuple
+
+from kreisel._kernels.arrays import Array, Indices, Numbers, Pointer, Table, padded
+from kreisel._kernels.cell import Record
+
+from .compiled_parts import function
+
+
+class MeasuredArrays(NamedTuple):
+    """What `note` is given of an update."""
+
+    innovation: Numbers
+    noise: Table
+    factor: Table
+    whitened: Numbers
+    gain: Table
+    place: Indices
+
+
+_note = function("note", Pointer(Record), ctypes.c_int64, Pointer(MeasuredArrays), ctypes.c_int64, ctypes.c_int64)
+
+
+def note(
+    record: Record, i: int, innovation: Array, noise: Array, factor: Array, whitened: Array, gain: Array,
+    place: Indices, *, used: bool,
+) -> None:  # fmt: skip
+    """Write into a record what update i leaves of a measurement of m numbers.
+
+    Parameters
+    ----------
+    innovation, whitened : (m,)
+    noise, factor : (m, e), (m, m)
+        Factor of the measurement's noise; of the innovation's covariance, lower triangular.
+    gain : (n, m)
+        On the whitened innovation; the last nine degrees of freedom are velocity, position and attitude.
+    place : (m,)
+        Where the numbers stand among position, orientation and velocity.
+    """
+    of = MeasuredArrays(innovation, noise, factor, whitened, padded(gain.T), place)
+    _note(record, i, of, len(gain), int(used))
