@@ -82,7 +82,7 @@ def corrected(
 
     The temperature is a second's number of K above that of the parameters.
     """
-    rates, accelerations = without_effects(raw_readings(t, w, a, warmth=t), p)
+    rates, accelerations = without_effects(raw_readings(t, w, a, temperature_difference=t), p)
     omega = correct_angular_rate(rates, p)
     return omega, correct_specific_force(accelerations, omega, alpha, p, form)
 

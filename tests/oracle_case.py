@@ -11,7 +11,7 @@ from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.noise import AssumedNoise, ReferenceNoise
 from kreisel.model.parameters import CellParameters
-from kreisel.model.problem import Prior, Problem
+from kreisel.model.problem import Prior, Problem, Sensor
 from kreisel.model.schedule import Schedule, Update
 from kreisel.model.settings import CalibrationSettings
 from kreisel.model.site import Site
@@ -144,7 +144,7 @@ def problem_and_belief(case, weights):
     covariance = {name: np.diag(sd**2) for name, sd in case.setup.deviation.items()}
     stamps_ns = np.round(1e9 * case.tau).astype(np.int64)
     problem = Problem(
-        readings=readings,
+        sensors=(Sensor("imu0", readings),),
         reference=ReferencePoses("oracle", stamps_ns, case.positions, case.quaternions, Path("oracle")),
         schedule=Schedule(
             updates, case.setup.every / case.setup.rate, Clock(0.0), (), np.tile(s["q_rb"], (case.samples.size, 1))

@@ -49,7 +49,7 @@ struct Stack {
 };
 
 /// A table whose columns belong to sigma points, parameter sets or samples. Their number is a multiple of the lanes:
-/// behind those that count stand columns that do not, with finite numbers in them.
+/// after those that count stand columns that do not, with finite numbers in them.
 struct Columns : Table {
     Columns rows_from(Index i, Index size) const { return {{data + i * columns, size, columns}}; }
     Vector<Lanes> vector(Index i, Index s) const { return {load(row(i) + s), load(row(i + 1) + s), load(row(i + 2) + s)}; }

@@ -33,7 +33,7 @@ struct Window {
         first += four;
         rest += two;
     }
-    /// Give out the sum of the first sample, which no interval behind reaches.
+    /// Give out the sum of the first sample, which no interval after reaches.
     double move_on() {
         const double out = first[0];
         first = down_by_one(first, rest);

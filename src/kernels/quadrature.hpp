@@ -96,7 +96,7 @@ inline void differentiate(Numbers stamps, Indices first, Table values, Table out
 
 /// Write the double integral (m, k) of values (n, k) from the first stamp to chosen moments.
 ///
-/// Moments lie a share (m,) of the interval behind the samples `before` (m,), in ascending order. Values are taken as
+/// Moments lie a share (m,) of the interval after the samples `before` (m,), in ascending order. Values are taken as
 /// linear between samples, and so is what is written.
 inline void double_integral(Numbers stamps, Table values, Indices before, Numbers share, Table out) {
     for (Index axis = 0; axis < values.columns; axis++) {

@@ -17,7 +17,7 @@ constexpr double SMALL_TURN = 1e-4;
 /// The sets against the centre, and the sums over all samples.
 struct Relative {
     Columns q;              // (4, m): how they have turned at the last sample, seen from the attitude at the first
-    Columns neighbours[2];  // (3, m): how they turn on from there to the sample before and behind
+    Columns neighbours[2];  // (3, m): how they turn on from there to the sample before and after
     Table total;            // (18, features): sums of `sum_products` over all samples
 };
 

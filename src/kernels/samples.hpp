@@ -42,7 +42,7 @@ struct Coefficients {
 struct Increments {
     Columns dq, dv, dp;              // (4, M), (3, M), (3, M)
     Columns omega_end, alpha_end;    // (3, M): rate and angular acceleration at the last sample
-    Columns u_end;                   // (9, M): specific force at the sample before the last, at it, and behind it
+    Columns u_end;                   // (9, M): specific force at the sample before the last, at it, and after it
     Table u_path;                    // (c, 4): specific force along the way, of the first column, and nothing
     Columns q_path;                  // (4, c): its attitude
 };

@@ -101,7 +101,7 @@ inline bool decimal(std::uint64_t digits, int exponent, double &number) {
 /// What a cell holds: a number, or something else that a slower reader has to look at.
 enum class Cell { NUMBER, OTHER };
 
-/// Read digits, a point and an exponent from `at` on, and move `at` behind them.
+/// Read digits, a point and an exponent from `at` on, and move `at` after them.
 inline Cell read_number(Bytes text, Index &at, double &number) {
     const bool negative = at < text.count && text[at] == '-';
     if (at < text.count && (text[at] == '-' || text[at] == '+')) at++;

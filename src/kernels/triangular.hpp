@@ -27,7 +27,7 @@ inline void reflect_rows(const double *mirror, double scale, Index begin, Index 
 
 /// Make a matrix upper triangular, given by its columns (r, k), k >= r, by Householder's reflections.
 ///
-/// Row i of `columns` is column i of the matrix; those behind it, up to a multiple of the lanes, are zero. What stands below
+/// Row i of `columns` is column i of the matrix; those after it, up to a multiple of the lanes, are zero. What stands below
 /// the diagonal is not made zero. The diagonal may come out negative. mirror (k,) is scratch.
 inline void reflect(Columns columns, double *mirror) {
     const Index r = columns.rows, k = columns.columns;
@@ -98,7 +98,7 @@ struct Rotation {
 /// Rotations of columns that carry numbers (m, n) into a triangular head (m, m), from the last column to the first: the
 /// i-th number of column j into row i of the head. head[i][x], x >= i, is changed; numbers are used up.
 ///
-/// Rows are taken one after another: along a row the lengths are sums of squares, and only the rows behind it depend on
+/// Rows are taken one after another: along a row the lengths are sums of squares, and only the rows after it depend on
 /// the rotations.
 inline void rotate_head(Columns numbers, Index n, double head[][MOST_MEASURED], Rotation *rotations, double *lengths) {
     const Index m = numbers.rows;

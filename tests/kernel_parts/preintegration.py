@@ -33,7 +33,7 @@ class Increments(NamedTuple):
     omega_end, alpha_end : (3, M)
         Rate and angular acceleration at the last sample.
     u_end : (3, 3, M)
-        Specific force at the sample before the last, at it, and at the one behind it.
+        Specific force at the sample before the last, at it, and at the one after it.
     u_path, q_path : (c, 4), (4, c)
         Specific force (and a zero) and attitude along the way, of the first column, at the samples from `low` on.
     """

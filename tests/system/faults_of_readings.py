@@ -124,7 +124,7 @@ def many_spikes(r):
     return with_accelerations(r, put((slice(2, None, 40), 0), 156.9))
 
 
-@handled("masked: line", "w_x is saturated", "navigation starts anew behind them")
+@handled("masked: line", "w_x is saturated", "navigation starts anew after them")
 def saturated_peak(r):
     highest = np.sort(r.imu.rates[:, 0])[-5]
     return with_rates(r, lambda w: np.clip(w[:, 0], None, highest, out=w[:, 0]))

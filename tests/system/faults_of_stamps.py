@@ -84,7 +84,7 @@ def stamp_twice(r):
 
 @handled("order: imu0: 60 of 8001 samples", "in 10 places, the first at line 1002", "order: pose0: 40 of")
 def packets_swapped(r):
-    """Packets of three samples, or of two poses, that arrive behind the next one."""
+    """Packets of three samples, or of two poses, that arrive after the next one."""
     order, turned = np.arange(8001), np.arange(r.reference.stamps_ns.size)
     for k in range(1000, 2000, 100):
         order[k : k + 6] = np.roll(order[k : k + 6], 3)

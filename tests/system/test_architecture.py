@@ -125,7 +125,7 @@ THROUGH = {
     "kreisel.batch": "tests/system/test_handing_on.py",
     "kreisel.preparation": "tests/unit/preparation/test_build_problem.py",  # steps of `prepare_recording`
     "kreisel.fitting.result_change": "tests/unit/refinement/test_attenuation.py",
-    "kreisel.kalman.reported_poses": "tests/scenarios/test_filter_agreement.py",
+    "kreisel.fitting.reported_poses": "tests/scenarios/test_filter_agreement.py",
     "kreisel.refinement": "tests/unit/refinement/test_iteration.py",  # steps of `estimate`
     "kreisel.calibration": "tests/unit/calibration/test_verdict.py",
     "kreisel.calibration.sharing": "tests/scenarios/test_joint.py",

@@ -14,8 +14,8 @@ import kreisel
 from kreisel.acquisition import drive as driving
 from kreisel.acquisition.drive import drive
 from kreisel.acquisition.watch import Watch
+from kreisel.devices.commanded_arm import CommandedArm
 from kreisel.devices.events import Arrival, Level, Notice
-from kreisel.devices.obedient import ObedientCell
 from kreisel.errors import ProtocolError, SettingsError
 from kreisel.protocols import urscript
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -230,7 +230,7 @@ def program(tmp_path_factory):
     return folder
 
 
-def test_the_obedient_cell_waits_moves_and_refuses(program):
+def test_the_commanded_arm_waits_moves_and_refuses(program):
     recording = simulate(
         Cell.model_validate({
             "robot": {"model": "ur10e"}, "motion": {"program": str(program / "program.toml")},
@@ -238,7 +238,7 @@ def test_the_obedient_cell_waits_moves_and_refuses(program):
         }),
         program,
     )[1]  # fmt: skip
-    cell = ObedientCell(recording)
+    cell = CommandedArm(recording)
     stamps = ([], [])
     angles = []
 
@@ -274,7 +274,7 @@ def command(*arguments):
 
 @pytest.fixture
 def cell(program):
-    """Start the obedient cell by its command; give its addresses."""
+    """Start the commanded arm by its command; give its addresses."""
     process = subprocess.Popen(
         command("virtual-cell", "cell.toml", "--robot", "rtde", "--obey"),
         cwd=program,
@@ -383,7 +383,7 @@ rest = 1.0
 
 @pytest.fixture(params=[pytest.param("rsi", marks=pytest.mark.slow), "ekrl"])
 def kuka(request, tmp_path):
-    """Start an obedient KUKA arm, which tells its poses by RSI or by kreisel's program; give its addresses."""
+    """Start a commanded KUKA arm, which tells its poses by RSI or by kreisel's program; give its addresses."""
     (tmp_path / "program.toml").write_text(KUKA)
     (tmp_path / "cell.toml").write_text('seed = 3\n[robot]\nmodel = "kr125"\n[motion]\nprogram = "program.toml"\n')
     process = subprocess.Popen(
@@ -438,4 +438,4 @@ def test_where_moves_go_must_be_known(program):
 def test_programs_that_cannot_obey(program):
     recording = simulate(Cell.model_validate({"seconds": 20.0, "reference": {"joints": False}}), program)[1]
     with pytest.raises(SettingsError, match="joint angles"):
-        ObedientCell(recording)
+        CommandedArm(recording)

@@ -1,4 +1,4 @@
-"""Scripts beside the package run: benchmarks and the experiments behind decisions, at a tiny size."""
+"""Scripts beside the package run: benchmarks and the experiments after decisions, at a tiny size."""
 
 import os
 import subprocess

@@ -132,7 +132,7 @@ def described(structure: type[ctypes.Structure]) -> str:
 
 
 def padded(columns: Array) -> Array:
-    """Return a copy whose last axis is a multiple of `LANES`: copies of its last column stand behind it."""
+    """Return a copy whose last axis is a multiple of `LANES`: copies of its last column stand after it."""
     m = columns.shape[-1]
     missing = -m % LANES
     if missing == 0:

@@ -55,7 +55,7 @@ def differentiate(stamps: Array, first: Indices, values: Array, out: Array) -> N
 def double_integral(stamps: Array, values: Array, before: Indices, share: Array, out: Array) -> None:
     """Write the double integral (m, k) of values (n, k), sampled at stamps (n,), from the first to chosen moments.
 
-    Moments lie a share (m,) of the interval behind the samples `before` (m,), in ascending order. Values
+    Moments lie a share (m,) of the interval after the samples `before` (m,), in ascending order. Values
     are taken as linear between samples, and so is what is written.
     """
     n, k = values.shape

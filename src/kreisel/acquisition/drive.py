@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kreisel.acquisition.arming import CHECKED, approach_share
-from kreisel.acquisition.halting import Say, Stop, Underway, bring_to_rest
 from kreisel.acquisition.movers import Mover
+from kreisel.acquisition.preflight import CHECKED, approach_share
+from kreisel.acquisition.stopping import Say, Stop, Underway, bring_to_rest
 from kreisel.acquisition.watch import Watch
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array

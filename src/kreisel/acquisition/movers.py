@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from kreisel.acquisition.halting import Way
+from kreisel.acquisition.stopping import Way
 from kreisel.devices.address import Address
 from kreisel.devices.drivers import connect
 from kreisel.errors import DeviceError, ProtocolError

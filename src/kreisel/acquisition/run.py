@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from kreisel.acquisition.arming import Allowed, check_state
 from kreisel.acquisition.drive import Ending, drive, unless
-from kreisel.acquisition.halting import Say
 from kreisel.acquisition.movers import Mover
+from kreisel.acquisition.preflight import Allowed, check_state
 from kreisel.acquisition.record import Status, record
+from kreisel.acquisition.stopping import Say
 from kreisel.acquisition.watch import Watch
 from kreisel.devices.address import Address
 from kreisel.devices.opening import events

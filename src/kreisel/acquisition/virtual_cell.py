@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from kreisel.devices.obedient import ObedientCell
+from kreisel.devices.commanded_arm import CommandedArm
 from kreisel.devices.simulators import (
     Datagrams,
     Pace,
@@ -114,7 +114,7 @@ def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, 
     SettingsError
         If the recording has no joint angles or no standstills.
     """
-    ObedientCell(recording)  # so that errors are raised here
+    CommandedArm(recording)  # so that errors are raised here
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process: BaseProcess = context.Process(target=_obey, args=(recording, robot, imu, theirs), daemon=True)
@@ -133,11 +133,11 @@ def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, 
 
 def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
     """Run both devices of a cell whose arm takes moves, until the parent ends."""
-    _run(_obedient(recording, robot, imu, ready), ready)
+    _run(_commanded_arm(recording, robot, imu, ready), ready)
 
 
-async def _obedient(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
-    cell, of_imu = ObedientCell(recording), TcpSimulator(imu)
+async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
+    cell, of_imu = CommandedArm(recording), TcpSimulator(imu)
     listen = (_take_lines if robot == "rtde" else _take_telegrams)(cell)
     of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot)
     ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
@@ -156,7 +156,7 @@ async def _obedient(recording: Recording, robot: str, imu: str, ready: Connectio
 Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
 
 
-def _take_lines(cell: ObedientCell) -> Listener:
+def _take_lines(cell: CommandedArm) -> Listener:
     """Return a handler of URScript connections; like a Universal Robots controller, it also sends its state."""
 
     async def send_states(writer: asyncio.StreamWriter) -> None:
@@ -180,7 +180,7 @@ def _take_lines(cell: ObedientCell) -> Listener:
     return listen
 
 
-def _take_telegrams(cell: ObedientCell) -> Listener:
+def _take_telegrams(cell: CommandedArm) -> Listener:
     """Return a handler of telegram connections, like kreisel's program on a KUKA controller."""
 
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -17,7 +17,7 @@ from kreisel.inertial.effects import follows_temperature
 from kreisel.recording.recording import ImuSamples
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
-"""Columns of what is written; in front of it the stamps as they were read, behind it the other columns."""
+"""Columns of what is written; in front of it the stamps as they were read, after it the other columns."""
 
 
 _CHECKED = 200

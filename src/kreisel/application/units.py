@@ -40,7 +40,7 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False) -> Non
         ):
             if getattr(samples.units, quantity) is None:
                 raise RecordingError(
-                    f"the unit of {entry} is not stated: write it behind the columns, {example}", file=samples.source
+                    f"the unit of {entry} is not stated: write it after the columns, {example}", file=samples.source
                 )
     try:
         check_gravity(samples)
@@ -60,7 +60,7 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False) -> Non
     usual = float(np.percentile(np.linalg.norm(samples.rates, axis=1), 99.0))
     if usual > FASTEST:
         raise RecordingError(
-            f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or behind the columns"
+            f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or after the columns"
             + REMEDY,
             file=samples.source,
         )

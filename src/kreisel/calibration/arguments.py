@@ -111,7 +111,7 @@ def check_ascending(stamps: NDArray[Any], name: str) -> None:
         )
 
 
-def warmth_of(
+def temperature_difference_of(
     temperatures: ArrayLike | None, count: int, sensors: SensorParameters, temperature_c: float | None
 ) -> Array | None:
     """Return temperatures (count,) above that of the parameters, K; None where the calibration has none.

@@ -121,7 +121,7 @@ class _Alone:
         """Return the accepted ones by number, and names and reasons of the others."""
         outcomes, left_out = self._calibrated(range(len(self.recordings)), self.settings)
         wanted = _effects(outcomes.values())
-        if any(one.preparation.readings.warmth is None for one in outcomes.values()):
+        if any(one.preparation.readings.temperature_difference is None for one in outcomes.values()):
             wanted -= set(OF_TEMPERATURE)  # a recording without temperatures cannot show them
         other = [i for i, one in outcomes.items() if not wanted <= _effects([one])]
         if other:

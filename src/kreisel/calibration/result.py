@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from kreisel.calibration.arguments import elapsed_seconds, triads, warmth_of
+from kreisel.calibration.arguments import elapsed_seconds, temperature_difference_of, triads
 from kreisel.calibration.axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.parts import CalibrationParts
@@ -92,8 +92,8 @@ class Calibration(CalibrationParts):
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
-        warmth = warmth_of(temperatures, len(raw), self.sensors, self._temperature)
-        out = corrected(Block(seconds, raw, a, warmth), self.sensors, self.size_effect)
+        temperature_difference = temperature_difference_of(temperatures, len(raw), self.sensors, self._temperature)
+        out = corrected(Block(seconds, raw, a, temperature_difference), self.sensors, self.size_effect)
         return out.rates, out.forces
 
     def in_axes(self, axes: str) -> Calibration:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kreisel.calibration.arguments import check_ascending, triads, warmth_of
+from kreisel.calibration.arguments import check_ascending, temperature_difference_of, triads
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, Correction
@@ -24,7 +24,7 @@ class CorrectedStream:
 
     Notes
     -----
-    A sample is returned when the three behind it have come, the first ones after a hundred; see `inertial.correction`.
+    A sample is returned when the three after it have come, the first ones after a hundred; see `inertial.correction`.
     """
 
     def __init__(self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None) -> None:
@@ -64,12 +64,14 @@ class CorrectedStream:
             )
         stamps = stamps.astype(np.int64)
         check_ascending(np.concatenate([self._last, stamps]), "stamps_ns")
-        warmth = warmth_of(temperatures, len(raw), self._sensors, self._temperature)
+        temperature_difference = temperature_difference_of(temperatures, len(raw), self._sensors, self._temperature)
         if not len(raw):
-            return self._stamped(self._correction.push(Block(np.zeros(0), raw, a, warmth)))
+            return self._stamped(self._correction.push(Block(np.zeros(0), raw, a, temperature_difference)))
         self._first = int(stamps[0]) if self._first is None else self._first
         self._last, self._waiting = stamps[-1:], np.concatenate([self._waiting, stamps])
-        return self._stamped(self._correction.push(Block((stamps - self._first) * 1e-9, raw, a, warmth)))
+        return self._stamped(
+            self._correction.push(Block((stamps - self._first) * 1e-9, raw, a, temperature_difference))
+        )
 
     def close(self) -> Corrected:
         """Return the remaining samples, after the last block."""

@@ -57,8 +57,8 @@ def run_program(
     """
     import math
 
-    from kreisel.acquisition.arming import Allowed, check_program
     from kreisel.acquisition.movers import mover_at
+    from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.run import Devices, Orders
     from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
     from kreisel.errors import DeviceError, SettingsError
@@ -132,7 +132,7 @@ def _target(text: str) -> tuple[str, float]:
 
 
 def _show_dry(moves: Program, mover: Mover, checked: str) -> None:
-    from kreisel.acquisition.arming import CHECKED, approach_share
+    from kreisel.acquisition.preflight import CHECKED, approach_share
 
     slow = approach_share(moves, mover)
     typer.echo("nothing is moved (add --arm to move the robot); this would be sent, each once the arm rests:")

@@ -104,7 +104,7 @@ async def play_datagrams(scheme: str, samples: Iterator[RobotSample], host: str,
         sender.close()
 
 
-class Obedient(Protocol):
+class Commanded(Protocol):
     """An arm that takes moves."""
 
     def move(self, target: Sequence[float]) -> str | None:
@@ -118,7 +118,7 @@ class Obedient(Protocol):
         """Whether a move is under way."""
 
 
-async def ekrl_simulator(arm: Obedient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def ekrl_simulator(arm: Commanded, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Execute and answer telegrams until the connection ends, as kreisel's program on a KUKA controller does."""
     splitter, no_pose = ekrl.Splitter("Kreisel"), RobotSample(0, None, None, (0.0,) * 6)
 

@@ -139,7 +139,10 @@ def _products(K: Array, real: Callable[[float], str]) -> list[str]:
 
 
 def _terms(p: SensorParameters, language: Language, sensor: str) -> list[str]:
-    """Return for each axis the sum of raw reading, effects and offset, over arrays w, a, da, dda and `warmth`."""
+    """Return for each axis the sum of raw reading, effects and offset.
+
+    Over arrays w, a, da, dda and `temperature_difference`.
+    """
     own, offset = ("w", p.k_w[0]) if sensor == "gyroscope" else ("a", p.k_a[0])
     sums = [[f"{own}[{j}]"] for j in range(3)]
     for group, value in p.effects.items():
@@ -165,8 +168,8 @@ def _effect(group: str, value: Array, j: int, own: str, language: Language) -> l
         return [f"{real(c)} * a[{k}] * a[{k}]" for k, c in enumerate(value.reshape(3, 3)[j])]
     one = {
         "asymmetry": lambda: f"{real(value[j])} * {language.absolute(x)}",
-        "temperature": lambda: f"{real(value[j])} * warmth",
-        "scale_temperature": lambda: f"{real(value[j])} * {x} * warmth",
+        "temperature": lambda: f"{real(value[j])} * temperature_difference",
+        "scale_temperature": lambda: f"{real(value[j])} * {x} * temperature_difference",
         "delay": lambda: f"{real(value[0])} * da[{j}]",
         "smoothing": lambda: f"{real(-value[0])} * dda[{j}]",
     }
@@ -206,8 +209,8 @@ def _matlab_effect(kind: str, value: Array, own: str, matrix: Callable[[Array], 
     row = f"[{matrix(value[None])}]"
     return [{
         "asymmetry": f"{row} .* abs({own})",
-        "temperature": f"warmth * {row}",
-        "scale_temperature": f"{row} .* {own} .* warmth",
+        "temperature": f"temperature_difference * {row}",
+        "scale_temperature": f"{row} .* {own} .* temperature_difference",
         "delay": f"{_plain(value[0])} * slope(a)",
         "smoothing": f"{_plain(-value[0])} * curvature(a)",
     }[kind]]  # fmt: skip

@@ -62,7 +62,11 @@ class Estimator(Protocol):
 
     Notes
     -----
-    All methods raise an EstimationError where the state does not stay finite.
+    The state is that of `problem.layout`: all groups, then errors of the reference, then navigation at the last update;
+    the belief is of all of it. Groups in `problem.noise.drifts` are Gauss-Markov processes, those in
+    `problem.noise.offset_walk` walk at random: the belief is of their values at the last update. A likelihood is that
+    of innovations given all earlier ones and the belief it began with: it compares between fits of `repeat`, and of
+    `refit` from one fit. All methods raise an EstimationError where the state does not stay finite.
     """
 
     @property
@@ -83,5 +87,8 @@ class Estimator(Protocol):
         ...
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
-        """Return the innovations of navigation with known parameters, for a problem without any in its state."""
+        """Return the innovations of navigation with known parameters; none is left out.
+
+        The problem has no parameters in its state.
+        """
         ...

@@ -11,6 +11,9 @@ from kreisel.geometry.rotation import Array, Mask
 class History:
     """What happened at every update; the first axis counts updates.
 
+    Innovations are those before an update is used, given all earlier ones. What an estimator does not
+    have of `correction` and `turn_information` is zero: noise of the IMU is then not adapted.
+
     Attributes
     ----------
     seconds

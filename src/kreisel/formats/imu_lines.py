@@ -29,7 +29,7 @@ class ImuRows:
     temperature : (n,) or None
         Degrees Celsius.
     stamp_texts, others
-        The stamps as they were written, and what stood behind the readings, with its comma.
+        The stamps as they were written, and what stood after the readings, with its comma.
     """
 
     stamps_ns: Stamps
@@ -51,7 +51,7 @@ class ImuLines:
     Attributes
     ----------
     header
-        Header of the stamps, and that of columns behind the readings with its comma; None before it came.
+        Header of the stamps, and that of columns after the readings with its comma; None before it came.
     notes
         What to know about the columns.
     """

@@ -1,6 +1,6 @@
 """Which columns of which tables hold what: `[columns]` in recording.toml, or `--map` on the command line.
 
-A value names columns, divided by commas, each with a sign and a unit if it needs one; a unit behind the last one is
+A value names columns, divided by commas, each with a sign and a unit if it needs one; a unit after the last one is
 that of all:
 
     imu.time = "t [ms]"                      also "tick [1000 Hz]", "sec [s] + nsec [ns]", "utc [date]", "400 Hz"

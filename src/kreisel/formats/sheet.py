@@ -177,7 +177,7 @@ def _array_columns(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArra
 
 
 def _padded(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """Return a column with NaN behind its end; whole numbers keep their digits where they fill it."""
+    """Return a column with NaN after its end; whole numbers keep their digits where they fill it."""
     if column.dtype.kind == "M":
         ns = column.astype("datetime64[ns]")
         column = np.where(np.isnat(ns), np.nan, ns.astype(np.float64)) if np.isnat(ns).any() else ns.astype(np.int64)
@@ -321,7 +321,7 @@ def _from_text(path: Path, text: str) -> Sheet:
 
 @dataclass(frozen=True)
 class _Head:
-    """How a text is divided: delimiter (also behind the last cell), decimal commas, columns, header, first line."""
+    """How a text is divided: delimiter (also after the last cell), decimal commas, columns, header, first line."""
 
     delimiter: str
     trailing: bool

@@ -21,15 +21,15 @@ from kreisel.inertial.strapdown import without_effects
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive samples: stamps (n,), s; two triads (n, 3), rad/s and m/s^2; and of raw ones the warmth (n,), K.
+    """Consecutive samples: stamps (n,), s; two triads (n, 3), rad/s and m/s^2; temperature differences (n,), K.
 
-    The triads are raw rates and accelerations, or angular rate and specific force.
+    Only raw ones have the latter. The triads are raw rates and accelerations, or angular rate and specific force.
     """
 
     stamps: Array
     rates: Array
     forces: Array
-    warmth: Array | None = None
+    temperature_difference: Array | None = None
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -38,17 +38,17 @@ class Block:
     def part(self, start: int, stop: int | None = None) -> Block:
         """Return the samples from `start` to before `stop`."""
         own = slice(start, stop)
-        warmth = None if self.warmth is None else self.warmth[own]
-        return Block(self.stamps[own], self.rates[own], self.forces[own], warmth)
+        temperature_difference = None if self.temperature_difference is None else self.temperature_difference[own]
+        return Block(self.stamps[own], self.rates[own], self.forces[own], temperature_difference)
 
     def followed_by(self, other: Block) -> Block:
         """Return these samples and those of the other."""
-        warm = self.warmth is not None and other.warmth is not None
+        warm = self.temperature_difference is not None and other.temperature_difference is not None
         return Block(
             np.concatenate([self.stamps, other.stamps]),
             np.concatenate([self.rates, other.rates]),
             np.concatenate([self.forces, other.forces]),
-            np.concatenate([self.warmth, other.warmth]) if warm else None,
+            np.concatenate([self.temperature_difference, other.temperature_difference]) if warm else None,
         )
 
 
@@ -66,8 +66,8 @@ def corrected(raw: Block, sensors: SensorParameters, form: SizeEffect, usual: fl
     arms, of the raw accelerations for their delay and smoothing.
     """
     cubics = local_cubics(raw.stamps, usual_interval(raw.stamps) if usual is None else usual)
-    warmth = np.zeros(len(raw)) if raw.warmth is None else raw.warmth
-    readings = RawReadings(raw.stamps, raw.rates, raw.forces, cubics.slopes, cubics.curvatures, warmth)
+    temperature_difference = np.zeros(len(raw)) if raw.temperature_difference is None else raw.temperature_difference
+    readings = RawReadings(raw.stamps, raw.rates, raw.forces, cubics.slopes, cubics.curvatures, temperature_difference)
     rates, accelerations = without_effects(readings, sensors)
     omega = correct_angular_rate(rates, sensors)
     return Block(raw.stamps, omega, correct_specific_force(accelerations, omega, cubics.slopes(omega), sensors, form))
@@ -83,7 +83,7 @@ class Correction:
 
     Notes
     -----
-    A sample is returned when the three behind it have come; the first ones of a run, when seven have. Nothing is
+    A sample is returned when the three after it have come; the first ones of a run, when seven have. Nothing is
     returned until `slopes.USUAL` intervals have told the usual one.
     """
 

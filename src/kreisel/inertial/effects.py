@@ -29,7 +29,7 @@ class RawReadings:
         rad/s and m/s^2.
     derivative, second_derivative
         Return time derivatives of values (n, 3).
-    warmth : (n,)
+    temperature_difference : (n,)
         Temperature above that of the parameters, K; zero where it was not recorded.
     """
 
@@ -38,7 +38,7 @@ class RawReadings:
     accelerations: Array
     derivative: Callable[[Array], Array]
     second_derivative: Callable[[Array], Array]
-    warmth: Array
+    temperature_difference: Array
 
     @cached_property
     def accel_slopes(self) -> Array:
@@ -100,8 +100,8 @@ def _one(raw: RawReadings, _count: int) -> Array:
     return np.ones((1, raw.stamps.size))
 
 
-def _warmth(raw: RawReadings, _count: int) -> Array:
-    return raw.warmth[None]
+def _temperature_difference(raw: RawReadings, _count: int) -> Array:
+    return raw.temperature_difference[None]
 
 
 EFFECTS: dict[str, SensorEffect] = {
@@ -109,8 +109,10 @@ EFFECTS: dict[str, SensorEffect] = {
     "gyro_g_sensitivity": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T, _matrix),
     "gyro_g_squared": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T**2, _matrix),
     "gyro_asymmetry": SensorEffect("gyroscope", lambda raw, _: np.abs(raw.rates.T), _of_each_axis),
-    "gyro_temperature": SensorEffect("gyroscope", _warmth, _offset),
-    "gyro_scale_temperature": SensorEffect("gyroscope", lambda raw, _: raw.rates.T * raw.warmth, _of_each_axis),
+    "gyro_temperature": SensorEffect("gyroscope", _temperature_difference, _offset),
+    "gyro_scale_temperature": SensorEffect(
+        "gyroscope", lambda raw, _: raw.rates.T * raw.temperature_difference, _of_each_axis
+    ),
     "gyro_drift": SensorEffect("gyroscope", _one, _offset),
     "accel_polynomial": SensorEffect(
         "accelerometer", lambda raw, count: _powers(raw.accelerations, count), _of_each_axis
@@ -118,9 +120,9 @@ EFFECTS: dict[str, SensorEffect] = {
     "accel_asymmetry": SensorEffect("accelerometer", lambda raw, _: np.abs(raw.accelerations.T), _of_each_axis),
     "accel_delay": SensorEffect("accelerometer", lambda raw, _: raw.accel_slopes.T, _common),
     "accel_smoothing": SensorEffect("accelerometer", lambda raw, _: -raw.accel_curvatures.T, _common),
-    "accel_temperature": SensorEffect("accelerometer", _warmth, _offset),
+    "accel_temperature": SensorEffect("accelerometer", _temperature_difference, _offset),
     "accel_scale_temperature": SensorEffect(
-        "accelerometer", lambda raw, _: raw.accelerations.T * raw.warmth, _of_each_axis
+        "accelerometer", lambda raw, _: raw.accelerations.T * raw.temperature_difference, _of_each_axis
     ),
     "accel_drift": SensorEffect("accelerometer", _one, _offset),
 }

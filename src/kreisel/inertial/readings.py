@@ -38,7 +38,7 @@ class Readings:
         First and last sample (inclusive) of every segment.
     noise : (4, 3)
         See `strapdown.Samples`.
-    warmth : (n,) or None
+    temperature_difference : (n,) or None
         Temperature above its mean, K, where it was recorded.
     estimated, applied
         Effects whose features are prepared too, and values of effects by which the readings are corrected; see
@@ -50,7 +50,7 @@ class Readings:
     accelerations: Array
     segments: tuple[tuple[int, int], ...]
     noise: Array = field(default_factory=lambda: np.zeros((4, 3)))
-    warmth: Array | None = None
+    temperature_difference: Array | None = None
     estimated: Mapping[str, int] = field(default_factory=dict)
     applied: Mapping[str, Array] = field(default_factory=dict)
     _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
@@ -139,10 +139,11 @@ class Readings:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
         inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
         part = slice(low, high + 1)
-        warmth = None if self.warmth is None else self.warmth[part]
+        temperature_difference = None if self.temperature_difference is None else self.temperature_difference[part]
         signal = prepare(
             self.stamps[part], self.rates[part], self.accelerations[part], noise=self.noise, estimated=self.estimated,
-            applied=self.applied, warmth=warmth, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+            applied=self.applied,
+            temperature_difference=temperature_difference, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
         )  # fmt: skip
         return replace(signal, begin=low)
 

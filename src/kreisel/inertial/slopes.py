@@ -71,7 +71,7 @@ def local_cubics(stamps: Array, usual: float) -> LocalCubics:
     Parameters
     ----------
     stamps : (n,)
-        Seconds, ascending. Behind a gap the samples form a new run; a run of fewer than seven has a polynomial of lower
+        Seconds, ascending. After a gap the samples form a new run; a run of fewer than seven has a polynomial of lower
         degree, and a single sample has no slope.
     usual
         Usual interval, s; see `LONGEST_GAP`.

@@ -77,7 +77,7 @@ def prepare(
     noise: Array | None = None,
     estimated: Mapping[str, int] = _NONE,
     applied: Mapping[str, Array] = _NONE,
-    warmth: Array | None = None,
+    temperature_difference: Array | None = None,
 ) -> InertialSignal:
     """Return the prepared signal: stencils, features, derivatives and integrals.
 
@@ -95,7 +95,7 @@ def prepare(
         Numbers of parameters of the effects that are estimated, by group: their features are added.
     applied
         Values of effects, by group: the readings are corrected by them.
-    warmth : (n,)
+    temperature_difference : (n,)
         Temperature above that of the parameters, K, where it was recorded.
     """
     stamps, rates, accelerations = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
@@ -118,7 +118,7 @@ def prepare(
     single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
     quadrature.interval_weights(stamps, base, single, double)
     _straighten(between, stamps, base, single, double)
-    raw = raw_readings(stamps, rates, accelerations, first, warmth)
+    raw = raw_readings(stamps, rates, accelerations, first, temperature_difference)
     change = added(raw, applied)
     rates, accelerations = rates + change[0], accelerations + change[1]
     slope = raw.derivative(rates)
@@ -141,7 +141,11 @@ def prepare(
 
 
 def raw_readings(
-    stamps: Array, rates: Array, accelerations: Array, first: Indices | None = None, warmth: Array | None = None
+    stamps: Array,
+    rates: Array,
+    accelerations: Array,
+    first: Indices | None = None,
+    temperature_difference: Array | None = None,
 ) -> RawReadings:
     """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps.
 
@@ -162,8 +166,10 @@ def raw_readings(
         around = np.pad(sharp, ((2, 2), (0, 0)), mode="edge")
         return np.asarray(sharp - _UNCORRELATED * np.diff(around, n=4, axis=0))
 
-    warmth = np.zeros(stamps.size) if warmth is None else np.asarray(warmth)
-    return RawReadings(stamps, rates, accelerations, derivative, second_derivative, warmth)
+    temperature_difference = (
+        np.zeros(stamps.size) if temperature_difference is None else np.asarray(temperature_difference)
+    )
+    return RawReadings(stamps, rates, accelerations, derivative, second_derivative, temperature_difference)
 
 
 def without_effects(raw: RawReadings, parameters: SensorParameters) -> tuple[Array, Array]:

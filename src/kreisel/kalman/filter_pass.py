@@ -11,11 +11,11 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, inflate_variance
 from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
 from kreisel.kalman.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.kalman.navigation_start import navigation_from_reference
 from kreisel.kalman.record import history_of, joined
-from kreisel.kalman.reported_poses import pose_regressor
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.model.schedule import Update

@@ -1,16 +1,12 @@
-"""The start of navigation in a filter's belief: by the reference, at the first update and behind gaps."""
+"""The start of navigation in a filter's belief: by the reference, at the first update and after gaps."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from kreisel.estimation.belief import Belief, renew
+from kreisel.fitting.reported_poses import pose_near
 from kreisel.fitting.stored_state import ATTITUDE_SD, POSITION_SD, VELOCITY_SD, parameters_of
-from kreisel.geometry.interpolation import slerp
-from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
-from kreisel.recording.recording import ReferencePoses
 
 _VELOCITY_SD_WITHOUT_POSITIONS = 1.0
 """m/s."""
@@ -31,19 +27,3 @@ def navigation_from_reference(problem: Problem, known: CellParameters, belief: B
     ):
         belief = renew(layout, belief, name, value, deviation)
     return belief
-
-
-def pose_near(reference: ReferencePoses, at: float) -> tuple[Array, Array, Array]:
-    """Return attitude, position and velocity at a reference time, by linear interpolation of the poses around it."""
-    tau = reference.seconds
-    k = int(np.clip(np.searchsorted(tau, at) - 1, 0, tau.size - 2))
-    width = max(1, round(0.05 / float(np.median(np.diff(tau)))))
-    low, high = max(k - width + 1, 0), min(k + width, tau.size - 1)
-    share = (at - tau[k]) / (tau[k + 1] - tau[k])
-    q, p, v = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3)
-    if reference.positions is not None:
-        p = (1.0 - share) * reference.positions[k] + share * reference.positions[k + 1]
-        v = (reference.positions[high] - reference.positions[low]) / (tau[high] - tau[low])
-    if reference.quaternions is not None:
-        q = slerp(reference.quaternions[k], reference.quaternions[k + 1], share)
-    return q, p, v

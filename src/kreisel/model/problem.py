@@ -104,8 +104,10 @@ class Problem:
         ValueError
             If there are several: what asks for the only one is made for one.
         """
-        (only,) = self.sensors
-        return only
+        if len(self.sensors) != 1:
+            names = ", ".join(sensor.name for sensor in self.sensors)
+            raise ValueError(f"the problem has {len(self.sensors)} sensors ({names}); this step is made for one")
+        return self.sensors[0]
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from kreisel.model.known import Known, known_parameters, parse_prior, parse_valu
 from kreisel.model.parameters import GROUPS
 
 ESTIMATORS = ("spkf",)
-"""Names of estimators; `calibration.estimators` has what they name."""
+"""Names of estimators; `calibration.calibrate.ESTIMATORS` has what they name."""
 
 BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
 """Groups that are estimated only if asked for."""

@@ -126,7 +126,9 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     SettingsError
         If temperature coefficients are asked for, but no temperature was recorded.
     """
-    if preparation.readings.warmth is None and (wanted := [g for g in settings.estimated if g in OF_TEMPERATURE]):
+    if preparation.readings.temperature_difference is None and (
+        wanted := [g for g in settings.estimated if g in OF_TEMPERATURE]
+    ):
         raise SettingsError(
             f"{', '.join(wanted)} cannot be estimated: the recording has no temperature (a column of imu0/data.csv "
             "whose name begins with temp)"

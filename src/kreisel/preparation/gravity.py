@@ -24,7 +24,7 @@ ANOMALY_SD = 3e-4
 """m/s^2; spread of gravity about its normal value at a known latitude and height (free-air anomalies)."""
 
 ROUNDED_SD = 1e-3
-"""m/s^2; uncertainty of a value stated to three digits behind the point."""
+"""m/s^2; uncertainty of a value stated to three digits after the point."""
 
 CONTRADICTION = 4.0
 """Standard deviations by which a stated value may differ from the one by the latitude."""
@@ -81,10 +81,10 @@ def _by_latitude(table: SiteTable) -> tuple[float, float] | None:
 def _stated_sd(gravity: float) -> float:
     """Return the uncertainty of a stated value of gravity, as its digits suggest."""
     digits = repr(gravity)
-    behind = len(digits.partition(".")[2])
-    if digits in _TEXTBOOK or behind < 3:
+    after = len(digits.partition(".")[2])
+    if digits in _TEXTBOOK or after < 3:
         return UNKNOWN_SD
-    return ROUNDED_SD if behind == 3 else ANOMALY_SD
+    return ROUNDED_SD if after == 3 else ANOMALY_SD
 
 
 def _textbook_warning(table: SiteTable, instead: float | None = None) -> list[DataWarning]:

@@ -196,10 +196,10 @@ def _bounds(stated: float | None, observed: Array, shaken: Array) -> tuple[float
 def readings_of(recording: Recording, noise: ImuNoise) -> Readings:
     """Return the IMU's readings, split at long gaps and where readings were cut off, with their noise."""
     imu = recording.imu
-    behind = np.unique(
+    after = np.unique(
         np.concatenate([gaps(imu.stamps_ns, LONG_GAP) + 1, np.searchsorted(imu.stamps_ns, imu.broken_ns)])
     )
-    edges = [0, *behind[(behind > 0) & (behind < imu.stamps_ns.size)].tolist(), imu.stamps_ns.size]
+    edges = [0, *after[(after > 0) & (after < imu.stamps_ns.size)].tolist(), imu.stamps_ns.size]
     segments = tuple((a, b - 1) for a, b in pairwise(edges) if b - a >= 20)
     if not segments:
         raise RecordingError("no segment of 20 samples or more without a gap", file=imu.source)
@@ -210,7 +210,7 @@ def readings_of(recording: Recording, noise: ImuNoise) -> Readings:
         imu.accelerations,
         segments,
         noise=np.array([noise.gyro**2, noise.accel**2, *curvatures]),
-        warmth=imu.warmth,
+        temperature_difference=imu.temperature_difference,
     )
 
 

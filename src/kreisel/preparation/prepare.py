@@ -152,7 +152,7 @@ def _without_losses(
     recording: Recording, reference: ReferencePoses, noise: ImuNoise, readings: Readings, fit: RateFit,
     together: Together,
 ) -> _Mended | None:  # fmt: skip
-    """Return the recording with later stamps behind samples that were lost without a gap; None if there are none.
+    """Return the recording with later stamps after samples that were lost without a gap; None if there are none.
 
     If the clocks do not run at equal rates afterwards, something else is wrong with them.
     """
@@ -193,14 +193,14 @@ def _without_jump(
 
 
 def _broken_behind(imu: ImuSamples, reference: ReferencePoses, clock: Clock, doubtful: Mask) -> ImuSamples:
-    """Return the readings with a new start of navigation behind doubtful poses.
+    """Return the readings with a new start of navigation after doubtful poses.
 
     The rotation in between depends on when samples were lost, or a clock jumped: it must not be compared with the
     reference's.
     """
     ends = np.flatnonzero(doubtful & ~np.append(doubtful[1:], False))
-    behind = imu.stamps_ns[0] + np.round(1e9 * clock.imu_time(reference.seconds[ends])).astype(np.int64)
-    return replace(imu, broken_ns=np.unique(np.concatenate([imu.broken_ns, behind])))
+    after = imu.stamps_ns[0] + np.round(1e9 * clock.imu_time(reference.seconds[ends])).astype(np.int64)
+    return replace(imu, broken_ns=np.unique(np.concatenate([imu.broken_ns, after])))
 
 
 def _reference_warnings(reference: ReferencePoses) -> list[DataWarning]:

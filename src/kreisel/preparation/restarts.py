@@ -53,13 +53,13 @@ def with_parts_in_place(
         if gap <= 0.0:
             raise SynchronizationError(
                 f"{imu.source}: the clock was set after {imu.seconds[begin - 1]:.1f} s, and by the reference the "
-                "samples behind it overlap with those before; split the recording there"
+                "samples after it overlap with those before; split the recording there"
             )
         warnings.append(
             DataWarning(
                 "stamps",
                 f"the IMU's clock was set after {1e-9 * (stamps[begin - 1] - stamps[0]):.1f} s, as by a restart; the "
-                f"samples behind it begin {gap:.3f} s later, by comparison with the reference",
+                f"samples after it begin {gap:.3f} s later, by comparison with the reference",
             )
         )
     return replace(

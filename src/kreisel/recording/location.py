@@ -62,7 +62,7 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
             return RecordingError(f"{message}: they look like [{unit or otherwise}]; give them in {si}", file=source)
         said = f"they are read in [{stated or si}], but " if unit or otherwise else ""
         return RecordingError(
-            f"{message}: {said}they look like [{unit or otherwise}]; write that unit behind the columns in the mapping",
+            f"{message}: {said}they look like [{unit or otherwise}]; write that unit after the columns in the mapping",
             file=source,
         )
     if not is_table(source):

@@ -82,10 +82,10 @@ class ImuSamples:
     temperature : (n,) or None
         Of the sensor, degrees Celsius, where it was recorded.
     restarts_ns : (k,)
-        Stamps of the first samples behind places where the clock was set: by how much is not known before the reference
+        Stamps of the first samples after places where the clock was set: by how much is not known before the reference
         is compared.
     placed_sd
-        How accurately the parts behind such places were put in place by the reference, s.
+        How accurately the parts after such places were put in place by the reference, s.
     stretch
         Seconds by its own stamps for one of these, less one: not zero where they were put onto the reference's clock.
     broken_ns : (k,)
@@ -118,7 +118,7 @@ class ImuSamples:
         return None if self.temperature is None else float(np.mean(self.temperature))
 
     @cached_property
-    def warmth(self) -> Array | None:
+    def temperature_difference(self) -> Array | None:
         """Temperature above the mean, K, (n,)."""
         usual = self.usual_temperature
         return None if self.temperature is None or usual is None else self.temperature - usual

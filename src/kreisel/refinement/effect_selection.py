@@ -43,7 +43,7 @@ _GATE = 100.0
 _ENOUGH = 10_000
 """Samples that show the mean of a reading."""
 
-_LEAST_WARMTH = 0.5
+_MIN_TEMPERATURE_CHANGE = 0.5
 """K."""
 
 _OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
@@ -69,8 +69,8 @@ def candidates(problem: Problem) -> tuple[str, ...]:
 
 def _temperature_changes(problem: Problem) -> bool:
     """Return whether a temperature was recorded, and changes by more than thermometers err."""
-    warmth = problem.sensor.readings.warmth
-    return warmth is not None and float(np.ptp(warmth)) > _LEAST_WARMTH
+    temperature_difference = problem.sensor.readings.temperature_difference
+    return temperature_difference is not None and float(np.ptp(temperature_difference)) > _MIN_TEMPERATURE_CHANGE
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,9 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
         readings.accelerations[thinned],
         np.zeros_like,  # derivatives are zero on average
         np.zeros_like,
-        np.zeros(readings.stamps[thinned].size) if readings.warmth is None else readings.warmth[thinned],
+        np.zeros(readings.stamps[thinned].size)
+        if readings.temperature_difference is None
+        else readings.temperature_difference[thinned],
     )
     for group in groups:
         effect = EFFECTS.get(group)

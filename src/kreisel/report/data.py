@@ -308,8 +308,12 @@ def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
     )
     t = readings.stamps[excerpt]
     s = parameters.sensors
-    warmth = None if readings.warmth is None else readings.warmth[excerpt]
-    raw = raw_readings(t, readings.rates[excerpt], readings.accelerations[excerpt], warmth=warmth)
+    temperature_difference = (
+        None if readings.temperature_difference is None else readings.temperature_difference[excerpt]
+    )
+    raw = raw_readings(
+        t, readings.rates[excerpt], readings.accelerations[excerpt], temperature_difference=temperature_difference
+    )
     omega = correct_angular_rate(without_effects(raw, s)[0], s)
     gyro_rate = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
@@ -404,13 +408,15 @@ def _difference(outcome: Outcome, excerpt: slice) -> Difference:
     segment = readings.segments[readings.segment_of(excerpt.start) or 0]
     wide = slice(max(excerpt.start - _MARGIN, segment[0]), min(excerpt.stop + _MARGIN, segment[1] + 1))
     rates, forces = readings.rates[wide], readings.accelerations[wide]
-    temperature, warmth = outcome.recording.imu.temperature, None
-    if temperature is not None and readings.warmth is not None:
-        temperature, warmth = temperature[wide], readings.warmth[wide]
+    temperature, temperature_difference = outcome.recording.imu.temperature, None
+    if temperature is not None and readings.temperature_difference is not None:
+        temperature, temperature_difference = temperature[wide], readings.temperature_difference[wide]
     omega, f = outcome.calibration.correct(rates, forces, readings.stamps[wide], temperature)
     cut = slice(excerpt.start - wide.start, excerpt.stop - wide.start)
     t = readings.stamps[excerpt]
-    clean = without_effects(raw_readings(readings.stamps[wide], rates, forces, warmth=warmth), sensors)
+    clean = without_effects(
+        raw_readings(readings.stamps[wide], rates, forces, temperature_difference=temperature_difference), sensors
+    )
     gyro = _parts(rates[cut], clean[0][cut], sensors.K_omega, sensors.k_w[0], nominal.K_omega, omega[cut])
     accel = _parts(forces[cut], clean[1][cut], sensors.K_a, sensors.k_a[0], nominal.K_a, f[cut])
     del gyro["lever arms"]  # rates have none

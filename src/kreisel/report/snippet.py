@@ -22,7 +22,13 @@ def snippet(sensors: SensorParameters, form: SizeEffect, temperature: float | No
     lines = [
         "import numpy as np",
         *_DERIVATIVE,
-        *([f"warmth = (T - {temperature or 0.0:.2f})[:, None]  # T (n,): the sensor's temperature, degC"] * warm),
+        *(
+            [
+                f"temperature_difference = (T - {temperature or 0.0:.2f})[:, None]"
+                "  # T (n,): the sensor's temperature, degC"
+            ]
+            * warm
+        ),
         f"K_w, k_w = {_values(sensors.K_omega)}, {_values(sensors.k_w[0])}",
         f"K_a, k_a = {_values(sensors.K_a)}, {_values(sensors.k_a[0])}",
         f"r = {_values(sensors.lever_arms)}  # row j: position of accelerometer j in b, m",
@@ -55,13 +61,13 @@ _EFFECT_FORMULAS = {
     "gyro_g_sensitivity": "accelerations @ {matrix}.T",
     "gyro_g_squared": "accelerations**2 @ {matrix}.T",
     "gyro_asymmetry": "{value} * np.abs(rates)",
-    "gyro_temperature": "{value} * warmth",
-    "gyro_scale_temperature": "{value} * rates * warmth",
+    "gyro_temperature": "{value} * temperature_difference",
+    "gyro_scale_temperature": "{value} * rates * temperature_difference",
     "accel_asymmetry": "{value} * np.abs(accelerations)",
     "accel_delay": "{value} * derivative(accelerations, 1)",
     "accel_smoothing": "-{value} * derivative(accelerations, 2)",
-    "accel_temperature": "{value} * warmth",
-    "accel_scale_temperature": "{value} * accelerations * warmth",
+    "accel_temperature": "{value} * temperature_difference",
+    "accel_scale_temperature": "{value} * accelerations * temperature_difference",
 }
 """What each effect adds to the readings, as NumPy; see `inertial.effects`."""
 

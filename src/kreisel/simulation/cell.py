@@ -260,10 +260,10 @@ def _imu(
     t = np.arange(n) / rate
     shake = vibration(streams.vibration, cell.imu, planned, t)
     temperature = temperature_of(cell.imu, t)
-    warmth = None if temperature is None else temperature - temperature.mean()
-    rates, accelerations = _ideal(motion(t), shake, device, t, warmth)
+    temperature_difference = None if temperature is None else temperature - temperature.mean()
+    rates, accelerations = _ideal(motion(t), shake, device, t, temperature_difference)
     if device.effects.accel_delay:
-        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t, warmth)
+        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t, temperature_difference)
     drift = offset_drift(streams.drift, cell.imu, t)
     noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
     readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)
@@ -308,15 +308,15 @@ def _inertial_motion(
 
 
 def _ideal(
-    motion: _Inertial, shake: tuple[Array, Array], device: _Device, t: Array, warmth: Array | None
+    motion: _Inertial, shake: tuple[Array, Array], device: _Device, t: Array, temperature_difference: Array | None
 ) -> tuple[Array, Array]:
     """Return the readings without noise (n, 3), before and after the device slips."""
     omega, alpha, force = motion
     moved = (omega + shake[0], alpha, force + shake[1])
-    rates, accelerations = ideal_readings(*moved, device.sensors, device.effects, warmth)
+    rates, accelerations = ideal_readings(*moved, device.sensors, device.effects, temperature_difference)
     if device.slip is not None:
         late = (t >= device.slip.time)[:, None]
-        later = ideal_readings(*moved, device.slip.after(device.sensors), device.effects, warmth)
+        later = ideal_readings(*moved, device.slip.after(device.sensors), device.effects, temperature_difference)
         rates, accelerations = np.where(late, later[0], rates), np.where(late, later[1], accelerations)
     return rates, accelerations
 

@@ -122,7 +122,7 @@ def temperature_of(imu: Imu, t: Array) -> Array | None:
 def at_mean_temperature(
     sensors: SensorParameters, effects: DeviceEffects, imu: Imu, seconds: float
 ) -> SensorParameters:
-    """Return the sensors, drawn at 25 degrees, at the mean temperature of a recording, where `warmth` is zero."""
+    """Return the sensors, drawn at 25 degrees, at a recording's mean temperature, where the difference is zero."""
     temperature = temperature_of(imu, np.linspace(0.0, seconds, 10_000))
     if temperature is None:
         return sensors

@@ -47,7 +47,7 @@ def draw_sensors(rng: np.random.Generator, imu: Imu, grade: Grade) -> SensorPara
 
 def ideal_readings(
     omega: Array, alpha: Array, force: Array, sensors: SensorParameters, effects: DeviceEffects | None = None,
-    warmth: Array | None = None,
+    temperature_difference: Array | None = None,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return the raw rates and accelerations (n, 3) of a device without noise.
 
@@ -57,14 +57,15 @@ def ideal_readings(
         Rate and angular acceleration against inertial space and specific force, all in b, of its origin.
     effects
         Further terms; the delay of the accelerometers is not among them.
-    warmth : (n,)
+    temperature_difference : (n,)
         Temperature above its mean, K.
     """
     effects = effects or DeviceEffects.none()
     w = omega @ np.linalg.inv(sensors.K_omega).T
     a = force @ np.linalg.inv(sensors.K_a).T + size_effect(omega, alpha, sensors)
     gyro_offset, gyro_scale, accel_offset, accel_scale = (
-        part * (0.0 if warmth is None else warmth[:, None]) for part in effects.temperature
+        part * (0.0 if temperature_difference is None else temperature_difference[:, None])
+        for part in effects.temperature
     )
     accelerations = _solve(a - accel_offset, sensors.k_a, effects.accel_asymmetry, accel_scale)
     if np.any(effects.g_sensitivity):

@@ -18,7 +18,7 @@ _REACH = 30
 
 
 def low_passed(values: Array, rate: float, bandwidth: float) -> Array:
-    """Return values (n, 3) behind a Butterworth low-pass of second order, in its steady state at the first value.
+    """Return values (n, 3) after a Butterworth low-pass of second order, in its steady state at the first value.
 
     Between samples the values are a cubic spline; the low-pass is integrated by the trapezoidal rule, `FINER`
     times finer.

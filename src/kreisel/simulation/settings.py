@@ -67,7 +67,7 @@ class Errors(_Table):
         0.15, "AT: correlation time of this error, s; 0: a new one for each pose", ge=0.0
     )
     servo_lag: float = _key(
-        0.0, "AT: delay of the joints behind their set points, about this, each differently, s", ge=0.0, le=0.2
+        0.0, "AT: delay of the joints after their set points, about this, each differently, s", ge=0.0, le=0.2
     )
     oscillation_frequency: float = _key(0.0, "Hz: elastic joints swing after each stop; 0: stiff", ge=0.0, le=100.0)
     oscillation_damping: float = _key(0.05, "share of critical damping of that swing", gt=0.0, lt=1.0)

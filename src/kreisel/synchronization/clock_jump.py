@@ -32,7 +32,7 @@ class ClockJump:
     size_sd: float
 
     def taken_out(self, reference: ReferencePoses) -> ReferencePoses:
-        """Return the poses, those behind the jump with stamps by the clock before it; poses near it are doubtful."""
+        """Return the poses, those after the jump with stamps by the clock before it; poses near it are doubtful."""
         kept, stamps = self._moved(reference.stamps_ns, reference.stamps_ns[0])
         known = reference.doubtful
         moved = replace(
@@ -62,17 +62,17 @@ class ClockJump:
 
     def _moved(self, stamps_ns: Stamps, first_ns: int) -> tuple[Mask, Stamps]:
         """Return which stamps are kept, and these by the clock before the jump: they must ascend."""
-        behind = (stamps_ns - first_ns) * 1e-9 > self.tau
-        moved = stamps_ns + np.where(behind, round(1e9 * self.size), 0)
-        last = moved[~behind].max(initial=np.iinfo(np.int64).min)
-        kept = ~behind | (moved > last)
+        after = (stamps_ns - first_ns) * 1e-9 > self.tau
+        moved = stamps_ns + np.where(after, round(1e9 * self.size), 0)
+        last = moved[~after].max(initial=np.iinfo(np.int64).min)
+        kept = ~after | (moved > last)
         return kept, moved[kept]
 
     def warning(self) -> DataWarning:
         """Return the warning about it."""
         text = (
             f"the clocks jumped by {1e3 * self.size:+.1f} ± {1e3 * self.size_sd:.1f} ms, {self.tau:.1f} s after the "
-            "first pose (a clock was set, or samples were lost); the stamps of the poses behind it were corrected"
+            "first pose (a clock was set, or samples were lost); the stamps of the poses after it were corrected"
         )
         return DataWarning("clocks", text)
 

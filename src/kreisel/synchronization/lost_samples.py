@@ -60,7 +60,7 @@ class LostSamples:
     Attributes
     ----------
     places, counts : (k,)
-        Numbers of the samples behind them, and how many at each place.
+        Numbers of the samples after them, and how many at each place.
     interval_ns
         Of the stamps.
     unsure : (k, 2)
@@ -95,7 +95,7 @@ class LostSamples:
         return int(np.max(total[ends] - total[:-1]))
 
     def put_back(self, imu: ImuSamples) -> ImuSamples:
-        """Return the readings with later stamps behind lost samples."""
+        """Return the readings with later stamps after lost samples."""
         late = np.zeros(imu.stamps_ns.size, dtype=np.int64)
         np.add.at(late, self.places, self.counts)
         return replace(imu, stamps_ns=imu.stamps_ns + self.interval_ns * np.cumsum(late))
@@ -109,7 +109,7 @@ class LostSamples:
         text = (
             f"stamps are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
             f"sample{'s were' if total > 1 else ' was'} lost without a gap, at {named} s{more}, as the reference "
-            "shows; the stamps behind them were corrected"
+            "shows; the stamps after them were corrected"
         )
         return DataWarning("stamps", text)
 

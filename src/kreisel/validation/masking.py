@@ -1,7 +1,7 @@
 """Samples of an IMU that show no motion, found and left out: saturated, spikes, frozen and stuck readings.
 
 A few of them cost little: the motion is bridged, or, where a reading was cut off and nobody knows how large it would
-have been, navigation starts anew behind it. A recording with many of them is refused.
+have been, navigation starts anew after it. A recording with many of them is refused.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _warning(kind: _Found, imu: ImuSamples, *, moved: bool, breaks: bool) -> Dat
     more = and_more(places - 1, "places")
     if not moved:
         return DataWarning("imu", f"{kind.text}{more}; {kind.advice}")
-    end = "navigation starts anew behind them" if breaks else "the motion is bridged"
+    end = "navigation starts anew after them" if breaks else "the motion is bridged"
     left_out = f"{count} samples are left out, and {end}" if count > 1 else "this sample is left out"
     return DataWarning("masked", f"{at(imu.source, imu.row_of(kind.place))}: {kind.text}{more}; {left_out}")
 
@@ -345,7 +345,7 @@ def _wrapped(chunk: _Chunk) -> Iterator[_Fault]:
 
 
 def _steps(chunk: _Chunk, found: Mask, usual: Array, kind: str) -> Iterator[_Fault]:
-    """Yield the fault of all samples behind some steps."""
+    """Yield the fault of all samples after some steps."""
     where = np.flatnonzero(found.any(axis=1))
     if where.size:
         k = int(where[0])

@@ -73,7 +73,7 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
 
 
 def _without_flips(reference: ReferencePoses, warnings: list[DataWarning]) -> ReferencePoses:
-    """Return the poses without a few that somebody interpolated from q to a -q' behind it: they are too short."""
+    """Return the poses without a few that somebody interpolated from q to a -q' after it: they are too short."""
     q = reference.quaternions
     assert q is not None  # noqa: S101 - for the type checker; the caller checked
     norm = np.sqrt(np.einsum("ij,ij->i", q, q))

@@ -234,7 +234,7 @@ def _unit_remedy(stream: Stamped, other: Stamped | None) -> str:
         return f"; they look like {units}: give seconds as floats, or nanoseconds as integers"
     if is_mapped(stream.source):
         named = f"they are read in [{stream.unit}], but " if stream.unit else ""
-        return f"; {named}they look like {units}: write that unit behind their column in the mapping"
+        return f"; {named}they look like {units}: write that unit after their column in the mapping"
     if not is_table(stream.source):
         return f"; they look like {units}: write seconds and nanoseconds into the messages' headers"
     stated = "" if stream.unit is None else f"the header says [{stream.unit}], but "

@@ -50,7 +50,7 @@ def test_values_are_rounded_to_two_digits_of_the_expanded_uncertainty():
     own = device()
     bias = own.derived["accel_bias_mg"]
     U = 2.0 * bias.deviation[0]
-    assert 1.0 > U > 0.1  # mg: two digits behind the point
+    assert 1.0 > U > 0.1  # mg: two digits after the point
     text = f"{bias.value[0]:.2f} ± {U:.2f}".replace("-", "−")
     assert text in page()
     assert text.replace(".", ",") in page("de")

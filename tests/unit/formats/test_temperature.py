@@ -35,7 +35,7 @@ def test_it_is_read_in_degrees_celsius(tmp_path, header, shift):
     imu = load(written(tmp_path, header, values + shift)).imu
     np.testing.assert_allclose(imu.temperature, values, rtol=0, atol=1e-9)
     assert imu.usual_temperature == pytest.approx(22.5)
-    assert abs(imu.warmth.mean()) < 1e-9
+    assert abs(imu.temperature_difference.mean()) < 1e-9
 
 
 @pytest.mark.parametrize(("header", "value"), [("temp [F]", 70.0), ("temp", 300.0)])

@@ -12,7 +12,7 @@ A = np.column_stack([4.0 * np.cos(2.0 * T), 9.8 + 2.0 * np.sin(3.0 * T), 3.0 * n
 A_SLOPE = np.column_stack([-8.0 * np.sin(2.0 * T), 6.0 * np.cos(3.0 * T), 12.0 * np.cos(4.0 * T + 1.0)])
 A_CURVATURE = np.column_stack([-16.0 * np.cos(2.0 * T), -18.0 * np.sin(3.0 * T), -48.0 * np.sin(4.0 * T + 1.0)])
 WARMTH = 3.0 * T - 1.0
-RAW = raw_readings(T, W, A, warmth=WARMTH)
+RAW = raw_readings(T, W, A, temperature_difference=WARMTH)
 
 G = np.arange(9.0) - 4.0
 B = np.array([1.0, -2.0, 3.0])

@@ -25,7 +25,7 @@ DUMMY = ParameterGroup(
 
 
 def with_group(monkeypatch, dummy):
-    """Add a group to the registry, behind the last one of its owner, wherever it has been imported."""
+    """Add a group to the registry, after the last one of its owner, wherever it has been imported."""
     at = max((i for i, group in enumerate(REGISTRY) if group.owner == dummy.owner)) + 1
     registry = (*REGISTRY[:at], dummy, *REGISTRY[at:])
     meanings = {group.name: group.meaning for group in registry}

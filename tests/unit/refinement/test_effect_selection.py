@@ -107,6 +107,8 @@ def test_what_is_rare_or_needs_a_thermometer_is_looked_for_only_then():
     expecting = replace(problem, prior=replace(problem.prior, expected=("gyro_g_squared",)))
     assert "gyro_g_squared" in candidates(expecting)
     for rise, there in ((0.4, False), (2.0, True)):
-        warmth = np.linspace(0.0, rise, problem.sensor.readings.stamps.size)
-        measured = with_readings(problem, replace(problem.sensor.readings, warmth=warmth))
+        temperature_difference = np.linspace(0.0, rise, problem.sensor.readings.stamps.size)
+        measured = with_readings(
+            problem, replace(problem.sensor.readings, temperature_difference=temperature_difference)
+        )
         assert ({*OF_TEMPERATURE} <= {*candidates(measured)}) == there

@@ -255,13 +255,13 @@ def test_readings_follow_the_temperature():
     t = np.linspace(0.0, 60.0, 50)
     temperature = temperature_of(imu, t)
     np.testing.assert_allclose(temperature[[0, -1]], [25.0, 35.0 - 10.0 * np.exp(-3.0)], rtol=1e-12)
-    warmth = temperature - temperature.mean()
+    temperature_difference = temperature - temperature.mean()
     omega, force = np.random.default_rng(2).normal(size=(2, 50, 3))
-    w, a = ideal_readings(omega, np.zeros((50, 3)), force, SensorParameters.ideal(), effects, warmth)
+    w, a = ideal_readings(omega, np.zeros((50, 3)), force, SensorParameters.ideal(), effects, temperature_difference)
     c_w, s_w, c_a, s_a = effects.temperature
     assert np.all(effects.temperature != 0.0)
-    np.testing.assert_allclose(w + (c_w + s_w * w) * warmth[:, None], omega, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(a + (c_a + s_a * a) * warmth[:, None], force, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(w + (c_w + s_w * w) * temperature_difference[:, None], omega, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(a + (c_a + s_a * a) * temperature_difference[:, None], force, rtol=0, atol=1e-12)
     assert temperature_of(Imu(), t) is None
 
 

@@ -1,4 +1,4 @@
-"""A clock that jumps: its size and moment are found, and the poses behind it moved; walks and ratios are no jumps."""
+"""A clock that jumps: its size and moment are found, and the poses after it moved; walks and ratios are no jumps."""
 
 from dataclasses import replace
 from functools import cache

@@ -110,7 +110,7 @@ def test_a_few_saturated_samples_are_left_out_and_break_the_motion() -> None:
     got = check_streams(with_imu(r, rates=np.minimum(rates, [limit, np.inf, np.inf])))
     assert set(r.imu.stamps_ns[cut_off]) <= set(got.imu.broken_ns)
     assert not set(got.imu.broken_ns) & set(got.imu.stamps_ns)
-    assert "navigation starts anew behind them" in got.warnings[0].message
+    assert "navigation starts anew after them" in got.warnings[0].message
     segments = readings_of(got, imu_noise_of(got)).segments
     edges = [got.imu.stamps_ns[stop] for _, stop in segments[:-1]]
     for stamp in got.imu.broken_ns:  # no segment contains one

@@ -14,7 +14,7 @@ from .test_checks import armed, message, recording, with_imu
 
 
 def swapped(size: int, places: range, packet: int) -> np.ndarray:
-    """Return indices of rows of which packets arrived behind the next one."""
+    """Return indices of rows of which packets arrived after the next one."""
     order = np.arange(size)
     for k in places:
         order[k : k + 2 * packet] = np.roll(order[k : k + 2 * packet], packet)

@@ -48,14 +48,14 @@ static inline void {{ name }}_rate(const {{ NAME }}_REAL w[3], const {{ NAME }}_
                             {{ NAME }}_REAL temperature_c, {{ NAME }}_REAL rate[3])
 {
     typedef {{ NAME }}_REAL real;
-    const real warmth = temperature_c - {{ real(temperature) }};
+    const real temperature_difference = temperature_c - {{ real(temperature) }};
     const real x[3] = {
 {%- for terms in gyro %}
         {{ terms }}{{ "," if not loop.last }}
 {%- endfor %}
     };
     (void)a;
-    (void)warmth;
+    (void)temperature_difference;
 {%- for row in K_omega %}
     rate[{{ loop.index0 }}] = {{ row }};
 {%- endfor %}
@@ -79,7 +79,7 @@ static inline void {{ name }}_force(const {{ NAME }}_REAL a[3], const {{ NAME }}
         { {{ row }} }{{ "," if not loop.last }}
 {%- endfor %}
     };
-    const real warmth = temperature_c - {{ real(temperature) }};
+    const real temperature_difference = temperature_c - {{ real(temperature) }};
     const real w[3] = { rate[0], rate[1], rate[2] };
     const real square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     real x[3] = {
@@ -90,7 +90,7 @@ static inline void {{ name }}_force(const {{ NAME }}_REAL a[3], const {{ NAME }}
     int j;
     (void)da;
     (void)dda;
-    (void)warmth;
+    (void)temperature_difference;
     for (j = 0; j < 3; ++j) {
         const real *r = place[j];
         const real along = w[0] * r[0] + w[1] * r[1] + w[2] * r[2];

@@ -12,7 +12,7 @@ function [rate, force] = {{ name }}(t, w, a, temperature)
 {%- endfor %}
 
 {% if needs_temperature -%}
-warmth = temperature(:) - ({{ real(temperature_c) }});
+temperature_difference = temperature(:) - ({{ real(temperature_c) }});
 {% endif -%}
 K_w = [{{ m.K_omega }}];
 K_a = [{{ m.K_a }}];

@@ -27,7 +27,7 @@ pub struct Sample {
 /// Angular rate from raw readings; temperature in degrees Celsius.
 #[allow(unused_variables)]
 pub fn rate(w: &[f64; 3], a: &[f64; 3], temperature_c: f64) -> [f64; 3] {
-    let warmth = temperature_c - {{ real(temperature) }};
+    let temperature_difference = temperature_c - {{ real(temperature) }};
     let x = [
 {%- for terms in gyro %}
         {{ terms }},
@@ -55,7 +55,7 @@ pub fn force(
         [{{ row }}],
 {%- endfor %}
     ];
-    let warmth = temperature_c - {{ real(temperature) }};
+    let temperature_difference = temperature_c - {{ real(temperature) }};
     let square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     let mut x = [
 {%- for terms in accel %}

@@ -36,7 +36,7 @@ class _Standstill:
     joints: Array
 
 
-class ObedientCell:
+class CommandedArm:
     """The state of such an arm, and the samples of its devices.
 
     Parameters

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from kreisel.acquisition.arming import Allowed, approach_share, check_program, check_state
 from kreisel.acquisition.movers import EkrlMover, UrScriptMover
+from kreisel.acquisition.preflight import Allowed, approach_share, check_program, check_state
 from kreisel.devices.address import MOVERS, parse_address
 from kreisel.errors import RobotError
 from kreisel.protocols.samples import RobotSample
