@@ -58,7 +58,7 @@ struct Steps {
     Stack regressor;              // (u, 6, e), e = 0 without a robot
 };
 
-/// What updates leave. The nines are position, orientation and velocity, nan where there is no such measurement.
+/// What updates leave. Measurement components are position, orientation and velocity, nan where there is no such measurement.
 struct Record {
     Table mean, deviation;                        // (u, first numbers of the state), (u, k)
     Mask used;                                    // (u,)

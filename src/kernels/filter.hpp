@@ -19,7 +19,7 @@ struct Measured {
     Columns gain;              // (m, n), transposed
 };
 
-/// Write what update i leaves of its measurement, number r of which stands at place[r] of the nines.
+/// Write what update i leaves of its measurement, number r of which stands at place[r] of position, orientation and velocity.
 inline void note(const Record &record, Index i, const Measured &of, const Index *place, Index n, bool used) {
     const Index m = of.factor.rows;
     const double nan = std::nan("");
@@ -71,7 +71,7 @@ inline void note(const Record &record, Index i, const Measured &of, const Index 
     }
 }
 
-/// Write which of the nines the numbers of update i are.
+/// Write which components of position, orientation and velocity the numbers of update i are.
 inline void places_of(const Steps &steps, Index i, Index *place) {
     const bool present[3] = {steps.given[0] != 0, steps.given[1] != 0, steps.at_standstill[i] != 0};
     for (Index kind = 0; kind < 3; kind++) {

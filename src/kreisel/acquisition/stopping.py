@@ -11,10 +11,10 @@ from kreisel.acquisition.watch import Watch
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
 
-STANDS = 0.5
+SETTLE_TIME = 0.5
 """Seconds that the joints must stand still before a stop is confirmed."""
 
-STANDS_LONG = 2.0
+SETTLE_TIME_BEFORE_MOVES = 2.0
 """The same if a move was sent and the arm has not visibly begun it: it may still begin."""
 
 _WAY = 0.8
@@ -70,7 +70,7 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
         The move that was sent; None if there is none.
     """
     since = watch.now_ns
-    seconds = STANDS_LONG if _may_begin(underway, watch) else STANDS
+    seconds = SETTLE_TIME_BEFORE_MOVES if _may_begin(underway, watch) else SETTLE_TIME
     done: list[str] = []
     taken = False
     for number in range(_ROUNDS):
@@ -98,7 +98,7 @@ def _confirmed(done: list[str], seconds: float) -> Stop:
 
 
 def _blind(watch: Watch) -> str:
-    if watch.holds and watch.stands(watch.now_ns - round(2e9 * STANDS), STANDS):
+    if watch.holds and watch.stands(watch.now_ns - round(2e9 * SETTLE_TIME), SETTLE_TIME):
         return "the joints stand still now, but the controller still holds a program and may continue it"
     return "the joints still move" if watch.hears() else "no joint angles are received"
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.units import MG
+
 if TYPE_CHECKING:
     from kreisel.recording.recording import Recording
 
@@ -71,7 +73,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
             "rate peak x y z deg/s": np.rad2deg(np.abs(imu.rates).max(axis=0)).tolist(),
             "acceleration rms x y z m/s^2": np.sqrt(np.mean(imu.accelerations**2, axis=0)).tolist(),
             "gyro noise deg/s/sqrt(Hz)": np.rad2deg(high_frequency_density(imu.rates, imu.interval)).tolist(),
-            "accel noise mg/sqrt(Hz)": (high_frequency_density(imu.accelerations, imu.interval) / 9.80665e-3).tolist(),
+            "accel noise mg/sqrt(Hz)": (high_frequency_density(imu.accelerations, imu.interval) / MG).tolist(),
         }
     }
     if reference is not None:

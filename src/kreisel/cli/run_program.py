@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
+from kreisel.units import DEG_PER_HOUR, MG, MM, MS, PPM
 
 if TYPE_CHECKING:
     from kreisel.acquisition.drive import Ending
@@ -112,7 +113,7 @@ def run_program(
 _JOIN = 60.0
 """Seconds to wait for the end of the check of the targets."""
 
-_UNITS = {"mg": 9.80665e-3, "deg/h": 4.84814e-6, "ppm": 1e-6, "mm": 1e-3, "ms": 1e-3, "": 1.0}
+_UNITS = {"mg": MG, "deg/h": DEG_PER_HOUR, "ppm": PPM, "mm": MM, "ms": MS, "": 1.0}
 
 
 def _target(text: str) -> tuple[str, float]:

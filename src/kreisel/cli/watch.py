@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.units import DEG_PER_HOUR, MG, MS
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -84,8 +86,8 @@ def _summary(deviations: dict[str, float]) -> str:
     """Return the text of the most important standard deviations; empty where there are none."""
     parts = []
     for group, unit, factor in (
-        ("accelerometer.offset", "mg", 1.0 / 9.80665e-3), ("gyroscope.offset", "deg/h", 206264.806),
-        ("timing.offset", "ms", 1e3),
+        ("accelerometer.offset", "mg", 1.0 / MG), ("gyroscope.offset", "deg/h", 1.0 / DEG_PER_HOUR),
+        ("timing.offset", "ms", 1.0 / MS),
     ):  # fmt: skip
         found = [value for name, value in deviations.items() if name.startswith(group)]
         if found:

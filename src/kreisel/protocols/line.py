@@ -7,12 +7,12 @@ named. Columns with other names are skipped.
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, checked_stamp, finite
+from kreisel.units import DEG, MG, STANDARD_GRAVITY
 
 MAX_BYTES = 4096
 """Largest number of bytes of a line."""
@@ -21,9 +21,9 @@ COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
 _NAME = "CSV line"
 _TIME = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
-_RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": math.pi / 180.0, "deg/s": math.pi / 180.0, "dps": math.pi / 180.0}
+_RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": DEG, "deg/s": DEG, "dps": DEG}
 _RATE["mdps"] = 1e-3 * _RATE["dps"]
-_FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3}
+_FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": MG}
 _UNITS = {"w": _RATE, "a": _FORCE}
 _CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
 

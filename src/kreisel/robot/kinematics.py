@@ -16,12 +16,10 @@ from kreisel.files import read_text
 from kreisel.geometry.pose import exp_motion, log_motion
 from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.robot.description import Arm, parse_arm
+from kreisel.units import STANDARD_GRAVITY
 
 MODELS = ("kr125", "ur10e")
 """Arms that come with kreisel."""
-
-STANDARD_GRAVITY = 9.81
-"""m/s^2, for torques."""
 
 _ATTEMPTS = 16
 """Number of start values of the inverse: the given joint angles, then others drawn from the ranges."""

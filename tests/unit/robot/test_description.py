@@ -9,6 +9,7 @@ from kreisel.errors import RobotError
 from kreisel.robot import kinematics
 from kreisel.robot.description import parse_arm
 from kreisel.robot.urdf import calibrated_urdf
+from kreisel.units import STANDARD_GRAVITY
 
 KINDS = ("revolute", "revolute", "prismatic", "fixed", "floating", "planar")
 LIMIT = '<limit lower="-3" upper="3" velocity="2" effort="10"/>'
@@ -80,7 +81,7 @@ def test_any_tree_is_read_as_pinocchio_reads_it(seed):
     angles = np.random.default_rng(seed).uniform(-2.0, 2.0, (4, len(arm.joints)))
     p, q = kinematics.poses(arm, angles)
     torques = kinematics.gravity_torques(arm, angles)
-    model.gravity.linear = np.array([0.0, 0.0, -kinematics.STANDARD_GRAVITY])
+    model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
     data = model.createData()
     for k, own in enumerate(angles):
         pin.forwardKinematics(model, data, own)
