@@ -5,32 +5,76 @@
 
 namespace {
 
+/// What is only read: `const` in front of the element.
+struct ConstNumbers {
+    const double *data;
+    Index count;
+
+    double operator[](Index i) const { return data[i]; }
+};
+
+struct Indices {
+    const Index *data;
+    Index count;
+
+    Index operator[](Index i) const { return data[i]; }
+};
+
+struct Mask {
+    const std::uint8_t *data;
+    Index count;
+
+    std::uint8_t operator[](Index i) const { return data[i]; }
+};
+
+struct IndexTable {
+    const Index *data;
+    Index rows, columns;
+
+    Index operator()(Index i, Index j) const { return data[i * columns + j]; }
+};
+
+struct ConstTable {
+    const double *data;
+    Index rows, columns;
+
+    const double *row(Index i) const { return data + i * columns; }
+    double operator()(Index i, Index j) const { return data[i * columns + j]; }
+};
+
+struct ConstStack {
+    const double *data;
+    Index tables, rows, columns;
+
+    ConstTable operator[](Index i) const { return {data + i * rows * columns, rows, columns}; }
+};
+
+/// What is written, too.
 struct Numbers {
     double *data;
     Index count;
 
     double &operator[](Index i) const { return data[i]; }
+    operator ConstNumbers() const { return {data, count}; }
 };
 
-struct Indices {
+struct WrittenIndices {
     Index *data;
     Index count;
 
     Index &operator[](Index i) const { return data[i]; }
 };
 
-struct Mask {
+struct WrittenIndexTable {
+    Index *data;
+    Index rows, columns;
+};
+
+struct WrittenMask {
     std::uint8_t *data;
     Index count;
 
     std::uint8_t &operator[](Index i) const { return data[i]; }
-};
-
-struct IndexTable {
-    Index *data;
-    Index rows, columns;
-
-    Index operator()(Index i, Index j) const { return data[i * columns + j]; }
 };
 
 struct Table {
@@ -39,6 +83,7 @@ struct Table {
 
     double *row(Index i) const { return data + i * columns; }
     double &operator()(Index i, Index j) const { return data[i * columns + j]; }
+    operator ConstTable() const { return {data, rows, columns}; }
 };
 
 struct Stack {

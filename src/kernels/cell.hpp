@@ -8,28 +8,28 @@ namespace {
 /// Where some numbers of the model come from: rows of the stored state, or, where -1, known values.
 struct ParameterRows {
     Indices source;
-    Numbers known;
+    ConstNumbers known;
 };
 
 /// What a cell's filter needs to know besides state, readings and poses.
 struct Model {
     IndexTable parts, tail;  // of the state, and of its last parts alone, which change between updates: manifold.hpp
     IndexTable drawn;        // parts of which sigma points are needed: all but the robot's errors, which enter linearly
-    Numbers weights;         // (5,): see sigma_points.hpp
+    ConstNumbers weights;         // (5,): see sigma_points.hpp
     ParameterRows gyro, accel, around, robot;
     Index gyro_degrees;      // degrees of freedom of the gyros' parameters, which come first
     Index sensor_degrees;    // of the gyros' and the accelerometers' parameters
     Indices stored;          // (7,): where the parts below lie in the stored state, -1 where they are not in it
     IndexTable gyro_effects, accel_effects;  // (E, 3): see `effects_of` in process_model.hpp
-    Numbers gyro_applied, accel_applied;     // (e,)
+    ConstNumbers gyro_applied, accel_applied;     // (e,)
     double products;         // see coefficients.hpp, SizeEffect
     Index inside;
     double level, down;      // Earth rate that a unit of north, and of its downward part, stands for, rad/s
-    Numbers noise;           // (6,): standard deviations
-    Numbers standstill;      // (2,): deviations of the reference's error at a standstill, position and orientation
-    Numbers coloured;        // (3,): time constant of the reference's coloured noise, s; deviations
+    ConstNumbers noise;           // (6,): standard deviations
+    ConstNumbers standstill;      // (2,): deviations of the reference's error at a standstill, position and orientation
+    ConstNumbers coloured;        // (3,): time constant of the reference's coloured noise, s; deviations
     Indices walking;         // degrees of freedom that walk; the densities, and the rates at which what they were fades, 1/s
-    Numbers walk, fading;
+    ConstNumbers walk, fading;
     double noise_step;       // seconds of readings whose noise is taken together
 };
 
@@ -50,18 +50,18 @@ ORDER(Around, ALIGNMENT = 0, NORTH = 4, GRAVITY = 6, TIME_OFFSET = 7, TIME_SKEW 
 /// Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
 struct Steps {
     Indices first, last;          // (u,)
-    Numbers tau;                  // (u,)
+    ConstNumbers tau;                  // (u,)
     Mask at_standstill;           // (u,)
     Mask new_standstill;          // (u,): whether a standstill begins
-    Table position, quaternion;   // (u, 3), (u, 4)
+    ConstTable position, quaternion;   // (u, 3), (u, 4)
     Mask given;                   // (2,): whether positions and orientations are measured
-    Stack regressor;              // (u, 6, e), e = 0 without a robot
+    ConstStack regressor;              // (u, 6, e), e = 0 without a robot
 };
 
 /// What updates leave. Measurement components are position, orientation and velocity, nan where there is no such measurement.
 struct Record {
     Table mean, deviation;                        // (u, first numbers of the state), (u, k)
-    Mask used;                                    // (u,)
+    WrittenMask used;                                    // (u,)
     Numbers nis, log_likelihood, turn_information;         // (u,)
     Table whitened, innovation, residual, noise_variance;  // (u, 9)
     Table correction, correction_variance;        // (u, 6): of velocity and attitude
@@ -69,9 +69,9 @@ struct Record {
 
 /// What rejects an update.
 struct Gate {
-    Numbers bounds;    // (10,): of the normalised innovation squared, for every number of degrees of freedom
+    ConstNumbers bounds;    // (10,): of the normalised innovation squared, for every number of degrees of freedom
     Index most;        // measurements rejected in a row after which to stop
-    Indices rejected;  // (1,): measurements rejected in a row so far
+    WrittenIndices rejected;  // (1,): measurements rejected in a row so far
 };
 
 /// Mean as stored, and factor of the covariance, transposed: upper triangular.

@@ -66,7 +66,7 @@ inline void outer_weights(Span span, const Samples &signal, Columns weights) {
 
 /// The sum of the features (P, n) of samples s to s + 3, each times the first column of its coefficients (3 P, m).
 template <bool Effects>
-inline Vector<Lanes> weighted(Columns coefficients, Table features, Index s) {
+inline Vector<Lanes> weighted(Columns coefficients, ConstTable features, Index s) {
     Vector<Lanes> out = {0.0, 0.0, 0.0};
     for (Index f = 0; f < (Effects ? features.rows : RATES); f++) {
         const Lanes feature = From(features.row(f), s, features.columns)[0];
@@ -141,7 +141,7 @@ inline void force_along(Span span, const Samples &signal, Columns force, const P
     const Index count = span.count(), n = signal.stamps.count;
     if (force.rows > 3 * MOST_FEATURES) throw Mismatch();
     for (Index k = 0; k < count; k += LANES) {
-        const auto samples = [&](Table rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
+        const auto samples = [&](ConstTable rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
         // in the order of `force_coefficients`
         Lanes features[MOST_FEATURES];
         Index at = 0;

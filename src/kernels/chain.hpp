@@ -7,11 +7,11 @@ namespace {
 
 /// A chain of joints, each turning about or moving along one axis. Python's side is `kreisel._kernels.joint_chain`.
 struct Chain {
-    Table rotations;     // (joints + 1, 9): of each joint's placement on the link before, row by row; the last is the tool's
-    Table translations;  // (joints + 1, 3)
-    Table axes;          // (joints, 3): in the placement's own frame
+    ConstTable rotations;     // (joints + 1, 9): of each joint's placement on the link before, row by row; the last is the tool's
+    ConstTable translations;  // (joints + 1, 3)
+    ConstTable axes;          // (joints, 3): in the placement's own frame
     Mask turning;        // (joints,): whether it turns about its axis; else it moves along it
-    Table bodies;        // (joints, 4): mass of what moves with each joint, and its centre in the joint's frame
+    ConstTable bodies;        // (joints, 4): mass of what moves with each joint, and its centre in the joint's frame
 };
 
 /// A frame and its motion against the base, all in the base's axes.
@@ -66,7 +66,7 @@ inline void set_row(Table out, Index i, Vector<double> v) { out(i, 0) = v.x, out
 /// Write the tool's attitudes (n, 4), without jumps of sign, and its position, velocity and acceleration in the base's axes, rate and
 /// angular acceleration in its own, (n, 3) each, for joint angles, rates and accelerations (n, joints).
 inline void chain_motion(
-    const Chain &chain, Table angles, Table rates, Table accelerations, Table q, Table p, Table v, Table a, Table omega,
+    const Chain &chain, ConstTable angles, ConstTable rates, ConstTable accelerations, Table q, Table p, Table v, Table a, Table omega,
     Table alpha
 ) {
     const Index joints = angles.columns;
@@ -97,7 +97,7 @@ constexpr Index MOST_JOINTS = 64;
 /// (n, 6, joints): position in the base's axes, rotation in the tool's; and the torques or forces that hold the arm
 /// against gravity, (n, joints). Gravity points down the base's z axis.
 inline void chain_derivatives(
-    const Chain &chain, Table angles, double gravity, Stack regressor, Stack jacobian, Table torques
+    const Chain &chain, ConstTable angles, double gravity, Stack regressor, Stack jacobian, Table torques
 ) {
     const Index joints = angles.columns;
     Matrix<double> placed[MOST_JOINTS + 1];

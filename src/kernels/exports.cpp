@@ -29,7 +29,7 @@ EXPORTED int KREISEL(triangularise)(Table rows) {
     });
 }
 
-EXPORTED int KREISEL(inflate)(Table upper, Indices degrees, Numbers deviations) {
+EXPORTED int KREISEL(inflate)(Table upper, Indices degrees, ConstNumbers deviations) {
     return guarded([&] {
         Workspace memory;
         const Columns own = copied(upper, memory);
@@ -61,53 +61,53 @@ EXPORTED int KREISEL(minus)(IndexTable parts, Table states, Numbers x, Table out
     });
 }
 
-EXPORTED int KREISEL(interval_weights)(Numbers stamps, Indices base, Table single, Table twice) {
+EXPORTED int KREISEL(interval_weights)(ConstNumbers stamps, Indices base, Table single, Table twice) {
     interval_weights(stamps, base, single, twice);
     return DONE;
 }
 
-EXPORTED int KREISEL(integrate_intervals)(Indices base, Table single, Table values, Table out) {
+EXPORTED int KREISEL(integrate_intervals)(Indices base, ConstTable single, ConstTable values, Table out) {
     integrate_intervals(base, single, values, out);
     return DONE;
 }
 
-EXPORTED int KREISEL(differentiate)(Numbers stamps, Indices first, Table values, Table out) {
+EXPORTED int KREISEL(differentiate)(ConstNumbers stamps, Indices first, ConstTable values, Table out) {
     differentiate(stamps, first, values, out);
     return DONE;
 }
 
-EXPORTED int KREISEL(double_integral)(Numbers stamps, Table values, Indices before, Numbers share, Table out) {
+EXPORTED int KREISEL(double_integral)(ConstNumbers stamps, ConstTable values, Indices before, ConstNumbers share, Table out) {
     double_integral(stamps, values, before, share, out);
     return DONE;
 }
 
-EXPORTED int KREISEL(integrate_attitude)(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
+EXPORTED int KREISEL(integrate_attitude)(ConstNumbers stamps, ConstTable rates, ConstTable integrals, ConstTable coefficients, Table q) {
     integrate_attitude(stamps, rates, integrals, coefficients, q);
     return DONE;
 }
 
 EXPORTED int KREISEL(compare_rotations)(
-    const RateSignal *signal, Table q, Table K, Numbers b, Table t, Table rotations, Table turned, Table residual, Table slope
+    const RateSignal *signal, ConstTable q, Table K, ConstNumbers b, ConstTable t, ConstTable rotations, Table turned, Table residual, Table slope
 ) {
     compare_rotations(*signal, q, block(K, 0, 0), vector_from(b.data), t, rotations, turned, residual, slope);
     return DONE;
 }
 
-EXPORTED int KREISEL(unit_forces)(Numbers q, Numbers reading, Numbers omega, Numbers alpha, Numbers out) {
+EXPORTED int KREISEL(unit_forces)(Numbers q, ConstNumbers reading, Numbers omega, Numbers alpha, Numbers out) {
     unit_forces(
         quaternion_from(q.data), vector_from(reading.data), vector_from(omega.data), vector_from(alpha.data), out.data);
     return DONE;
 }
 
 EXPORTED int KREISEL(integrate_unit_forces)(
-    Numbers stamps, Table q, Table readings, Table omega, Table alpha, Indices before, Numbers share, Table out
+    ConstNumbers stamps, ConstTable q, ConstTable readings, ConstTable omega, ConstTable alpha, Indices before, ConstNumbers share, Table out
 ) {
     integrate_unit_forces(stamps, q, readings, omega, alpha, before, share, out);
     return DONE;
 }
 
 EXPORTED int KREISEL(chain_motion)(
-    const Chain *chain, Table angles, Table rates, Table accelerations, Table q, Table p, Table v, Table a, Table omega,
+    const Chain *chain, ConstTable angles, ConstTable rates, ConstTable accelerations, Table q, Table p, Table v, Table a, Table omega,
     Table alpha
 ) {
     chain_motion(*chain, angles, rates, accelerations, q, p, v, a, omega, alpha);
@@ -115,23 +115,25 @@ EXPORTED int KREISEL(chain_motion)(
 }
 
 EXPORTED int KREISEL(chain_derivatives)(
-    const Chain *chain, Table angles, double gravity, Stack regressor, Stack jacobian, Table torques
+    const Chain *chain, ConstTable angles, double gravity, Stack regressor, Stack jacobian, Table torques
 ) {
     chain_derivatives(*chain, angles, gravity, regressor, jacobian, torques);
     return DONE;
 }
 
-EXPORTED int KREISEL(drive_oscillators)(Table step, Numbers now, Numbers later, Table u, Stack x) {
+EXPORTED int KREISEL(drive_oscillators)(ConstTable step, ConstNumbers now, ConstNumbers later, Table u, Stack x) {
     drive_oscillators(step, now, later, u, x);
     return DONE;
 }
 
-EXPORTED int KREISEL(gauss_markov)(Numbers keep, Table white, Table out) {
+EXPORTED int KREISEL(gauss_markov)(ConstNumbers keep, ConstTable white, Table out) {
     gauss_markov(keep, white, out);
     return DONE;
 }
 
-EXPORTED int KREISEL(read_rows)(Bytes text, Indices stamps, Table values, IndexTable places, Indices found) {
+EXPORTED int KREISEL(read_rows)(
+    Bytes text, WrittenIndices stamps, Table values, WrittenIndexTable places, WrittenIndices found
+) {
     OddCells odd = {places.data, places.rows};
     found[0] = read_rows(text, stamps, values, odd);
     found[1] = odd.count;

@@ -15,12 +15,17 @@
 
 namespace {
 
+/// What Python calls a type: it has one view for what is read and what is written.
 template <class T> struct Named;
-#define NAMED(type) template <> struct Named<type> { static constexpr const char *name = #type; };
+#define NAMED_AS(type, python) template <> struct Named<type> { static constexpr const char *name = #python; };
+#define NAMED(type) NAMED_AS(type, type)
 NAMED(double) NAMED(Index) NAMED(Numbers) NAMED(Table) NAMED(Stack) NAMED(Indices) NAMED(IndexTable) NAMED(Mask)
 NAMED(ParameterRows) NAMED(Model) NAMED(Samples) NAMED(Steps) NAMED(Record) NAMED(Gate) NAMED(Gaussian)
 NAMED(Chain) NAMED(RateSignal)
+NAMED_AS(ConstNumbers, Numbers) NAMED_AS(ConstTable, Table) NAMED_AS(ConstStack, Stack)
+NAMED_AS(WrittenIndices, Indices) NAMED_AS(WrittenMask, Mask)
 #undef NAMED
+#undef NAMED_AS
 
 /// Text that grows by the fields of one structure after another.
 struct Layout {

@@ -47,7 +47,7 @@ struct Moment {
 /// They enter linearly and are not rotations, so the points themselves are not needed: in direction j they differ from the
 /// mean by `spread` times row j of the factor, which is as many products for all of them.
 inline Columns robot_motion(
-    const Model &model, const SigmaOrder &order, Table regressor, const double *mean, Columns upper, Workspace &memory
+    const Model &model, const SigmaOrder &order, ConstTable regressor, const double *mean, Columns upper, Workspace &memory
 ) {
     const Index errors = regressor.columns, n = upper.rows;
     if (errors == 0) return {{nullptr, 6, 0}};
@@ -179,7 +179,7 @@ inline Prediction predict_measurement(
 ) {
     const Index last = steps.last[i], m = measured_numbers(steps, i);
     const Columns others = disturbed(model, points, noise, memory);
-    const Numbers stamps = signal.stamps;
+    const ConstNumbers stamps = signal.stamps;
     const Moment moment = {
         memory.columns(1, points.columns), stamps[last] - stamps[last - 1], stamps[last + 1] - stamps[last],
         robot_motion(model, order, steps.regressor[i], mean, upper, memory), steps.at_standstill[i] != 0,

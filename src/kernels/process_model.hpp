@@ -36,7 +36,7 @@ inline Columns rows_of(const ParameterRows &rows, Columns points, Index first, I
 ///
 /// places (E, 3): the parameter of each feature for each axis, or -1; applied (e,): values by which the readings have been
 /// corrected before.
-inline Columns effects_of(IndexTable places, Numbers applied, Columns parameters, Workspace &memory) {
+inline Columns effects_of(IndexTable places, ConstNumbers applied, Columns parameters, Workspace &memory) {
     const Columns out = memory.zeros(3 * places.rows, parameters.columns);
     for (Index row = 0; row < out.rows; row++) {
         const Index e = places(row / 3, row % 3);

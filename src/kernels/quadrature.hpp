@@ -34,7 +34,7 @@ inline void cardinal_integrals(const T *x, T *once, T *again) {
 ///
 /// sum_i single[k, i] u[base[k] + i] is the integral of u over the interval and sum_i twice[k, i] u[base[k] + i] that of
 /// (t_k+1 - t) u, for u the quintic through the six samples from base[k] on.
-inline void interval_weights(Numbers stamps, Indices base, Table single, Table twice) {
+inline void interval_weights(ConstNumbers stamps, Indices base, Table single, Table twice) {
     const Index intervals = stamps.count - 1;
     for (Index k = 0; k < intervals; k += LANES) {
         Lanes h, x[STENCIL], once[STENCIL], again[STENCIL];
@@ -57,7 +57,7 @@ inline void interval_weights(Numbers stamps, Indices base, Table single, Table t
 }
 
 /// Write the integral of every row of values (c, n) over every sampling interval, (c, n - 1).
-inline void integrate_intervals(Indices base, Table single, Table values, Table out) {
+inline void integrate_intervals(Indices base, ConstTable single, ConstTable values, Table out) {
     for (Index row = 0; row < values.rows; row++) {
         for (Index k = 0; k < base.count; k++) {
             double total = 0.0;
@@ -69,7 +69,7 @@ inline void integrate_intervals(Indices base, Table single, Table values, Table 
 
 /// Write the derivative, (n, 3), of every column of values (n, 3): of the quartic through the five samples from first[k]
 /// on.
-inline void differentiate(Numbers stamps, Indices first, Table values, Table out) {
+inline void differentiate(ConstNumbers stamps, Indices first, ConstTable values, Table out) {
     for (Index k = 0; k < stamps.count; k++) {
         const Index centre = k - first[k];
         const double *t = stamps.data + first[k];
@@ -98,7 +98,7 @@ inline void differentiate(Numbers stamps, Indices first, Table values, Table out
 ///
 /// Moments lie a share (m,) of the interval after the samples `before` (m,), in ascending order. Values are taken as
 /// linear between samples, and so is what is written.
-inline void double_integral(Numbers stamps, Table values, Indices before, Numbers share, Table out) {
+inline void double_integral(ConstNumbers stamps, ConstTable values, Indices before, ConstNumbers share, Table out) {
     for (Index axis = 0; axis < values.columns; axis++) {
         double once = 0.0, twice = 0.0;
         Index at = 0;
@@ -117,9 +117,9 @@ inline void double_integral(Numbers stamps, Table values, Indices before, Number
 ///
 /// rates (P, n), integrals (P, n - 1): see `Samples`; coefficients (P, 3): see coefficients.hpp. A step of more than one
 /// radian lies over a gap, where the rates are not known: it is shortened, so that the quaternion stays one of a rotation.
-inline void integrate_attitude(Numbers stamps, Table rates, Table integrals, Table coefficients, Table q) {
+inline void integrate_attitude(ConstNumbers stamps, ConstTable rates, ConstTable integrals, ConstTable coefficients, Table q) {
     const Index n = stamps.count;
-    const auto rate = [&](Table features, Index k) {
+    const auto rate = [&](ConstTable features, Index k) {
         Vector<Lanes> out = {0.0, 0.0, 0.0};
         for (Index f = 0; f < features.rows; f++) {
             out += load(features.row(f) + k, features.columns - k) * in_all_lanes(vector_from(coefficients.row(f)));

@@ -8,7 +8,7 @@ namespace {
 /// Write the states x (2, n, m) of m oscillators driven by u (n, m), from standstill.
 ///
 /// x_k+1 = step x_k + now u_k + later u_k+1, with step (2, 2), now and later (2,).
-inline void drive_oscillators(Table step, Numbers now, Numbers later, Table u, Stack x) {
+inline void drive_oscillators(ConstTable step, ConstNumbers now, ConstNumbers later, Table u, Stack x) {
     const Table a = x[0], b = x[1];
     for (Index k = 0; k < u.rows - 1; k++) {
         for (Index j = 0; j < u.columns; j++) {
@@ -19,7 +19,7 @@ inline void drive_oscillators(Table step, Numbers now, Numbers later, Table u, S
 }
 
 /// Write a stationary Gauss-Markov process of unit variance, (n, m), from white noise (n, m) and keep (n - 1,).
-inline void gauss_markov(Numbers keep, Table white, Table out) {
+inline void gauss_markov(ConstNumbers keep, ConstTable white, Table out) {
     for (Index j = 0; j < white.columns; j++) out(0, j) = white(0, j);
     for (Index k = 0; k < keep.count; k++) {
         const double fresh = std::sqrt(1.0 - keep[k] * keep[k]);

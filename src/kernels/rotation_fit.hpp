@@ -7,8 +7,8 @@ namespace {
 
 /// Raw rates of a stretch of readings: as they are, as running means, and integrated from the first sample, (n, 3).
 struct RateSignal {
-    Numbers stamps;  // (n,)
-    Table rates, smooth, integral;
+    ConstNumbers stamps;  // (n,)
+    ConstTable rates, smooth, integral;
 };
 
 /// What of the readings stands at a time between two samples.
@@ -19,14 +19,14 @@ struct AtTime {
 
 /// Attitude, mean rate and integrated reading at time t, of attitudes q (n, 4) at the samples; `k` is a sample before t,
 /// and is moved on.
-inline AtTime at_time(const RateSignal &signal, Table q, Matrix<double> K, Vector<double> b, double t, Index &k) {
-    const Numbers stamps = signal.stamps;
+inline AtTime at_time(const RateSignal &signal, ConstTable q, Matrix<double> K, Vector<double> b, double t, Index &k) {
+    const ConstNumbers stamps = signal.stamps;
     while (k > 0 && stamps[k] >= t) k--;
     while (k < stamps.count - 2 && stamps[k + 1] < t) k++;
     const double s = t - stamps[k], h = stamps[k + 1] - stamps[k], share = s / h;
     const Vector<double> omega = K * vector_from(signal.rates.row(k)) + b;
     const Vector<double> change = K * vector_from(signal.rates.row(k + 1)) + b - omega;
-    const auto between = [&](Table rows) {
+    const auto between = [&](ConstTable rows) {
         return (1.0 - share) * vector_from(rows.row(k)) + share * vector_from(rows.row(k + 1));
     };
     return {
@@ -41,7 +41,7 @@ inline AtTime at_time(const RateSignal &signal, Table q, Matrix<double> K, Vecto
 ///
 /// K (3, 3), b (3,): omega = K w' + b; q (n, 4): the attitudes that follow.
 inline void compare_rotations(
-    const RateSignal &signal, Table q, Matrix<double> K, Vector<double> b, Table t, Table rotations, Table turned,
+    const RateSignal &signal, ConstTable q, Matrix<double> K, Vector<double> b, ConstTable t, ConstTable rotations, Table turned,
     Table residual, Table slope
 ) {
     const auto set = [](Table out, Index i, Vector<double> v) { out(i, 0) = v.x, out(i, 1) = v.y, out(i, 2) = v.z; };

@@ -9,12 +9,12 @@ constexpr Index STENCIL = 6;  ///< samples each interpolating polynomial goes th
 
 /// See `_kernels.cell.Samples`; P = 4 + E features of the rate, E of them the gyros' effects'.
 struct Samples {
-    Numbers stamps;                  // (n,)
+    ConstNumbers stamps;                  // (n,)
     Indices base;                    // (n - 1,)
-    Table single, twice;             // (n - 1, 6)
-    Table rates, slopes, integrals;  // (P, n), (4, n), (P, n - 1)
-    Table forces;                    // (3 + E, n)
-    Table noise;                     // (4, 3)
+    ConstTable single, twice;             // (n - 1, 6)
+    ConstTable rates, slopes, integrals;  // (P, n), (4, n), (P, n - 1)
+    ConstTable forces;                    // (3 + E, n)
+    ConstTable noise;                     // (4, 3)
     double usual;                    // s
 };
 

@@ -48,7 +48,7 @@ inline void noise_covariance(
 ) {
     const Index samples = span.last - span.first, steps = (samples + every - 1) / every;
     const double missing = 1.6 * signal.usual;
-    const Table density = signal.noise;
+    const ConstTable density = signal.noise;
     const StepNoise of = {
         memory.zeros(4, steps), memory.zeros(3, steps), memory.zeros(3, steps), memory.zeros(1, steps),
         memory.zeros(1, steps), memory.zeros(3, steps), memory.zeros(3, steps),

@@ -106,7 +106,7 @@ struct Moments {
 
 /// Write mean and columns of the covariance from distances of sigma points (r, 2 n + 1): equation (18).
 inline void unscented_moments(
-    Columns distance, const SigmaOrder &order, Numbers w, Moments &out, Workspace &memory
+    Columns distance, const SigmaOrder &order, ConstNumbers w, Moments &out, Workspace &memory
 ) {
     const Index r = distance.rows, n = order.degrees();
     const Columns curved = memory.columns(r, n + LANES), excess = memory.zeros(1, n + LANES);
@@ -178,7 +178,7 @@ struct Updated {
 /// from the centre's prediction; from the mean prediction on return. factor (m, e): of the measurement's noise. gate: bound
 /// of the normalised innovation squared, beyond which only the prediction is taken over: equation (20).
 inline Updated update(
-    IndexTable parts, IndexTable tail, const SigmaOrder &order, Numbers w, double *mean, Columns upper,
+    IndexTable parts, IndexTable tail, const SigmaOrder &order, ConstNumbers w, double *mean, Columns upper,
     Columns posterior, const Predicted &predicted, double *innovation, Table factor, double gate, Workspace &memory
 ) {
     const Index n = order.degrees(), m = predicted.seen.rows, size = predicted.points.rows, e = factor.columns;

@@ -161,7 +161,7 @@ struct OddCells {
 ///
 /// Returns how many rows there are, or -1 if the table is not a regular one: a row of another length, a comment, a stamp
 /// that is not a plain number, too many odd cells.
-inline Index read_rows(Bytes text, Indices stamps, Table values, OddCells &odd) {
+inline Index read_rows(Bytes text, WrittenIndices stamps, Table values, OddCells &odd) {
     const bool whole = stamps.count > 0;
     Index row = 0, at = 0;
     const auto skip_blanks = [&] {

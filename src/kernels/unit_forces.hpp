@@ -38,7 +38,7 @@ inline void unit_forces(
 /// q (n, 4), readings, omega and alpha (n, 3). before and share (m,) give the moments: see quadrature.hpp,
 /// `double_integral`, also for the values between samples.
 inline void integrate_unit_forces(
-    Numbers stamps, Table q, Table readings, Table omega, Table alpha, Indices before, Numbers share, Table out
+    ConstNumbers stamps, ConstTable q, ConstTable readings, ConstTable omega, ConstTable alpha, Indices before, ConstNumbers share, Table out
 ) {
     constexpr Index ALL = 3 * UNITS, SIZE = 48;
     double once[SIZE] = {}, twice[SIZE] = {}, rise[SIZE] = {}, here[SIZE] = {}, ahead[SIZE] = {};
