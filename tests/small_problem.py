@@ -72,7 +72,7 @@ def camera_problem() -> Problem:
 @cache
 def calibrated() -> Outcome:
     """The calibration of the small recording, with all that led to it."""
-    return run_calibration(recorded()[1], CalibrationSettings())
+    return run_calibration(recorded()[1], CalibrationSettings(), budget=True)
 
 
 class Given:

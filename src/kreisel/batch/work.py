@@ -71,7 +71,7 @@ def calibrate_one(batch: Batch, number: int) -> Run:
     read: Recording | None = None
     try:
         read = load(job.path)
-        outcome = run_calibration(read, batch.settings, validate=batch.reports)
+        outcome = run_calibration(read, batch.settings, validate=batch.reports, budget=batch.reports)
         with replaced_together(batch.results / job.name, RESULT_FILES) as writing:
             outcome.calibration.write(writing)
             if batch.reports:

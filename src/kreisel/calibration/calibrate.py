@@ -47,7 +47,7 @@ def calibrate(recording: Recording, settings: CalibrationSettings | None = None)
     KreiselError
         If the recording cannot be used; the message says what, where and what to do.
     """
-    return run_calibration(recording, settings or CalibrationSettings()).calibration
+    return run_calibration(recording, settings or CalibrationSettings(), budget=True).calibration
 
 
 def run_calibration(
@@ -57,7 +57,7 @@ def run_calibration(
     *,
     together: Together = one_by_one,
     validate: bool = False,
-    budget: bool = True,
+    budget: bool = False,
 ) -> Outcome:
     """Return the calibration of a recording with all intermediate results.
 

@@ -117,7 +117,9 @@ def calibrate(
     injection: Injection | None = None
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
-        outcome = run_calibration(read, settings, show, together=side_by_side, validate=validate and output is not None)
+        outcome = run_calibration(
+            read, settings, show, together=side_by_side, validate=validate and output is not None, budget=True
+        )
         if inject:
             injection = inject_errors(outcome, show)
         if output is not None:

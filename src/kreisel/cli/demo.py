@@ -71,7 +71,7 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
     write_folder(replace(recording, settings=settings), recording_folder)
     write_truth(truth, recording_folder / "truth.json")
     read = load(recording_folder, together=side_by_side)
-    outcome = run_calibration(read, CalibrationSettings(), show, together=side_by_side, validate=True)
+    outcome = run_calibration(read, CalibrationSettings(), show, together=side_by_side, validate=True, budget=True)
     outcome.calibration.save(result)
     write_report(outcome, result / "report.html", injection=inject(outcome, show))
     errors = group_errors(outcome.calibration, truth)

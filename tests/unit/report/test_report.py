@@ -22,11 +22,12 @@ from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.settings import CalibrationSettings
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.report.budget import budget_picture
 from kreisel.report.data import extract
 from kreisel.report.page import write_report
 from kreisel.report.plots import LEVELS, PALETTES, packed
 from kreisel.report.snippet import snippet
-from kreisel.report.table import number, pair
+from kreisel.report.table import NOTHING, number, pair
 from kreisel.report.template import library
 from kreisel.report.thinning import MAX_POINTS, enveloped, thinned
 
@@ -50,7 +51,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def outcome(recording: Recording) -> Outcome:
-    return run_calibration(recording, CalibrationSettings())
+    return run_calibration(recording, CalibrationSettings(), budget=True)
 
 
 @pytest.fixture(scope="module")
@@ -342,3 +343,17 @@ def test_numbers_are_rounded_to_what_their_deviation_carries() -> None:
     assert pair(0.0, 0.0) == "0"
     assert number(2.69e-5) == "2.69·10⁻⁵"
     assert number(float("nan")) == "–"
+
+
+def test_bars_of_the_budget_show_the_whole_variance(outcome: Outcome, page: str, tmp_path: Path) -> None:
+    picture = budget_picture(outcome)
+    assert picture is not None
+    for bar in picture.bars:
+        assert sum(one.percent for one in bar.segments) == pytest.approx(100.0, abs=0.5)  # less than 0.05 % is left out
+        assert {one.index for one in bar.segments} <= {one.index for one in picture.legend}
+    for row in picture.table.rows:
+        assert sum(float(cell) for cell in row.cells[1:] if cell != NOTHING) == pytest.approx(100.0, abs=0.5)
+    assert page.count('class="parts"') == len(picture.bars)
+    without = replace(outcome, calibration=replace(outcome.calibration, budget=None))
+    assert budget_picture(without) is None
+    assert 'id="budget"' not in written(without, tmp_path)
