@@ -14,6 +14,7 @@ from kreisel.robot import kinematics
 from kreisel.robot.description import parse_arm
 from kreisel.robot.excitation import home
 from kreisel.robot.kinematics import MODELS, load_arm
+from kreisel.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)
@@ -272,7 +273,7 @@ def test_joint_jacobian_is_part_of_the_regressor(arm):
 
 
 def potential_energy(urdf, angles):
-    """Of all links' masses, 9.81 m/s^2, J; the links hang one on the other in the order of the file."""
+    """Of all links' masses, STANDARD_GRAVITY m/s^2, J; the links hang one on the other in the order of the file."""
     root = ElementTree.fromstring(urdf)
     links = {link.get("name"): link for link in root.iter("link")}
     T, energy, k = np.eye(4), 0.0, 0
@@ -285,7 +286,7 @@ def potential_energy(urdf, angles):
         inertial = links[joint.find("child").get("link")].find("inertial")
         if inertial is not None:
             mass = float(inertial.find("mass").get("value"))
-            energy += 9.81 * mass * (T @ [*numbers(inertial.find("origin"), "xyz"), 1.0])[2]
+            energy += STANDARD_GRAVITY * mass * (T @ [*numbers(inertial.find("origin"), "xyz"), 1.0])[2]
     return energy
 
 
