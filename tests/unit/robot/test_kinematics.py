@@ -273,7 +273,7 @@ def test_joint_jacobian_is_part_of_the_regressor(arm):
 
 
 def potential_energy(urdf, angles):
-    """Of all links' masses, STANDARD_GRAVITY m/s^2, J; the links hang one on the other in the order of the file."""
+    """Of all links' masses in standard gravity, J; the links hang one on the other in the order of the file."""
     root = ElementTree.fromstring(urdf)
     links = {link.get("name"): link for link in root.iter("link")}
     T, energy, k = np.eye(4), 0.0, 0
