@@ -42,7 +42,7 @@ class Library:
         self.variant = _variant(self._loaded)
         self._loaded.kreisel_sources.restype = ctypes.c_char_p
         self.sources = str(self._loaded.kreisel_sources().decode())
-        self._layout = self._told()
+        self._layout = self._described()
         self.check_count("lanes", LANES)
 
     def function(self, name: str, *types: Any) -> Callable[..., None]:
@@ -89,7 +89,7 @@ class Library:
                 here = f"place {own[number]}" if number in own else "nothing of this name"
                 raise LibraryError(f"{_NOT_THIS}: {name} has {number} at {place}, expected {here}; {_AGAIN}")
 
-    def _told(self) -> dict[tuple[str, str], str]:
+    def _described(self) -> dict[tuple[str, str], str]:
         """Return what the library says of its structures and orders, by kind and name: see `layout.hpp`."""
         try:
             tell = getattr(self._loaded, f"kreisel_{self.variant}_layout")
@@ -105,10 +105,10 @@ class Library:
 
         Structures that the library does not describe are those of its parts, which tests call.
         """
-        told, own = self._layout.get(("struct", structure.__name__)), described(structure)
-        if told is None or told == own:
+        theirs, own = self._layout.get(("struct", structure.__name__)), described(structure)
+        if theirs is None or theirs == own:
             return
-        (size, _, here), (other, _, there) = own.partition(" "), told.partition(" ")
+        (size, _, here), (other, _, there) = own.partition(" "), theirs.partition(" ")
         pairs = zip_longest(here.split(", "), there.split(", "), fillvalue="nothing")
         wanted, given = next(((a, b) for a, b in pairs if a != b), (f"{size} bytes", f"{other} bytes"))
         raise LibraryError(

@@ -48,7 +48,7 @@ def disagreement(
     errors, stay: they are how these act on it.
     """
     layout, variance = found.problem.layout, found.deviation**2
-    columns, told = [], []
+    columns, differing = [], []
     for group in SENSOR_GROUPS:
         if group not in layout or group in PASSING_GROUPS:
             continue
@@ -59,10 +59,10 @@ def disagreement(
             own[part] = np.sqrt(added(part, size)) * factor[part]
             columns.append(own)
             larger = 1.0 + np.sum(own[part] ** 2, axis=1) / variance[part]
-            told.append(f"{group} {float(np.median(larger)) ** 0.5:.1f}")
-    if not told:
+            differing.append(f"{group} {float(np.median(larger)) ** 0.5:.1f}")
+    if not differing:
         return Disagreement()
     return Disagreement(
         (Contribution(f"disagreement: {subject}", Source.MISFIT, np.hstack(columns)),),
-        (DataWarning(subject, f"{words}: {', '.join(told)}"),),
+        (DataWarning(subject, f"{words}: {', '.join(differing)}"),),
     )

@@ -107,7 +107,8 @@ class Sharing:
             part, n = self._part(i), prior.mean.size
             index, columns = self._index(i)[:n], part.covariance[:n, n:]
             filtered = Gaussian(part.mean[:n], self._found[i].run.belief.covariance[np.ix_(index, index)])
-            added = _positive(part.covariance[:n, :n] - filtered.covariance - columns @ columns.T)
+            errors = np.hstack([np.zeros((index.size, 0)), *(c.columns[index] for c in self._found[i].contributions)])
+            added = errors @ errors.T - columns @ columns.T
             out.append(Contribution(filtered, prior, columns, added, partial(self._predict, i)))
         return out
 
@@ -196,14 +197,6 @@ def shift_of(i: int) -> str:
 def _degrees(found: Estimate, group: str) -> int:
     d = found.problem.layout[group]
     return int(d.stop - d.start)
-
-
-def _positive(P: Array) -> Array:
-    """Return the nearest covariance matrix, by its correlations: rounding may have left small negative variances."""
-    scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
-    values, V = np.linalg.eigh(0.5 * (P + P.T) / np.outer(scale, scale))
-    root = scale[:, None] * V * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(root @ root.T)
 
 
 def _block_diagonal(blocks: Sequence[Gaussian]) -> Array:

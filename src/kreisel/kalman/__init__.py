@@ -1,1 +1,1 @@
-"""The sigma-point Kalman filter: one estimator, with the compiled library behind it."""
+"""The sigma-point Kalman filter: one estimator, run by the compiled library."""
