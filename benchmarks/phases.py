@@ -63,7 +63,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.calibration.outcome import Outcome
     from kreisel.calibration.split_halves import halves_disagreement, split_halves
     from kreisel.calibration.verdict import consistency, judge
-    from kreisel.cli.threads import side_by_side
+    from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.kalman.sigma_point_filter import SigmaPointFilter
     from kreisel.model.settings import CalibrationSettings
@@ -83,8 +83,8 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     laps.end("build the problem")
     found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True), SigmaPointFilter()))
     laps.end(f"filter, {found.passes} pass(es)")
-    halves = split_halves(found, together=side_by_side)
-    latitude, cross = side_by_side([lambda: check_latitude(found), lambda: cross_validate(found)])
+    halves = split_halves(found, executor=in_threads)
+    latitude, cross = in_threads([lambda: check_latitude(found), lambda: cross_validate(found)])
     laps.end("halves, latitude, validation")
     more = halves_disagreement(found, halves)
     found = found.adding(more.contributions, more.warnings)

@@ -46,7 +46,7 @@ def problem_of(recording: Recording, *, robot: bool) -> Problem:
 
 
 @pytest.mark.parametrize("width", [1, 8, 25, 67])
-def test_columns_side_by_side(benchmark: Any, recording: Recording, unit: float, width: int) -> None:
+def test_columns_in_threads(benchmark: Any, recording: Recording, unit: float, width: int) -> None:
     """One pass over 240,000 samples with so many sets of gyro parameters side by side."""
     problem = problem_of(recording, robot=False)
     one = SensorColumns.single(problem.prior.start.sensors, SizeEffect.COMPLETED)

@@ -1,23 +1,14 @@
-"""Progress of long work, the name of a step and the share of it that is done; and work done side by side."""
+"""Progress of long work: the name of a step and the share of it that is done."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 Progress = Callable[[str, float], None]
 """Called with a step's name and the share of it that is done, 0 to 1."""
 
 StepProgress = Callable[[float], None]
 """Called with the share of one step that is done, 0 to 1."""
-
-Together = Callable[[Sequence[Callable[[], Any]]], list[Any]]
-"""Does works that do not depend on each other, in any order or at the same time, and returns their results."""
-
-
-def one_by_one(works: Sequence[Callable[[], Any]]) -> list[Any]:
-    """Return the results of works, done one after another."""
-    return [work() for work in works]
 
 
 def of_step(progress: Progress | None, name: str) -> StepProgress | None:

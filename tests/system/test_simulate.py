@@ -21,7 +21,7 @@ from ..felt import FAULTLESS, rests_of, run
 # Cells in files
 
 
-def test_a_cell_and_its_program_lie_side_by_side(tmp_path):
+def test_a_cell_and_its_program_lie_in_threads(tmp_path):
     (tmp_path / "moves.toml").write_text(EXAMPLE, encoding="utf-8")
     file = tmp_path / "cell.toml"
     file.write_text('seconds = 100\n[motion]\nprogram = "moves.toml"\nfirst_rest = 3\n', encoding="utf-8")

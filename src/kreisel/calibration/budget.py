@@ -20,8 +20,9 @@ from kreisel.model.groups import group_named
 from kreisel.model.noise import AssumedNoise
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.problem import Problem
-from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
+from kreisel.progress import Progress, of_parts, of_step
 from kreisel.refinement.estimate import Estimate
+from kreisel.tasks import Executor, sequential
 
 _STEP = 0.1
 """Relative step of a variance for its derivative: the variance is nearly a straight line over it."""
@@ -48,7 +49,7 @@ def budget_of(found: Estimate, parts: Mapping[Source, Array]) -> Budget:
 
 
 def filter_parts(
-    found: Estimate, progress: Progress | None = None, together: Together = one_by_one
+    found: Estimate, progress: Progress | None = None, executor: Executor = sequential
 ) -> dict[Source, Array]:
     """Return the share of each source in the filter's variance of every lasting parameter; their sum is one.
 
@@ -57,7 +58,7 @@ def filter_parts(
     problem, n = found.problem, len(found.problem.parameter_names)
     larger = _with_more(problem.noise)
     problems = [problem, *(replace(problem, noise=noise) for noise in larger.values())]
-    base, *others = together([
+    base, *others = executor([
         partial(found.estimator.refit, one, found.run, gate=np.inf, progress=of_step(step, "budget"))
         for one, step in zip(problems, of_parts(progress, "budget", len(problems)), strict=True)
     ])  # fmt: skip

@@ -29,11 +29,12 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress, Together, of_parts, one_by_one
+from kreisel.progress import Progress, of_parts
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
 from kreisel.refinement.iteration import Given, estimate
 from kreisel.refinement.observability import observability
+from kreisel.tasks import Executor, sequential
 
 ESTIMATORS: dict[str, Estimator] = {one.name: one for one in (SigmaPointFilter(),)}
 """What the names in `model.settings.ESTIMATORS` stand for."""
@@ -55,7 +56,7 @@ def run_calibration(
     settings: CalibrationSettings,
     progress: Progress | None = None,
     *,
-    together: Together = one_by_one,
+    executor: Executor = sequential,
     validate: bool = False,
     budget: bool = False,
 ) -> Outcome:
@@ -65,7 +66,7 @@ def run_calibration(
     ----------
     progress
         Called with the name of the step and the share of it that is done.
-    together
+    executor
         Does checks that do not depend on each other.
     validate
         Whether to cross-validate, too.
@@ -77,20 +78,20 @@ def run_calibration(
     settings = settings.with_stated(recording.settings.fixed, recording.settings.prior)
     recording = _in_use(recording, settings)
     began = time.perf_counter()
-    first = _with_time_base(_begun(recording, settings, progress, together), settings, progress, together)
+    first = _with_time_base(_begun(recording, settings, progress, executor), settings, progress, executor)
     preparation, problem, given = first.preparation, first.problem, first.given
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
-    halves = split_halves(found, progress, together)
+    halves = split_halves(found, progress, executor)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
-    latitude, *crossed = together(
+    latitude, *crossed = executor(
         [
             partial(check_latitude, found, shares[0]),
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    parts = filter_parts(found, progress, together) if budget else None
+    parts = filter_parts(found, progress, executor) if budget else None
     by_halves = halves_disagreement(without_passing(found), halves)
     found = without_passing(found.adding(by_interval.contributions, by_interval.warnings))
     found = found.adding(by_halves.contributions, by_halves.warnings)
@@ -135,10 +136,10 @@ class _Begun:
 
 
 def _begun(
-    recording: Recording, settings: CalibrationSettings, progress: Progress | None, together: Together
+    recording: Recording, settings: CalibrationSettings, progress: Progress | None, executor: Executor
 ) -> _Begun:
     """Return the estimate of a recording."""
-    preparation = prepare_recording(recording, settings, together)
+    preparation = prepare_recording(recording, settings, executor)
     check_start_values(preparation)
     problem = build_problem(preparation, settings)
     table = recording.settings.reference
@@ -146,20 +147,20 @@ def _begun(
     given = Given(stated, preparation.imu_noise.given)
     estimator = ESTIMATORS[settings.estimator]
     if problem.reference.positions is not None or settings.only == "accelerometer":
-        return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, together))
+        return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, executor))
     try:
-        found = estimate(problem, given, estimator, progress, together)
+        found = estimate(problem, given, estimator, progress, executor)
     except EstimationError:
         found = None
     if found is None or found.moved > MAX_MOVED:
         # velocities that nothing measures; the gyros need none
         problem = without_forces(problem)
-        found = estimate(problem, given, estimator, progress, together)
+        found = estimate(problem, given, estimator, progress, executor)
     return _Begun(preparation, problem, given, found)
 
 
 def _with_time_base(
-    first: _Begun, settings: CalibrationSettings, progress: Progress | None, together: Together
+    first: _Begun, settings: CalibrationSettings, progress: Progress | None, executor: Executor
 ) -> _Begun:
     """Return the estimate by the seconds of the clock that the data show to be right, where they do."""
     preparation = first.preparation
@@ -167,7 +168,7 @@ def _with_time_base(
         return first
     skew = preparation.rate_fit.clock.skew
     try:
-        other = _begun(with_time_base(preparation.recording, "reference"), settings, progress, together)
+        other = _begun(with_time_base(preparation.recording, "reference"), settings, progress, executor)
     except KreiselError:
         return first
     base = better_base(first.found, other.found)

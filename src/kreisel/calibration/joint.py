@@ -29,9 +29,10 @@ from kreisel.geometry.rotation import Array, log
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.model.settings import BY_CHOICE, CalibrationSettings
-from kreisel.progress import Progress, Together, one_by_one
+from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.observability import observability
+from kreisel.tasks import Executor, sequential
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 _LEVEL = 0.01
@@ -59,7 +60,7 @@ def calibrate_joint(
     progress: Progress | None = None,
     *,
     names: Sequence[str] = (),
-    together: Together = one_by_one,
+    executor: Executor = sequential,
 ) -> Joint:
     """Return one calibration of a device from several recordings of it.
 
@@ -82,7 +83,7 @@ def calibrate_joint(
         raise SettingsError(unknown_name("thing in common", unknown[0], SHARED))
     named = tuple(names) or tuple(recording.name for recording in recordings)
     _check_different(recordings, named)
-    alone = _Alone(recordings, named, replace(settings or CalibrationSettings(), partial=True), progress, together)
+    alone = _Alone(recordings, named, replace(settings or CalibrationSettings(), partial=True), progress, executor)
     outcomes, left_out = alone.outcomes()
     if len(outcomes) < 2:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out)
@@ -115,7 +116,7 @@ class _Alone:
     names: Sequence[str]
     settings: CalibrationSettings
     progress: Progress | None
-    together: Together
+    executor: Executor
 
     def outcomes(self) -> tuple[dict[int, Outcome], tuple[tuple[str, str], ...]]:
         """Return the accepted ones by number, and names and reasons of the others."""
@@ -137,7 +138,7 @@ class _Alone:
         accepted, left_out = {}, {}
         for i in numbers:
             try:
-                outcome = run_calibration(self.recordings[i], settings, self._progress(i), together=self.together)
+                outcome = run_calibration(self.recordings[i], settings, self._progress(i), executor=self.executor)
             except KreiselError as error:
                 left_out[i] = f"refused: {error}"
                 continue

@@ -12,15 +12,16 @@ from kreisel.calibration.frame_errors import frame_columns, repeatability_column
 from kreisel.fitting.stored_state import first_belief
 from kreisel.model.problem import part_of
 from kreisel.model.schedule import MIN_UPDATES
-from kreisel.progress import Progress, Together, of_parts, of_step, one_by_one
+from kreisel.progress import Progress, of_parts, of_step
 from kreisel.refinement.estimate import Estimate
+from kreisel.tasks import Executor, sequential
 
 _LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
 """Least variance of a difference, in the sum of both variances."""
 
 
 def split_halves(
-    found: Estimate, progress: Progress | None = None, together: Together = one_by_one
+    found: Estimate, progress: Progress | None = None, executor: Executor = sequential
 ) -> SplitHalves | None:
     """Return the difference between the estimates of the two halves of a recording; None if these are too short.
 
@@ -36,7 +37,7 @@ def split_halves(
     if middle < MIN_UPDATES:
         return None
     halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
-    a, b = together(
+    a, b = executor(
         [
             partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
             for half, share in halves

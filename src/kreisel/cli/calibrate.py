@@ -72,7 +72,7 @@ def calibrate(
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.cli.progress import progress_bar
-    from kreisel.cli.threads import releasing_memory, side_by_side
+    from kreisel.cli.threads import in_threads, releasing_memory
     from kreisel.errors import SettingsError
     from kreisel.formats.loading import load
     from kreisel.model.known import parse_fixed, parse_priors
@@ -95,7 +95,7 @@ def calibrate(
     within = None if limits is None else limits_named(limits)
     if output is not None:
         check_output(output)
-    read_one = partial(load, reference=reference, imu=imu, columns=columns, together=side_by_side)
+    read_one = partial(load, reference=reference, imu=imu, columns=columns, executor=in_threads)
     if joint:
         if inject:
             raise SettingsError("--inject is for one recording; leave out --joint")
@@ -118,7 +118,7 @@ def calibrate(
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
         outcome = run_calibration(
-            read, settings, show, together=side_by_side, validate=validate and output is not None, budget=True
+            read, settings, show, executor=in_threads, validate=validate and output is not None, budget=True
         )
         if inject:
             injection = inject_errors(outcome, show)

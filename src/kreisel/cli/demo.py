@@ -51,7 +51,7 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.convergence import offset_convergence
     from kreisel.calibration.injection import inject
-    from kreisel.cli.threads import side_by_side
+    from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.formats.write import write_folder
     from kreisel.model.settings import CalibrationSettings
@@ -70,8 +70,8 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
     settings = recording.settings.model_copy(update={"device": named})
     write_folder(replace(recording, settings=settings), recording_folder)
     write_truth(truth, recording_folder / "truth.json")
-    read = load(recording_folder, together=side_by_side)
-    outcome = run_calibration(read, CalibrationSettings(), show, together=side_by_side, validate=True, budget=True)
+    read = load(recording_folder, executor=in_threads)
+    outcome = run_calibration(read, CalibrationSettings(), show, executor=in_threads, validate=True, budget=True)
     outcome.calibration.save(result)
     write_report(outcome, result / "report.html", injection=inject(outcome, show))
     errors = group_errors(outcome.calibration, truth)

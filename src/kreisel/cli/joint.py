@@ -31,12 +31,12 @@ def calibrate_together(
     """
     from kreisel.calibration.joint import calibrate_joint
     from kreisel.cli.progress import progress_bar
-    from kreisel.cli.threads import releasing_memory, side_by_side
+    from kreisel.cli.threads import in_threads, releasing_memory
 
     names = names_of(paths)
     with releasing_memory(), progress_bar() as show:
         recordings = [read(path) for path in paths]
-        joint = calibrate_joint(recordings, settings, common, show, names=names, together=side_by_side)
+        joint = calibrate_joint(recordings, settings, common, show, names=names, executor=in_threads)
         if output is not None:
             _save(joint, output)
     return joint

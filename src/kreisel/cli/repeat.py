@@ -66,13 +66,13 @@ def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
         return Calibration.load(path)
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.cli.progress import progress_bar
-    from kreisel.cli.threads import side_by_side
+    from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.model.settings import CalibrationSettings
 
     with progress_bar() as show:
-        read = load(path, together=side_by_side)
-        outcome = run_calibration(read, CalibrationSettings(fixed=fixed), show, together=side_by_side)
+        read = load(path, executor=in_threads)
+        outcome = run_calibration(read, CalibrationSettings(fixed=fixed), show, executor=in_threads)
     return outcome.calibration
 
 

@@ -1,4 +1,4 @@
-"""Works that do not depend on each other, in threads: the compiled library does not hold the interpreter's lock."""
+"""Tasks that do not depend on each other, in threads: the compiled library does not hold the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from typing import Any
 
 
-def side_by_side(works: Sequence[Callable[[], Any]]) -> list[Any]:
-    """Return the results of works; the first error of one is raised when all have ended."""
+def in_threads(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
+    """Return the results of tasks; the first error of one is raised when all have ended."""
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(max_workers=len(works)) as pool:
-        return [future.result() for future in [pool.submit(work) for work in works]]
+    with ThreadPoolExecutor(max_workers=len(tasks)) as pool:
+        return [future.result() for future in [pool.submit(task) for task in tasks]]
 
 
 @contextmanager

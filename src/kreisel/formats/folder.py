@@ -15,10 +15,10 @@ from kreisel.files import MAX_YAML, read_bytes
 from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.table import Column, Table, read_table
 from kreisel.geometry.rotation import Array
-from kreisel.progress import Together, one_by_one
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.tasks import Executor, sequential
 from kreisel.units import ZERO_CELSIUS
 
 _PREFERRED = ("pose0", "vicon0", "leica0", "state_groundtruth_estimate0")
@@ -32,7 +32,7 @@ def is_folder(path: Path) -> bool:
 
 
 def load_folder(
-    path: Path, reference: str | None = None, imu: str = "imu0", together: Together = one_by_one
+    path: Path, reference: str | None = None, imu: str = "imu0", executor: Executor = sequential
 ) -> Recording:
     """Return the recording in a folder.
 
@@ -44,7 +44,7 @@ def load_folder(
         Name of the reference's folder; by default `pose0`, or the most direct measurement available.
     imu
         Name of the IMU's folder.
-    together
+    executor
         Reads the files.
 
     Raises
@@ -55,7 +55,7 @@ def load_folder(
     root = path if (path / "imu0").is_dir() else path / "mav0"
     settings = read_settings(path / "recording.toml") if is_there(path / "recording.toml") else RecordingSettings()
     own: list[list[DataWarning]] = [[], [], []]
-    samples, poses, joints = together(
+    samples, poses, joints = executor(
         [
             lambda: _read_imu(_imu_folder(root, imu), own[0]),
             lambda: _read_poses(root, reference, own[1]),

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from kreisel.errors import RecordingError
 from kreisel.formats.folder import is_folder, load_folder
-from kreisel.progress import Progress, Together, one_by_one
+from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
+from kreisel.tasks import Executor, sequential
 from kreisel.validation.checks import check_streams
 
 
@@ -19,7 +20,7 @@ def load(
     imu: str | None = None,
     *,
     columns: Iterable[str] | Mapping[str, str] = (),
-    together: Together = one_by_one,
+    executor: Executor = sequential,
     progress: Progress | None = None,
 ) -> Recording:
     """Return the recording at a path: a folder, an MCAP file, a ROS 1 bag, a ROS 2 bag folder, or tables of any shape.
@@ -33,7 +34,7 @@ def load(
     columns
         Which columns of tables of another shape hold what, 'imu.time=t [ms]' each; see `mapping`. They replace those of
         `[columns]` in recording.toml.
-    together
+    executor
         Reads the files of a folder, which do not depend on each other.
     progress
         Shows how far the search for a mapping has come, where nobody says what columns hold.
@@ -51,7 +52,7 @@ def load(
     if mapped is not None:
         recording = mapped
     elif is_folder(path):
-        recording = load_folder(path, reference, imu or "imu0", together)
+        recording = load_folder(path, reference, imu or "imu0", executor)
     elif is_bag(path):
         from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
 

@@ -8,16 +8,13 @@ from itertools import pairwise
 import numpy as np
 
 from kreisel.errors import SynchronizationError
-from kreisel.preparation.imu_noise import readings_of
-from kreisel.preparation.preparation import ImuNoise
+from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.correlation import correlate
 from kreisel.synchronization.rate_fit import fit_rates
 
 
-def with_parts_in_place(
-    recording: Recording, reference: ReferencePoses, noise: ImuNoise
-) -> tuple[Recording, list[DataWarning]]:
+def with_parts_in_place(recording: Recording, reference: ReferencePoses) -> tuple[Recording, list[DataWarning]]:
     """Return the recording with the stamps of all parts on the clock of the first, and the warnings about them.
 
     Raises
@@ -33,6 +30,7 @@ def with_parts_in_place(
             f"{imu.source}: the clock was set during the recording, and positions alone do not show by how much; split "
             "the recording there"
         )
+    noise = imu_noise_of(recording)
     edges = [0, *np.searchsorted(imu.stamps_ns, imu.restarts_ns).tolist(), imu.stamps_ns.size]
     stamps, warnings, first, sd = imu.stamps_ns.copy(), [], None, 0.0
     for begin, end in pairwise(edges):

@@ -20,7 +20,8 @@ from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.model.problem import Problem, with_readings
-from kreisel.progress import StepProgress, Together, one_by_one
+from kreisel.progress import StepProgress
+from kreisel.tasks import Executor, sequential
 
 _NEGLIGIBLE = 0.15
 """Standard deviations; smaller shifts are not worth the passes by which they are computed."""
@@ -51,7 +52,7 @@ def pull_of_noise(
     run: Fit,
     estimator: Estimator,
     progress: StepProgress | None = None,
-    together: Together = one_by_one,
+    executor: Executor = sequential,
 ) -> Array | None:
     """Return by how much as much noise again moves the parameters (n,); None where that is not worth the passes.
 
@@ -69,7 +70,7 @@ def pull_of_noise(
         return None
     rng, draws = np.random.default_rng(_SEED), math.ceil(_ENOUGH / len(problem.schedule.updates))
     noisier = [one for _ in range(min(draws, _MAX_DRAWS)) for one in _with_more_noise(problem, rng)]
-    base, *others = together([partial(estimator.refit, one, run, progress=progress) for one in (problem, *noisier)])
+    base, *others = executor([partial(estimator.refit, one, run, progress=progress) for one in (problem, *noisier)])
     n = len(problem.parameter_names)
     means = np.column_stack([one.belief.mean for one in others])
     return np.asarray(problem.layout.minus(means, base.belief.mean)[:n].mean(axis=1))

@@ -19,7 +19,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.considered import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time, with_readings
-from kreisel.progress import Progress, StepProgress, Together, of_parts, of_step, one_by_one
+from kreisel.progress import Progress, StepProgress, of_parts, of_step
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
@@ -37,6 +37,7 @@ from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.tasks import Executor, sequential
 
 WIDE_GATE = 100.0
 """Factor on the gate in the first pass, in which the parameters are still far from their final values."""
@@ -84,7 +85,7 @@ class _Work:
     given: Given
     estimator: Estimator
     progress: Progress | None
-    together: Together
+    executor: Executor
 
     def step(self, name: str) -> StepProgress | None:
         return of_step(self.progress, name)
@@ -125,7 +126,7 @@ def estimate(
     given: Given,
     estimator: Estimator,
     progress: Progress | None = None,
-    together: Together = one_by_one,
+    executor: Executor = sequential,
 ) -> Estimate:
     """Return the estimate after all passes.
 
@@ -135,7 +136,7 @@ def estimate(
         Whose noise figures the user gave.
     estimator
         Makes the passes.
-    together
+    executor
         Does passes that do not depend on each other.
 
     Raises
@@ -144,7 +145,7 @@ def estimate(
         If the estimate does not stay finite.
     """
     try:
-        return _estimate(problem, _Work(given, estimator, progress, together))
+        return _estimate(problem, _Work(given, estimator, progress, executor))
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             f"the estimate's covariance does not stay positive ({error}): the noise figures, or the grade, in "
@@ -198,7 +199,7 @@ def _without_attenuation(passes: _Passes, work: _Work) -> tuple[_Passes, list[Co
     """Return the passes with a result in which noise of the readings does not count as information."""
     if passes.problem.settings.passes is not None:
         return passes, []
-    pull = pull_of_noise(passes.problem, passes.run, work.estimator, work.step("noise"), work.together)
+    pull = pull_of_noise(passes.problem, passes.run, work.estimator, work.step("noise"), work.executor)
     if pull is None:
         return passes, []
     run, uncertainty = without_attenuation(passes.problem, passes.run, pull)
@@ -334,7 +335,7 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         steps = [of_step(part, name) for part in of_parts(work.progress, name, 2)]
         quiet = _with_noise_of(first, problem)  # noise that was found explains what effects would
         least = MIN_LIKELIHOOD_GAIN * correlation**2
-        found, walk = work.together([
+        found, walk = work.executor([
             partial(survey, quiet, run, work.estimator, steps[0]),
             partial(found_walks, problem, run, work.estimator, least, steps[1]),
         ])  # fmt: skip

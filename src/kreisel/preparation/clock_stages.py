@@ -1,0 +1,111 @@
+"""Stages that repair the clocks: lost samples, a jump, the time base. Each takes a comparison and returns one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Mask
+from kreisel.preparation.comparison import Comparison
+from kreisel.preparation.imu_noise import readings_of
+from kreisel.preparation.time_base import on_reference_clock
+from kreisel.recording.recording import ImuSamples, ReferencePoses
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.clock_jump import ClockJump, find_clock_jump
+from kreisel.synchronization.lost_samples import find_lost_samples
+
+_ROUNDS_OF_LOSSES = 3
+
+_MIN_SURE_SHARE = 0.3
+"""Share of the poses that must not depend on where samples were lost."""
+
+_BURST, _MAX_IN_BURST = 0.5, 6
+"""s, and samples lost in that time: of more of them it is not known how they lie."""
+
+_MAX_LOST_SHARE = 0.007
+"""Share of the samples that may be restored: more of them explain a clock of any rate."""
+
+_EQUAL_RATES = 3e-4
+"""Difference of two clocks that a crystal may have."""
+
+
+def without_losses(before: Comparison) -> Comparison | None:
+    """Return the comparison with later stamps after samples that were lost without a gap; None if there are none.
+
+    If the clocks do not run at equal rates afterwards, something else is wrong with them.
+    """
+    recording, reference, found = before.recording, before.reference, before
+    certain = np.ones(reference.stamps_ns.size, dtype=bool)
+    for round_number in range(_ROUNDS_OF_LOSSES):
+        imu = found.recording.imu
+        missing = find_lost_samples(imu, found.readings, reference, found.fit)
+        if missing is None:
+            break
+        if missing.most_within(_BURST) > _MAX_IN_BURST:
+            return None
+        if round_number == 0:
+            found = found.with_warning(missing.warning(imu))
+        certain &= missing.sure_poses(reference)
+        found = found.of(replace(recording, imu=missing.put_back(imu)))
+    if found is before or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
+        return None
+    imu = found.recording.imu
+    share = 1.0 - recording.imu.stamps_ns.size / (1.0 + float(imu.seconds[-1]) / imu.interval)
+    if np.mean(certain) < _MIN_SURE_SHARE or share > _MAX_LOST_SHARE:
+        return None
+    broken = replace(recording, imu=_broken_after(imu, reference, found.fit.clock, ~certain))
+    return replace(
+        found,
+        recording=broken,
+        reference=replace(reference, doubtful=~certain),
+        readings=readings_of(broken, found.imu_noise),
+    )
+
+
+def without_jump(before: Comparison) -> Comparison:
+    """Return the comparison without a jump of the clocks; the same one if there is none."""
+    found, jump = before, None
+    while (further := find_clock_jump(found.readings, found.reference, found.fit)) is not None:
+        if jump is not None and not jump.is_near(further):
+            break  # more than one
+        jump = further if jump is None else jump.and_further(further)
+        found = _taken_out(found, further)
+    return found if jump is None else found.with_warning(jump.warning())
+
+
+def in_stated_seconds(before: Comparison) -> Comparison:
+    """Return the comparison with the IMU's stamps in seconds of the reference, if those are stated to be true."""
+    if before.recording.settings.imu.time_base != "reference" or not before.fit.skewed:
+        return before
+    return before.of(on_reference_clock(before.recording, before.fit.clock))
+
+
+def repaired(comparison: Comparison) -> Comparison:
+    """Return the comparison after all stages. Where samples were lost, a jump of the clocks is not looked for."""
+    complete = without_losses(comparison)
+    return in_stated_seconds(without_jump(comparison) if complete is None else complete)
+
+
+def _taken_out(found: Comparison, jump: ClockJump) -> Comparison:
+    """Return the comparison of recording and reference without a jump of the clocks."""
+    reference, joints = found.reference, found.recording.joints
+    moved = jump.taken_out(reference)
+    imu = _broken_after(found.recording.imu, moved, found.fit.clock, jump.is_beside(moved))
+    recording = replace(
+        found.recording,
+        imu=replace(imu, placed_sd=jump.size_sd),
+        joints=None if joints is None else jump.taken_out_of_joints(joints, int(reference.stamps_ns[0])),
+    )
+    return found.of(recording, moved)
+
+
+def _broken_after(imu: ImuSamples, reference: ReferencePoses, clock: Clock, doubtful: Mask) -> ImuSamples:
+    """Return the readings with a new start of navigation after doubtful poses.
+
+    The rotation in between depends on when samples were lost, or a clock jumped: it must not be compared with the
+    reference's.
+    """
+    ends = np.flatnonzero(doubtful & ~np.append(doubtful[1:], False))
+    after = imu.stamps_ns[0] + np.round(1e9 * clock.imu_time(reference.seconds[ends])).astype(np.int64)
+    return replace(imu, broken_ns=np.unique(np.concatenate([imu.broken_ns, after])))

@@ -1,0 +1,74 @@
+"""Warnings about a prepared recording: what of it is not as a user would expect."""
+
+from __future__ import annotations
+
+from kreisel.model.noise import ReferenceNoise
+from kreisel.model.standstill import OutsideStandstill
+from kreisel.preparation.preparation import ImuNoise
+from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses
+from kreisel.synchronization.clock import Clock
+
+_MIN_COMMON_SHARE = 0.7
+"""Share of the shorter of the two that IMU and reference have in common usually."""
+
+
+def reference_warnings(reference: ReferencePoses) -> list[DataWarning]:
+    """Return the warning that the reference has no orientations, or no positions."""
+    if reference.quaternions is None:
+        return [DataWarning("reference", "positions only: the axes of b are the gyros' axes, made orthogonal")]
+    if reference.positions is None:
+        message = "orientations only: the accelerometers are calibrated by standstills and the motion between them"
+        return [DataWarning("reference", message)]
+    return []
+
+
+def overlap_warning(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[DataWarning]:
+    """Return the warning that the two have little time in common, e.g. if one started late or its clock jumped."""
+    first, last = clock.imu_time(reference.seconds[[0, -1]])
+    end = float(imu.seconds[-1])
+    common, shorter = min(float(last), end) - max(float(first), 0.0), min(float(last - first), end)
+    if common > _MIN_COMMON_SHARE * shorter:
+        return []
+    message = (
+        f"IMU and reference have {common:.1f} s in common, of {end:.1f} s and {last - first:.1f} s; "
+        "only this time is used"
+    )
+    return [DataWarning("overlap", message)]
+
+
+def standstill_warning(outside: OutsideStandstill | None) -> list[DataWarning]:
+    """Return the warning that a standstill without reference was used."""
+    if outside is None:
+        return []
+    message = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's start value"
+    return [DataWarning("standstill", message)]
+
+
+def misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
+    """Return the warnings that the IMU is noisier at rest than stated."""
+    return [
+        DataWarning(
+            "noise",
+            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated: this is not the device that "
+            "recording.toml describes, and nothing it states of them is used (imu.grade, imu.…_noise_density, "
+            "imu.…_offset_sd)",
+        )
+        for sensors, ratio in noise.misstated.items()
+    ] + [
+        DataWarning(
+            "noise",
+            f"at rest the {sensors} are {ratio:.1f} times as noisy as stated, and their noise at rest is used: if "
+            "imu.grade or imu.…_noise_density are not of this device, leave them out; a grade also states how large "
+            "its offsets are",
+        )
+        for sensors, ratio in noise.doubtful.items()
+    ]
+
+
+def stamp_warning(noise: ReferenceNoise) -> list[DataWarning]:
+    """Return the warning that the reference's stamps are rounded."""
+    if noise.stamp == 0.0:
+        return []
+    step = noise.stamp * 12**0.5 * 1e3
+    message = f"the reference's stamps are rounded to {step:.0f} ms; this is treated as noise along the motion"
+    return [DataWarning("stamps", message)]
