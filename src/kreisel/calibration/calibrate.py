@@ -199,10 +199,10 @@ def _known_scores(
     given
         Whose noise figures the user gave.
     """
-    stated = [(name, sd) for name, value, sd in settings.priors_given if sd > 0.0 and value is not None]
+    stated = [(name, sd) for name, value, sd in settings.priors if sd > 0.0 and value is not None]
     if not stated:
         return {}
-    fixed = tuple(one for one in settings.priors_given if one[2] == 0.0)
+    fixed = tuple(one for one in settings.priors if one[2] == 0.0)
     free = build_problem(preparation, replace(settings, priors=fixed))
     found = with_unestimated_errors(estimate(free, given, ESTIMATORS[settings.estimator], progress))
     layout, deviation = found.problem.layout, found.deviation

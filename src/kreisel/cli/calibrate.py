@@ -87,7 +87,7 @@ def calibrate(
         priors=parse_priors(prior),
         estimated=tuple(estimate),
         skew=skew,
-        size_effect=size_effect,  # type: ignore[arg-type]  # the settings check the names
+        size_effect=size_effect,
         passes=passes,
         only=only,
         use=use,

@@ -155,7 +155,7 @@ class Problem:
     @property
     def known_places(self) -> Mask:
         """Which degrees of freedom of the parameters have a prior or a value that the user states, (n,)."""
-        return np.isin(self.parameter_names, [name for name, _, _ in self.settings.priors_given])
+        return np.isin(self.parameter_names, [name for name, _, _ in self.settings.priors])
 
     @property
     def fixed_places(self) -> Mask:

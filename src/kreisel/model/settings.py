@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,11 @@ SENSORS, USES = ("gyroscope", "accelerometer"), ("orientations",)
 """Sensors that a verdict may be about, and parts of a reference that may be all of it that is used."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class CalibrationSettings:
     """Choices of a calibration; the defaults suit an unknown IMU on a robot.
+
+    The constructor takes names and values in the forms that a user writes; what is kept has one type each.
 
     Attributes
     ----------
@@ -43,17 +45,17 @@ class CalibrationSettings:
     polynomial_order
         N of equations (1) and (2); 1 is offset and scale, 2 adds a quadratic term.
     fixed
-        Groups of parameters, or single parameters (their path in the result file, ``gyroscope.offset[0]``), that are
-        not estimated: their names, or a mapping of names to the values they are held at, in SI and in the shape they
-        have in the result file: (3, 3) for cross couplings and lever arms, (3,) for offsets, (order - 1, 3) for
-        polynomials, a number for `gravity` (its magnitude), `time_offset`, `time_skew` and single parameters. A group
-        without value, or with None, is held at its start value.
-    priors
-        What is known of single parameters, or of groups of them: a mapping of names to (value, standard deviation), in
-        SI. It takes the place of what kreisel assumes; an effect with a prior is estimated.
+        Groups of parameters that are not estimated. The constructor takes names of groups or of single parameters
+        (their path in the result file, ``gyroscope.offset[0]``), or a mapping of names to the values they are held at,
+        in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
+        offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset`, `time_skew` and
+        single parameters. What has no value, or None, is held at its start value.
     held_at
-        The values in `fixed`, as flat tuples; filled from it. Single parameters of `fixed` are put into `priors`, with
-        the deviation 0.
+        Values of groups in `fixed`, as flat tuples.
+    priors
+        What is known of single parameters: name, value and standard deviation; single parameters that are fixed have
+        the deviation 0. The constructor takes a mapping of names, of groups too, to (value, standard deviation), in
+        SI. It takes the place of what kreisel assumes; an effect with a prior is estimated.
     estimated
         Groups of `BY_CHOICE` that are estimated too.
     skew
@@ -71,62 +73,76 @@ class CalibrationSettings:
     partial
         Whether the recording is one of several that are fused: parameters that are not observable are then no reason to
         reject it.
+
+    Raises
+    ------
+    SettingsError
+        If a choice is unknown or impossible.
     """
 
-    estimator: str = "spkf"
-    sigma_points: str = "central-difference"
-    update_interval: float | None = None
-    polynomial_order: int = 1
-    fixed: Collection[str] | Mapping[str, Any] = ()
-    estimated: Collection[str] = ()
-    skew: bool | None = None
-    size_effect: SizeEffect = SizeEffect.COMPLETED  # or its name
-    passes: int | None = None
-    only: str | None = None
-    use: str | None = None
-    partial: bool = False
-    held_at: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    priors: Mapping[str, Any] | tuple[Known, ...] = ()
+    estimator: str
+    sigma_points: str
+    update_interval: float | None
+    polynomial_order: int
+    fixed: tuple[str, ...]
+    estimated: tuple[str, ...]
+    skew: bool | None
+    size_effect: SizeEffect
+    passes: int | None
+    only: str | None
+    use: str | None
+    partial: bool
+    held_at: tuple[tuple[str, tuple[float, ...]], ...]
+    priors: tuple[Known, ...]
 
-    def __post_init__(self) -> None:
-        if self.estimator not in ESTIMATORS:
-            raise SettingsError(unknown_name("estimator", self.estimator, ESTIMATORS))
-        if self.sigma_points not in WEIGHTS:
-            raise SettingsError(unknown_name("choice of sigma points", self.sigma_points, WEIGHTS))
-        if self.size_effect not in list(SizeEffect):
-            raise SettingsError(unknown_name("size effect", str(self.size_effect), [form.value for form in SizeEffect]))
-        object.__setattr__(self, "size_effect", SizeEffect(self.size_effect))
-        if not 1 <= self.polynomial_order <= 5:
-            raise SettingsError(f"polynomial order {self.polynomial_order}; expected 1 to 5")
-        if self.update_interval is not None and not 0.005 <= self.update_interval <= 10.0:
-            raise SettingsError(f"update interval {self.update_interval:g} s; expected 0.005 to 10")
-        if self.passes is not None and not 1 <= self.passes <= 10:
-            raise SettingsError(f"{self.passes} passes; expected 1 to 10")
-        if self.only is not None and self.only not in SENSORS:
-            raise SettingsError(unknown_name("sensor", self.only, SENSORS))
-        if self.use is not None and self.use not in USES:
-            raise SettingsError(unknown_name("part of the reference", self.use, USES))
-        self._check_known()
-        self._check_groups()
-
-    def _check_known(self) -> None:
-        """Put single parameters of `fixed` into `priors`, and check both."""
-        given = (self.fixed,) if isinstance(self.fixed, str) else self.fixed
-        if isinstance(given, Iterable):
-            values = given if isinstance(given, Mapping) else dict.fromkeys(given)
-            single = {name: (value, 0.0) for name, value in values.items() if "." in str(name)}
-            groups = {name: value for name, value in values.items() if name not in single}
-            object.__setattr__(self, "fixed", groups if isinstance(given, Mapping) else tuple(groups))
-            known = {one[0]: one for one in known_parameters(self.priors or {}, self.polynomial_order, "priors")}
-            known |= {one[0]: one for one in known_parameters(single, self.polynomial_order, "fixed")}
-            object.__setattr__(self, "priors", tuple(known.values()))
-            of = dict.fromkeys(place_of(name, self.polynomial_order)[0] for name in known)
-            if twice := [group for group in of if group in groups]:
-                raise SettingsError(f"{twice[0]} is fixed; a prior or a value for a part of it contradicts that")
-            if "time_skew" in of and self.skew is None:
-                object.__setattr__(self, "skew", True)
-            wanted = (self.estimated,) if isinstance(self.estimated, str) else tuple(self.estimated)
-            object.__setattr__(self, "estimated", (*wanted, *(g for g in of if g in BY_CHOICE)))
+    def __init__(
+        self,
+        estimator: str = "spkf",
+        sigma_points: str = "central-difference",
+        update_interval: float | None = None,
+        polynomial_order: int = 1,
+        fixed: Collection[str] | Mapping[str, Any] = (),
+        estimated: Collection[str] = (),
+        skew: bool | None = None,
+        size_effect: SizeEffect | str = SizeEffect.COMPLETED,
+        passes: int | None = None,
+        only: str | None = None,
+        use: str | None = None,
+        partial: bool = False,
+        held_at: Sequence[tuple[str, Sequence[float]]] = (),
+        priors: Mapping[str, Any] | tuple[Known, ...] = (),
+    ) -> None:
+        _check_choices(estimator, sigma_points, size_effect, only, use)
+        _check_numbers(polynomial_order, update_interval, passes)
+        groups, single = _parts_of_fixed(fixed)
+        known = {one[0]: one for one in known_parameters(priors or {}, polynomial_order, "priors")}
+        known |= {one[0]: one for one in known_parameters(single, polynomial_order, "fixed")}
+        of = dict.fromkeys(place_of(name, polynomial_order)[0] for name in known)
+        if twice := [group for group in of if group in groups]:
+            raise SettingsError(f"{twice[0]} is fixed; a prior or a value for a part of it contradicts that")
+        values = {name: shaped(name, value, polynomial_order) for name, value in held_at}
+        values |= {name: value for name, value in groups.items() if value is not None}
+        names = _names(groups if isinstance(fixed, Iterable) else fixed, "fixed", "group", GROUPS)
+        wanted = (estimated,) if isinstance(estimated, str) else estimated
+        if isinstance(wanted, Iterable):
+            wanted = (*wanted, *(group for group in of if group in BY_CHOICE))
+        held = {name: held_value(name, values[name], polynomial_order) for name in names if name in values}
+        vars(self).update(
+            estimator=estimator,
+            sigma_points=sigma_points,
+            update_interval=update_interval,
+            polynomial_order=polynomial_order,
+            fixed=names,
+            estimated=_names(wanted, "estimated", "group that is estimated by choice", BY_CHOICE),
+            skew=True if "time_skew" in of and skew is None else skew,
+            size_effect=SizeEffect(size_effect),
+            passes=passes,
+            only=only,
+            use=use,
+            partial=partial,
+            held_at=tuple((name, tuple(value.tolist())) for name, value in held.items()),
+            priors=tuple(known.values()),
+        )
 
     def with_stated(self, fixed: Mapping[str, str], prior: Mapping[str, str]) -> CalibrationSettings:
         """Return the settings with what a recording states of its parameters, where they say nothing themselves.
@@ -143,44 +159,62 @@ class CalibrationSettings:
         """
         if not fixed and not prior:
             return self
-        own = {name for name, _, _ in self.priors_given} | set(self.fixed)
+        own = {name for name, _, _ in self.priors} | set(self.fixed)
         groups = {g: shaped(g, value, self.polynomial_order) for g, value in self.held_at}
         stated = {n: parse_value(text, f"recording.toml: fixed.{n}") for n, text in fixed.items() if n not in own}
         known = {n: parse_prior(text, f"recording.toml: prior.{n}") for n, text in prior.items() if n not in own}
         try:
             priors = known_parameters(known, self.polynomial_order, "prior")
-            return replace(
-                self,
-                fixed={**dict.fromkeys(self.fixed), **groups, **stated},
-                priors=tuple({one[0]: one for one in (*priors, *self.priors_given)}.values()),
-            )
+            fixed_now = {**dict.fromkeys(self.fixed), **groups, **stated}
+            known_now = tuple({one[0]: one for one in (*priors, *self.priors)}.values())
+            return CalibrationSettings(**{**vars(self), "fixed": fixed_now, "priors": known_now})
         except SettingsError as error:
             raise SettingsError(f"recording.toml: {error}") from error
 
     @property
-    def priors_given(self) -> tuple[Known, ...]:
-        """What is known of single parameters: name, value, standard deviation."""
-        return self.priors if isinstance(self.priors, tuple) else ()
-
-    @property
     def fixed_parameters(self) -> tuple[str, ...]:
         """Names of single parameters that are fixed."""
-        return tuple(name for name, _, deviation in self.priors_given if deviation == 0.0)
-
-    def _check_groups(self) -> None:
-        values: dict[str, Any] = {group: shaped(group, value, self.polynomial_order) for group, value in self.held_at}
-        if isinstance(self.fixed, Mapping):
-            values |= {group: value for group, value in self.fixed.items() if value is not None}
-        object.__setattr__(self, "fixed", _names(self.fixed, "fixed", "group", GROUPS))
-        chosen = _names(self.estimated, "estimated", "group that is estimated by choice", BY_CHOICE)
-        object.__setattr__(self, "estimated", chosen)
-        held = [(g, held_value(g, values[g], self.polynomial_order)) for g in self.fixed if g in values]
-        object.__setattr__(self, "held_at", tuple((group, tuple(value.tolist())) for group, value in held))
+        return tuple(name for name, _, deviation in self.priors if deviation == 0.0)
 
     def value_of(self, group: str) -> Array | None:
         """Return the value a group is held at, as a flat array; None where none was given."""
         value = dict(self.held_at).get(group)
         return None if value is None else np.array(value)
+
+
+def _check_choices(
+    estimator: str, sigma_points: str, size_effect: SizeEffect | str, only: str | None, use: str | None
+) -> None:
+    if estimator not in ESTIMATORS:
+        raise SettingsError(unknown_name("estimator", estimator, ESTIMATORS))
+    if sigma_points not in WEIGHTS:
+        raise SettingsError(unknown_name("choice of sigma points", sigma_points, WEIGHTS))
+    if size_effect not in list(SizeEffect):
+        raise SettingsError(unknown_name("size effect", str(size_effect), [form.value for form in SizeEffect]))
+    if only is not None and only not in SENSORS:
+        raise SettingsError(unknown_name("sensor", only, SENSORS))
+    if use is not None and use not in USES:
+        raise SettingsError(unknown_name("part of the reference", use, USES))
+
+
+def _check_numbers(order: int, interval: float | None, passes: int | None) -> None:
+    if not 1 <= order <= 5:
+        raise SettingsError(f"polynomial order {order}; expected 1 to 5")
+    if interval is not None and not 0.005 <= interval <= 10.0:
+        raise SettingsError(f"update interval {interval:g} s; expected 0.005 to 10")
+    if passes is not None and not 1 <= passes <= 10:
+        raise SettingsError(f"{passes} passes; expected 1 to 10")
+
+
+def _parts_of_fixed(given: object) -> tuple[dict[str, Any], dict[str, tuple[Any, float]]]:
+    """Return groups with their values (None: the start value), and single parameters with value and deviation 0."""
+    if isinstance(given, str):
+        given = (given,)
+    if not isinstance(given, Iterable):
+        return {}, {}
+    values = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given)
+    single = {name: (value, 0.0) for name, value in values.items() if "." in str(name)}
+    return {name: value for name, value in values.items() if name not in single}, single
 
 
 def _names(given: object, argument: str, kind: str, known: Iterable[str]) -> tuple[str, ...]:

@@ -34,7 +34,7 @@ def with_known(prior: Prior, preparation: Preparation, settings: CalibrationSett
         If one of them is not estimated in this recording.
     """
     places: dict[str, list[tuple[int, float | None, float]]] = {}
-    for name, value, deviation in settings.priors_given:
+    for name, value, deviation in settings.priors:
         group, index = place_of(name, settings.polynomial_order)
         if group not in layout or index >= layout[group].stop - layout[group].start:
             raise SettingsError(f"'{name}' has a prior or a value, but is no parameter of this recording")

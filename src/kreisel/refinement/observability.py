@@ -45,7 +45,7 @@ def observability(problem: Problem, deviation: Array) -> Observability:
     unobservable: list[str] = []
     not_narrowed: list[str] = []
     order = problem.settings.polynomial_order
-    stated = {name for name, _, _ in problem.settings.priors_given}
+    stated = {name for name, _, _ in problem.settings.priors}
     for known in REGISTRY:
         group, own = known.name, known.names(order, problem.joints)
         if group not in problem.layout:
