@@ -11,8 +11,9 @@ from kreisel.application.units import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.folder import is_folder
-from kreisel.formats.loading import is_bag, mapped_recording, not_a_recording
+from kreisel.formats.loading import mapped_recording, not_a_recording
 from kreisel.formats.mapped import settings_beside
+from kreisel.formats.registry import SUFFIXES, InputFormat, format_of
 from kreisel.formats.write import write_imu_table
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import follows_temperature
@@ -87,13 +88,17 @@ def apply_to_file(
         raise RecordingError("exists already; delete it, or give another name", file=out)
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = list(columns)
-    if is_bag(raw) and out.suffix.lower() != ".csv":
+    form = format_of(raw)
+    if form is not None and form.is_copied and out.suffix.lower() != ".csv":
         return _to_bag(calibration, raw, out, imu, topic, force=force)
-    if out.suffix.lower() in (".mcap", ".bag", ".db3"):
+    if out.suffix.lower() in SUFFIXES:
         raise SettingsError(f"-o {out}: of {raw} a .csv file is written, or a folder; bags are copies of bags")
-    mapped = mapped_recording(raw, columns) if columns or not _is_plain(raw) else None
-    if is_bag(raw) or mapped is not None:
-        samples, warnings = _samples_of(raw, imu) if mapped is None else (mapped.imu, mapped.warnings)
+    mapped = mapped_recording(raw, columns) if columns or not _is_plain(raw, form) else None
+    read = None if mapped is None else (mapped.imu, mapped.warnings)
+    if mapped is None and form is not None and not is_folder(raw):
+        read = form.readings(raw, imu)
+    if read is not None:
+        samples, warnings = read
         if not force:
             check_units(samples, stated=mapped is not None, warm=follows_temperature(calibration.sensors.effects))
         return _to_table(calibration, samples, out, warnings)
@@ -106,19 +111,17 @@ def apply_to_file(
     return _table_to_table(calibration, table, out, progress, force=force)
 
 
-def _is_plain(raw: Path) -> bool:
+def _is_plain(raw: Path, form: InputFormat | None) -> bool:
     """Return whether nobody says, or has to say, which columns hold what."""
-    return _is_usual_table(raw) and settings_beside(raw).columns is None
+    return (form is not None or _is_usual_table(raw)) and settings_beside(raw).columns is None
 
 
 def _is_usual_table(raw: Path) -> bool:
-    """Return whether it is a recording folder, or a table whose header is that of one."""
+    """Return whether it is a table whose header is that of a recording folder's."""
     from kreisel.formats.imu_lines import ImuLines
 
     if raw.is_dir():
-        return is_folder(raw)
-    if is_bag(raw):
-        return True
+        return False
     with raw.open("rb") as file:
         try:
             head = file.read(_BLOCK).replace(b"\r", b"\n").partition(b"\n")[0]
@@ -157,7 +160,7 @@ def apply_to_pipe(
     """
     if not table.exists():
         raise RecordingError("no such file; give a table", file=table)
-    if table.is_dir() or is_bag(table) or not _is_plain(table):
+    if table.is_dir() or format_of(table) is not None or not _is_plain(table, None):
         raise SettingsError(f"-o - is for a table as kreisel writes them; of {table} give -o FILE")
     return apply_to_table(calibration, table, write, force=force)[1]
 
@@ -191,13 +194,6 @@ def apply_to_table(
     return corrected.rows, (*corrected.notes, *lost)
 
 
-def _samples_of(raw: Path, imu: str | None) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
-    from kreisel.formats.bag_copy import imu_messages
-
-    found = imu_messages(raw, imu)
-    return found.samples, found.warnings
-
-
 def _to_table(calibration: Calibration, raw: ImuSamples, out: Path, warnings: Iterable[DataWarning]) -> Applied:
     table = out if out.suffix.lower() == ".csv" else out / "imu0" / "data.csv"
     omega, f = _corrected(calibration, raw)
@@ -217,7 +213,7 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
     from kreisel.formats.bag_copy import copy_with_topic, imu_messages
 
     kind = raw.suffix.lower() if raw.is_file() and raw.suffix.lower() in (".mcap", ".bag") else ""
-    if out.suffix.lower() != kind and not (kind == "" and out.suffix.lower() not in (".mcap", ".bag", ".db3")):
+    if out.suffix.lower() != kind and not (kind == "" and out.suffix.lower() not in SUFFIXES):
         wanted = f"a name that ends in {kind}" if kind else "a folder (a ROS 2 bag)"
         raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
     found = imu_messages(raw, imu)

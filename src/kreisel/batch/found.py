@@ -10,11 +10,8 @@ from pathlib import Path
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.formats.folder import is_folder
-from kreisel.formats.loading import is_bag
+from kreisel.formats.registry import SUFFIXES, format_of
 from kreisel.model.settings import CalibrationSettings
-
-_FILES = (".mcap", ".bag", ".db3")
 
 
 @dataclass(frozen=True)
@@ -63,9 +60,9 @@ def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
         if path.name.startswith(".") or os.path.realpath(path) in above | {here, str(out)}:
             continue
         if path.is_file():
-            if path.suffix.lower() in _FILES:
+            if path.suffix.lower() in SUFFIXES:
                 found.append(path)
-        elif is_folder(path) or is_bag(path) or (path / "recording.toml").is_file():
+        elif format_of(path) is not None or (path / "recording.toml").is_file():
             found.append(path)
         elif path.is_dir():
             found += _recordings(path, out, above | {here})

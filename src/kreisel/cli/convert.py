@@ -43,10 +43,12 @@ def convert(
 def _convert_trace(source: Path, target: Path, choice: str | None) -> None:
     from kreisel.errors import RecordingError, SettingsError
     from kreisel.formats.kuka_trace import add_trace
+    from kreisel.formats.registry import SUFFIXES
+    from kreisel.formats.write import WRITERS
 
     if choice is not None:
         raise SettingsError(f"'{choice}': a trace has no streams to choose from; leave --reference and --imu out")
-    if target.suffix.lower() in (".mcap", ".tum", ".bag", ".db3"):
+    if target.suffix.lower() in {*SUFFIXES, *WRITERS}:
         raise RecordingError("a trace is added to a recording folder; give a folder", file=target)
     for warning in add_trace(source, target):
         typer.echo(f"· {warning}")

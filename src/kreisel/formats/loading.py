@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from kreisel.errors import RecordingError
-from kreisel.formats.folder import is_folder, load_folder
+from kreisel.formats.registry import format_of, names_of_files
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
 from kreisel.tasks import Executor, sequential
@@ -51,12 +50,8 @@ def load(
     mapped = mapped_recording(path, columns, progress)
     if mapped is not None:
         recording = mapped
-    elif is_folder(path):
-        recording = load_folder(path, reference, imu or "imu0", executor)
-    elif is_bag(path):
-        from kreisel.formats.bag import load_bag  # here, because rosbags is slow to import
-
-        recording = load_bag(path, reference, imu)
+    elif (form := format_of(path)) is not None:
+        recording = form.read(path, reference, imu, executor)
     else:
         raise not_a_recording(path)
     return check_streams(recording)
@@ -65,7 +60,7 @@ def load(
 def not_a_recording(path: Path) -> RecordingError:
     """Return the error for a path at which there is nothing that can be read."""
     if not path.is_dir():
-        return RecordingError("is neither a folder nor an .mcap, .bag or .db3 file, nor a table", file=path)
+        return RecordingError(f"is neither a folder nor an {names_of_files()} file, nor a table", file=path)
     several = sorted(file.name for file in path.glob("*.mcap"))
     if several:
         return RecordingError(f"holds several recordings ({', '.join(several[:3])}); give one of them", file=path)
@@ -89,7 +84,7 @@ def mapped_recording(
         given: list[str] | dict[str, str] = dict(columns)
     else:
         given = [columns] if isinstance(columns, str) else list(columns)
-    usual = is_folder(path) or is_bag(path)
+    usual = format_of(path) is not None
     if usual and not given and not (path / "recording.toml").is_file():
         return None
     from kreisel.formats.mapped import load_mapped, settings_beside, tables_in
@@ -106,14 +101,3 @@ def mapped_recording(
     from kreisel.formats.mapping import merged
 
     return load_mapped(path, settings, merged(settings.columns, given))
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether it is a bag; so is a folder that a stopped recorder left without metadata.yaml.
-
-    Several .mcap files are parts of one bag if their names differ by the number at their end only.
-    """
-    if path.is_dir():
-        names = {re.sub(r"_\d+$", "", file.stem) for file in path.glob("*.mcap")}
-        return (path / "metadata.yaml").is_file() or len(names) == 1
-    return path.suffix.lower() in (".mcap", ".bag", ".db3")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from kreisel.errors import RecordingError
+from kreisel.formats.registry import SUFFIXES
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.settings import RecordingSettings
@@ -30,16 +31,15 @@ def write(recording: Recording, path: str | Path) -> None:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix == ".mcap":
-        from kreisel.formats.mcap import write_mcap  # here, because rosbags is slow to import
-
-        write_mcap(recording, path)
-    elif suffix == ".tum":
-        write_tum(recording, path)
-    elif suffix in (".bag", ".db3"):
+    if suffix in SUFFIXES and suffix not in WRITERS:
         raise RecordingError(f"{suffix} files are only read; name a folder or an .mcap file", file=path)
-    else:
-        write_folder(recording, path)
+    WRITERS.get(suffix, write_folder)(recording, path)
+
+
+def _write_mcap(recording: Recording, path: Path) -> None:
+    from kreisel.formats.mcap import write_mcap  # here, because rosbags is slow to import
+
+    write_mcap(recording, path)
 
 
 def write_tum(recording: Recording, path: Path) -> None:
@@ -67,6 +67,10 @@ def write_tum(recording: Recording, path: Path) -> None:
                 file.write(f"{sign}{seconds}.{nanoseconds:09d} {' '.join(map(repr, row))}\n")
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
+
+
+WRITERS: dict[str, Callable[[Recording, Path], None]] = {".mcap": _write_mcap, ".tum": write_tum}
+"""By the suffix of the file; without one of these a folder is written."""
 
 
 def write_folder(recording: Recording, path: Path) -> None:
