@@ -16,12 +16,12 @@ import numpy as np
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.problem import Problem, with_groups
-from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.validation.checks import check_streams
 
 OTHERS = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")

@@ -46,7 +46,7 @@ def _simulated(scratch: Path) -> Path:
     """Return the folder of a recording of ten minutes at 400 Hz."""
     from kreisel.formats.write import write
     from kreisel.simulation.cell import simulate
-    from kreisel.simulation.settings import Cell
+    from kreisel.simulation.cell_settings import Cell
 
     folder = scratch / "recording"
     write(simulate(Cell.model_validate({"seed": 3, "imu": {"rate": 400.0}}), folder)[1], folder)
@@ -66,12 +66,12 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.kalman.sigma_point_filter import SigmaPointFilter
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
     from kreisel.refinement.iteration import Given, estimate
     from kreisel.refinement.observability import observability
-    from kreisel.report.page import write_report
+    from kreisel.report.report_page import write_report
 
     laps = _Laps()
     recording = load(folder)

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 from kreisel.estimation.state import StateLayout
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
-from kreisel.model.noise import PoseError
+from kreisel.model.assumed_noise import PoseError
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.report import plots
@@ -30,7 +30,7 @@ from kreisel.report.plots import Figure
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.dask import dask_map
 from kreisel.study.monte_carlo import run_trial
 

@@ -14,13 +14,13 @@ from tests.navigation import SensorColumns, preintegrate
 
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.kalman.filter_pass import run_filter
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 
 from . import yardstick
 

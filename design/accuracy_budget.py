@@ -15,9 +15,9 @@ import numpy as np
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.data_sheet import QUANTITIES
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 
 REFERENCES: dict[str, dict[str, Any]] = {
     "arm with joint angles": {},

@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 
-from kreisel.model.settings import CalibrationSettings
-from kreisel.simulation.settings import Cell
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.monte_carlo import run_trial
 
 NEARLY_PERFECT = {

@@ -10,7 +10,7 @@ import numpy as np
 
 import kreisel
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.units import MG, PPM
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from kreisel.fitting.stored_state import first_belief
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.model.noise import AssumedNoise, ReferenceNoise
+from kreisel.model.assumed_noise import AssumedNoise, ReferenceNoise
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Prior, Problem, Sensor
 from kreisel.model.schedule import Schedule, Update
-from kreisel.model.settings import CalibrationSettings
 from kreisel.model.site import Site
 from kreisel.preparation.state_layout import build_layout
 from kreisel.recording.recording import ReferencePoses

@@ -25,10 +25,10 @@ from kreisel.geometry.rotation import (
     nearest_rotation,
 )
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
 from kreisel.recording.recording import ImuSamples, Recording, ReferencePoses
-from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
+from kreisel.recording.recording_settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
 
 _LATITUDE = math.radians(49.2571)  # Saarbrücken, where the paper was written
 _POSE_INTERVAL = 0.012

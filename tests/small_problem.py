@@ -12,14 +12,14 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.fit import Fit
-from kreisel.fitting.history import History
 from kreisel.fitting.stored_state import stored_state
+from kreisel.fitting.update_history import History
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
-from kreisel.model.noise import Drift
+from kreisel.model.assumed_noise import Drift
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_groups
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording

@@ -1,4 +1,4 @@
-/// What the filter is given of a cell, and what it records. Python's side is `kreisel._kernels.cell`.
+/// What the filter is given of a cell, and what it records. Python's side is `kreisel._kernels.filter_arguments`.
 #pragma once
 
 #include "arrays.hpp"

@@ -7,7 +7,7 @@ namespace {
 
 constexpr Index STENCIL = 6;  ///< samples each interpolating polynomial goes through
 
-/// See `_kernels.cell.Samples`; P = 4 + E features of the rate, E of them the gyros' effects'.
+/// See `_kernels.filter_arguments.Samples`; P = 4 + E features of the rate, E of them the gyros' effects'.
 struct Samples {
     ConstNumbers stamps;                  // (n,)
     Indices base;                    // (n - 1,)

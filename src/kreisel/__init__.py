@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from kreisel.calibration.joint import calibrate_joint
     from kreisel.calibration.result import Calibration
     from kreisel.formats.loading import load
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
-    from kreisel.validation.arrays import from_arrays
+    from kreisel.validation.recording_from_arrays import from_arrays
 
 __all__ = [
     "Calibration",
@@ -43,11 +43,11 @@ __all__ = [
 
 _HOMES = {
     "Calibration": "kreisel.calibration.result",
-    "CalibrationSettings": "kreisel.model.settings",
+    "CalibrationSettings": "kreisel.model.calibration_settings",
     "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",
     "calibrate_joint": "kreisel.calibration.joint",
-    "from_arrays": "kreisel.validation.arrays",
+    "from_arrays": "kreisel.validation.recording_from_arrays",
     "load": "kreisel.formats.loading",
 }
 

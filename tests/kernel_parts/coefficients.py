@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes
 
-from kreisel._kernels.arrays import Array, StackView, TableView, check_lengths, for_columns, padded
+from kreisel._kernels.views import Array, StackView, TableView, check_lengths, for_columns, padded
 
 from .compiled_parts import function
 

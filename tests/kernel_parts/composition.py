@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 
-from kreisel._kernels.arrays import Array, TableView, padded
+from kreisel._kernels.views import Array, TableView, padded
 
 from .compiled_parts import function
 from .preintegration import Increments

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 from typing import NamedTuple
 
-from kreisel._kernels.arrays import Array, Pointer, Stack, Table, TableView, for_columns, padded
-from kreisel._kernels.cell import Gaussian, Model
+from kreisel._kernels.filter_arguments import Gaussian, Model
+from kreisel._kernels.views import Array, Pointer, Stack, Table, TableView, for_columns, padded
 
 from .compiled_parts import function
 

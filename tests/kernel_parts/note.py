@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 from typing import NamedTuple
 
-from kreisel._kernels.arrays import Array, Indices, Numbers, Pointer, Table, padded
-from kreisel._kernels.cell import Record
+from kreisel._kernels.filter_arguments import Record
+from kreisel._kernels.views import Array, Indices, Numbers, Pointer, Table, padded
 
 from .compiled_parts import function
 

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels.arrays import (
+from kreisel._kernels.filter_arguments import Samples
+from kreisel._kernels.quadrature import POINTS
+from kreisel._kernels.views import (
     Array,
     Pointer,
     Stack,
@@ -18,8 +20,6 @@ from kreisel._kernels.arrays import (
     for_columns,
     padded,
 )
-from kreisel._kernels.cell import Samples
-from kreisel._kernels.quadrature import POINTS
 
 from .compiled_parts import function
 

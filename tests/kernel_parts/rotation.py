@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kreisel._kernels.arrays import Array, NumbersView, TableView, for_columns, padded
+from kreisel._kernels.views import Array, NumbersView, TableView, for_columns, padded
 
 from .compiled_parts import function
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels.arrays import (
+from kreisel._kernels.filter_arguments import Gaussian
+from kreisel._kernels.views import (
     Array,
     IndexTableView,
     Indices,
@@ -19,7 +20,6 @@ from kreisel._kernels.arrays import (
     for_columns,
     padded,
 )
-from kreisel._kernels.cell import Gaussian
 
 from .compiled_parts import function
 

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import load_arm
-from kreisel.simulation.robot import draw_errors
-from kreisel.simulation.settings import Errors
+from kreisel.simulation.cell_settings import Errors
+from kreisel.simulation.controller import draw_errors
 
 from ..felt import LEVEL, MARGIN, H, agreement, central, felt, inside_chi_square, local_site, rests_of, run
 

@@ -9,7 +9,7 @@ import pytest
 import kreisel
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.recording.recording import ImuSamples, Recording, ReferencePoses
-from kreisel.recording.settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
+from kreisel.recording.recording_settings import ImuTable, RecordingSettings, ReferenceTable, SiteTable
 
 from ..oracle import quaternions as quat
 from ..oracle.motion import AnalyticMotion, inertial_truth, raw_readings
@@ -112,7 +112,7 @@ def test_quadratic_terms_are_found_without_being_asked_for():
 def test_what_the_model_must_not_have_is_uncertain_and_not_wrong():
     """Quadratic terms in the data that may not be estimated: something else has to stand for them, and widens."""
     truth, recording = make(3, np.eye(3), order=2)
-    fixed = (*kreisel.model.settings.BY_CHOICE, "gyro_polynomial", "accel_polynomial")
+    fixed = (*kreisel.model.calibration_settings.BY_CHOICE, "gyro_polynomial", "accel_polynomial")
     calibration = kreisel.calibrate(recording, kreisel.CalibrationSettings(fixed=fixed))
     assert calibration.document["verdict"]["causes"]
     for group, score in scores(calibration, truth).items():

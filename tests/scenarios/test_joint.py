@@ -11,9 +11,9 @@ from kreisel.calibration.joint import calibrate_joint
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError
 from kreisel.recording.recording import Recording
-from kreisel.report.joint import write_joint
+from kreisel.report.joint_page import write_joint
 from kreisel.simulation.cell import Truth, simulate
-from kreisel.simulation.settings import parse_cell
+from kreisel.simulation.cell_settings import parse_cell
 from kreisel.study.truth_comparison import group_errors
 
 MOUNTS = {1: ([0.0, 0.0, 0.0], [0.02, 0.03, 0.08]), 2: ([40.0, -30.0, 10.0], [0.05, 0.03, 0.02])}

@@ -11,7 +11,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.errors import SettingsError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording import Recording
 
 from ..small_problem import recorded

@@ -8,7 +8,7 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.inertial import readings
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording import recording as module
 
 from ..small_cell import simulate

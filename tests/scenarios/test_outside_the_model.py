@@ -13,10 +13,10 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.geometry.rotation import exp, multiply
-from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.settings import ImuTable, RecordingSettings, RobotTable, SiteTable
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.recording.recording_settings import ImuTable, RecordingSettings, RobotTable, SiteTable
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.truth_comparison import group_errors
 from kreisel.validation.checks import check_streams
 

@@ -10,16 +10,16 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.errors import RobotError, SettingsError
 from kreisel.geometry.rotation import conjugate, exp, log, multiply
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import RobotParameters
-from kreisel.model.robot import pose_regressor
-from kreisel.model.settings import CalibrationSettings
-from kreisel.recording.settings import RobotTable
+from kreisel.model.robot_model import pose_regressor
+from kreisel.recording.recording_settings import RobotTable
 from kreisel.robot import kinematics
 from kreisel.robot.description import parse_arm
 from kreisel.robot.kinematics import load_arm, with_placement_errors
 from kreisel.robot.urdf import calibrated_urdf
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.truth_comparison import group_errors
 
 

@@ -10,7 +10,7 @@ import pytest
 from kreisel.calibration.calibrate import calibrate
 from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import Truth, simulate
-from kreisel.simulation.settings import parse_cell
+from kreisel.simulation.cell_settings import parse_cell
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import kreisel
 from kreisel.errors import SettingsError
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 
 from ..felt import (
     CORNER_FORCE,

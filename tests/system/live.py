@@ -15,7 +15,7 @@ from contextlib import asynccontextmanager, suppress
 
 import numpy as np
 
-from kreisel.acquisition.record import record
+from kreisel.acquisition.recorder import record
 from kreisel.devices.address import IMUS, ROBOTS, parse_address
 from kreisel.devices.events import Arrival
 from kreisel.protocols import line

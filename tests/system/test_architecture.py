@@ -66,6 +66,16 @@ def for_types_alone(module):
     return names
 
 
+def test_a_modules_name_says_what_it_holds_wherever_it_lies():
+    """No two modules have one name, but for the commands, which are named as the user types them."""
+    places = {}
+    for name in MODULES:
+        package, _, last = name.rpartition(".")
+        if last != "__init__" and package != "kreisel.cli":
+            places.setdefault(last, []).append(name)
+    assert {last: names for last, names in places.items() if len(names) > 1} == {}
+
+
 def test_packages_export_nothing():
     """An import names the module it is from; only `kreisel` itself has public names, found when asked for."""
     for name, tree in MODULES.items():
@@ -130,13 +140,13 @@ THROUGH = {
     "kreisel.calibration": "tests/unit/calibration/test_verdict.py",
     "kreisel.calibration.sharing": "tests/scenarios/test_joint.py",
     "kreisel.calibration.joint_outcome": "tests/scenarios/test_joint.py",
-    "kreisel.calibration.stream": "tests/unit/calibration/test_correct.py",
-    "kreisel.calibration.arguments": "tests/unit/calibration/test_correct.py",
+    "kreisel.calibration.stream_correction": "tests/unit/calibration/test_correct.py",
+    "kreisel.calibration.array_checks": "tests/unit/calibration/test_correct.py",
     "kreisel.study": "tests/unit/study/test_robustness.py",
     "kreisel.simulation": "tests/system/test_simulate.py",
     "kreisel.synchronization.lost_samples": "tests/unit/synchronization/test_lost_samples.py",
     "kreisel.markup": "tests/unit/robot/test_description.py",  # what a hostile description is refused by
-    "kreisel.model.considered": "tests/unit/refinement/test_effect_selection.py",
+    "kreisel.model.considered_terms": "tests/unit/refinement/test_effect_selection.py",
     "kreisel.progress": "tests/system/test_cli.py",
     "kreisel.protocols.framing": "tests/protocols/test_peers.py",
     "kreisel.recording": "tests/unit/validation/test_checks.py",

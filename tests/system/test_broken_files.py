@@ -15,7 +15,7 @@ import pytest
 
 from kreisel.formats.write import write, write_folder
 from kreisel.recording.recording import Recording
-from kreisel.recording.settings import ImuTable, RecordingSettings
+from kreisel.recording.recording_settings import ImuTable, RecordingSettings
 
 from ..small_cell import Truth
 from .breaking import Break, Case, Command, Damage, assert_one_line, check, command, simulated

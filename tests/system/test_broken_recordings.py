@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from kreisel.formats.write import write, write_folder
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 from . import faults_of_poses  # noqa: F401 - adds its faults
 from .breaking import FAULTS, Break, Case, Command, assert_one_line, check, command, poses, simulated

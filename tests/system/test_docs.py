@@ -83,7 +83,7 @@ def test_the_messages_of_troubleshooting_are_those_of_the_program():
 
 def test_the_table_of_grades_is_true():
     from kreisel.calibration.limits import limits_of_grade
-    from kreisel.inertial.noise import GRADES
+    from kreisel.inertial.noise_figures import GRADES
     from kreisel.units import DEG_PER_ROOT_HOUR, MG
 
     page = (DOCS / "reference" / "grades.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kreisel.formats.write import write_folder
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 from .breaking import Command, command, simulated
 

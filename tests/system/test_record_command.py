@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kreisel
-from kreisel.acquisition.record import record
+from kreisel.acquisition.recorder import record
 from kreisel.devices.address import IMUS, parse_address
 from kreisel.devices.events import Arrival
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
@@ -138,7 +138,7 @@ def test_nothing_is_written_over(tmp_path):
 
 def test_a_full_disk_keeps_what_was_recorded(tmp_path, monkeypatch):
     """The stream takes 40 kB, then no more."""
-    import kreisel.acquisition.record as module
+    import kreisel.acquisition.recorder as module
 
     class Full(module.Recorder):
         def flush(self):
@@ -155,7 +155,7 @@ def test_a_full_disk_keeps_what_was_recorded(tmp_path, monkeypatch):
 
 def test_readings_reach_the_disk_within_a_quarter_of_a_second(tmp_path, monkeypatch):
     """By a clock that the readings themselves advance: ten are sent once the ten before were taken."""
-    import kreisel.acquisition.record as module
+    import kreisel.acquisition.recorder as module
 
     taken, behind, lots = asyncio.Queue(), [0], 40
 

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from kreisel.acquisition.record import Recorder, record
+from kreisel.acquisition.recorder import Recorder, record
 from kreisel.devices.address import IMUS, ROBOTS, parse_address
 from kreisel.devices.events import Arrival
 from kreisel.devices.simulators import Pace, TcpSimulator
@@ -19,7 +19,7 @@ from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.mcap import write_mcap
 from kreisel.protocols.samples import ImuSample, RobotSample
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 FAST = "speed=1000000"
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -11,8 +11,8 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.injection import inject
-from kreisel.model.settings import CalibrationSettings
-from kreisel.report.page import write_report
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.report.report_page import write_report
 
 from ..small_cell import simulate
 

@@ -13,7 +13,7 @@ import pytest
 import kreisel
 from kreisel.acquisition import drive as driving
 from kreisel.acquisition.drive import drive
-from kreisel.acquisition.watch import Watch
+from kreisel.acquisition.motion_watch import Watch
 from kreisel.devices.commanded_arm import CommandedArm
 from kreisel.devices.events import Arrival, Level, Notice
 from kreisel.errors import ProtocolError, SettingsError
@@ -23,7 +23,7 @@ from kreisel.robot.kinematics import load_arm
 from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 
 PROGRAM = """
 start_deg = [0, -90, 60, -60, -90, 0]

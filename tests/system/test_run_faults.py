@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from kreisel.acquisition.watch import ENDED
+from kreisel.acquisition.motion_watch import ENDED
 
 from ..ur_simulator import LIMIT, UR5E, UrSimulator
 

@@ -10,11 +10,11 @@ import pytest
 
 import kreisel
 from kreisel.errors import RobotError, SettingsError
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.program import EXAMPLE
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell, Errors, example, read_cell
+from kreisel.simulation.cell_settings import Cell, Errors, example, read_cell
 
 from ..felt import FAULTLESS, rests_of, run
 

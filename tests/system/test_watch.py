@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 
 import kreisel
-from kreisel.acquisition.record import Recorder
+from kreisel.acquisition.recorder import Recorder
 from kreisel.acquisition.tail import Tail
 from kreisel.dashboard.feed import MAX_ESTIMATES, Feed
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.dashboard.online import SHARE, Online
 from kreisel.devices.events import Arrival
 from kreisel.devices.simulators import imu_samples, robot_samples
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 from ..small_cell import simulate
 

@@ -6,9 +6,9 @@ import ctypes
 
 import numpy as np
 
-from kreisel._kernels.arrays import Array, Pointer, StackView, TableView, check_lengths
 from kreisel._kernels.compiled import check_count, function
 from kreisel._kernels.joint_chain import MOST_JOINTS, Chain
+from kreisel._kernels.views import Array, Pointer, StackView, TableView, check_lengths
 
 check_count("joints", MOST_JOINTS)
 

@@ -12,7 +12,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, cast
 
-from kreisel._kernels.arrays import LANES, Pointer, described
+from kreisel._kernels.views import LANES, Pointer, described
 from kreisel.errors import LibraryError
 
 FILE = {"darwin": "libkernels.dylib", "win32": "kernels.dll"}.get(sys.platform, "libkernels.so")

@@ -6,13 +6,8 @@ import ctypes
 
 import numpy as np
 
-from kreisel._kernels.arrays import (
-    IndicesView,
-    Pointer,
-    check_indices,
-    check_lengths,
-)
-from kreisel._kernels.cell import (
+from kreisel._kernels.compiled import check_count, function
+from kreisel._kernels.filter_arguments import (
     ACCEL,
     COLOURED,
     GYRO,
@@ -26,7 +21,12 @@ from kreisel._kernels.cell import (
     Samples,
     Steps,
 )
-from kreisel._kernels.compiled import check_count, function
+from kreisel._kernels.views import (
+    IndicesView,
+    Pointer,
+    check_indices,
+    check_lengths,
+)
 
 _RATES = 4
 check_count("rates", _RATES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kreisel._kernels.arrays import Mask, Table
+from kreisel._kernels.views import Mask, Table
 
 MOST_JOINTS = 64
 

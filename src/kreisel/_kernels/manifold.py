@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel._kernels.arrays import Array, IndexTableView, Indices, NumbersView, TableView, for_columns, padded
 from kreisel._kernels.compiled import function
+from kreisel._kernels.views import Array, IndexTableView, Indices, NumbersView, TableView, for_columns, padded
 
 _plus = function("plus", IndexTableView, NumbersView, TableView, TableView)
 _minus = function("minus", IndexTableView, TableView, NumbersView, TableView)

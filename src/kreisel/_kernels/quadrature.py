@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kreisel._kernels.arrays import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
 from kreisel._kernels.compiled import check_count, function
+from kreisel._kernels.views import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
 
 POINTS = 6
 """Samples each interpolating polynomial goes through."""

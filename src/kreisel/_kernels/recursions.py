@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kreisel._kernels.arrays import Array, NumbersView, StackView, TableView, check_lengths
 from kreisel._kernels.compiled import function
+from kreisel._kernels.views import Array, NumbersView, StackView, TableView, check_lengths
 
 _drive_oscillators = function("drive_oscillators", TableView, NumbersView, NumbersView, TableView, StackView)
 _gauss_markov = function("gauss_markov", NumbersView, TableView, TableView)

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kreisel._kernels.arrays import Array, Numbers, NumbersView, Pointer, Table, TableView, check_lengths
 from kreisel._kernels.compiled import function
+from kreisel._kernels.views import Array, Numbers, NumbersView, Pointer, Table, TableView, check_lengths
 
 
 class RateSignal(NamedTuple):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 
-from kreisel._kernels.arrays import (
+from kreisel._kernels.compiled import function
+from kreisel._kernels.views import (
     Array,
     Indices,
     IndicesView,
@@ -13,7 +14,6 @@ from kreisel._kernels.arrays import (
     check_indices,
     check_lengths,
 )
-from kreisel._kernels.compiled import function
 
 _triangularise = function("triangularise", TableView)
 _renew = function("renew", TableView, ctypes.c_int64, ctypes.c_double)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kreisel._kernels.arrays import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
 from kreisel._kernels.compiled import function
+from kreisel._kernels.views import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
 
 PARAMETERS = 15
 """Nine couplings, row by row, three offsets, and a lever arm all three have in common."""

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kreisel.acquisition.motion_watch import Watch
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.preflight import CHECKED, approach_share
 from kreisel.acquisition.stopping import Say, Stop, Underway, bring_to_rest
-from kreisel.acquisition.watch import Watch
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
 from kreisel.robot.motion import Move

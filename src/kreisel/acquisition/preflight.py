@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.acquisition.motion_watch import MARGIN
 from kreisel.acquisition.movers import Mover
-from kreisel.acquisition.watch import MARGIN
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
 from kreisel.protocols.samples import RobotSample

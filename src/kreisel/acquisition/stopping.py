@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from kreisel.acquisition.watch import Watch
+from kreisel.acquisition.motion_watch import Watch
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
 

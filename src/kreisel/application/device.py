@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 
 import numpy as np
 
-from kreisel.application.tables import HEADER
+from kreisel.application.corrected_tables import HEADER
 from kreisel.calibration.result import Calibration
 from kreisel.devices.events import Arrival, Event
 from kreisel.errors import RecordingError

@@ -10,7 +10,7 @@ from io import StringIO
 
 import numpy as np
 
-from kreisel.batch.run import Run
+from kreisel.batch.job_result import Run
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.limits import Judged, Limits, judged, overall
 from kreisel.geometry.rotation import Array

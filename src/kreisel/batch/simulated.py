@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from kreisel.batch.run import Run
+from kreisel.batch.job_result import Run
 
 GRADE = "industrial-mems"
 
@@ -18,9 +18,9 @@ def unit_folder(folder: Path, number: int) -> Path:
 def simulate_unit(folder: Path, seconds: float, number: int) -> Run:
     """Write the recording of one device on an arm that knows its joint angles; every number is another device."""
     from kreisel.formats.write import write_folder
-    from kreisel.recording.settings import DeviceTable
+    from kreisel.recording.recording_settings import DeviceTable
     from kreisel.simulation.cell import simulate, write_truth
-    from kreisel.simulation.settings import Cell, Imu
+    from kreisel.simulation.cell_settings import Cell, Imu
 
     own = unit_folder(folder, number)
     cell = Cell(seed=1000 + number, seconds=seconds, imu=Imu(grade=GRADE))

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.axes import device_triads
 from kreisel.calibration.data_sheet import derive
-from kreisel.calibration.parts import (
+from kreisel.calibration.device_axes import device_triads
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import (
     Alignment,
     CalibrationParts,
     Consistency,
@@ -22,8 +23,7 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
-from kreisel.calibration.result import Calibration
-from kreisel.estimation.budget import Budget
+from kreisel.estimation.uncertainty_budget import Budget
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named
@@ -36,7 +36,7 @@ from kreisel.model.parameters import (
     parameter_names,
 )
 from kreisel.model.problem import Problem
-from kreisel.model.robot import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
+from kreisel.model.robot_model import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.estimate import Estimate

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kreisel.calibration.assembly import Judged, assemble
-from kreisel.calibration.budget import budget_of, filter_parts
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
+from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
 from kreisel.calibration.latitude_check import check_latitude
@@ -22,9 +22,9 @@ from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
 from kreisel.fitting.fit import Estimator
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
-from kreisel.model.known import place_of
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem, without_forces
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.stated_parameters import place_of
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.preparation import Preparation
@@ -37,7 +37,7 @@ from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
 
 ESTIMATORS: dict[str, Estimator] = {one.name: one for one in (SigmaPointFilter(),)}
-"""What the names in `model.settings.ESTIMATORS` stand for."""
+"""What the names in `model.calibration_settings.ESTIMATORS` stand for."""
 
 
 def calibrate(recording: Recording, settings: CalibrationSettings | None = None) -> Calibration:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
-from kreisel.calibration.parts import Cause
+from kreisel.calibration.result_sections import Cause
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.noise import coarse_step
-from kreisel.model.considered import describe
+from kreisel.inertial.noise_figures import coarse_step
+from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.recording.recording import excerpt

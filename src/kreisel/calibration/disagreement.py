@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
 from kreisel.recording.recording import DataWarning

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from kreisel.calibration.parts import Consistency
+from kreisel.calibration.result_sections import Consistency
 from kreisel.geometry.rotation import Array
 from kreisel.refinement.observability import Observability
 

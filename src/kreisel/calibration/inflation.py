@@ -8,8 +8,8 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity

@@ -12,23 +12,23 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.fusion import Fused, fuse
 from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.outcome import Outcome
-from kreisel.calibration.parts import (
+from kreisel.calibration.repeatability import repeatability
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import (
     Consistency,
     JointFacts,
     JointRecording,
     Measured,
     RecordingFacts,
 )
-from kreisel.calibration.repeatability import repeatability
-from kreisel.calibration.result import Calibration
 from kreisel.calibration.sharing import DEFAULT, SHARED, Sharing, shift_of, turn_of, values_of
 from kreisel.calibration.verdict import Reason, motion_reasons, verdict_by
 from kreisel.errors import KreiselError, SettingsError, unknown_name
 from kreisel.estimation.consistency import normalised_bounds
 from kreisel.geometry.rotation import Array, log
 from kreisel.inertial.effects import OF_TEMPERATURE
+from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
-from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.observability import observability

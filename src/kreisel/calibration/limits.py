@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
-from kreisel.calibration.parts import CalibrationParts
+from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.errors import RecordingError, SettingsError, unknown_name
 from kreisel.files import read_text
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.model.groups import group_named
 from kreisel.units import DEG_PER_HOUR, MG, MRAD, PPM
 

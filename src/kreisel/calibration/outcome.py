@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kreisel.calibration.evidence import CrossValidation, SplitHalves
-from kreisel.calibration.parts import Consistency, Verdict
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Consistency, Verdict
 from kreisel.model.problem import Problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.recording.recording import DataWarning, Recording

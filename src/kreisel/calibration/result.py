@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from kreisel.calibration.arguments import elapsed_seconds, temperature_difference_of, triads
-from kreisel.calibration.axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
+from kreisel.calibration.array_checks import elapsed_seconds, temperature_difference_of, triads
 from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
-from kreisel.calibration.parts import CalibrationParts
+from kreisel.calibration.device_axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.result_document import READ, from_document, to_document
-from kreisel.calibration.stream import CorrectedStream
+from kreisel.calibration.result_sections import CalibrationParts
+from kreisel.calibration.stream_correction import CorrectedStream
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, check_entries, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
@@ -102,7 +102,7 @@ class Calibration(CalibrationParts):
         Parameters
         ----------
         axes
-            See `calibration.axes.AXES`. The mounting is in `triads[axes]`.
+            See `calibration.device_axes.AXES`. The mounting is in `triads[axes]`.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class Calibration(CalibrationParts):
         )
 
     def stream(self) -> CorrectedStream:
-        """Return an object that corrects readings as they come; see `calibration.stream`."""
+        """Return an object that corrects readings as they come; see `calibration.stream_correction`."""
         return CorrectedStream(self.sensors, self.size_effect, self._temperature)
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.data_sheet import OF_SCHEMA_1
-from kreisel.calibration.parts import (
+from kreisel.calibration.result_sections import (
     Alignment,
     CalibrationParts,
     Cause,
@@ -30,10 +30,10 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
-from kreisel.estimation.budget import Budget, Source
+from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect, check_parameters
-from kreisel.model.considered import Considered
+from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import SENSOR_GROUPS, other_groups
 from kreisel.robot.pose_accuracy import PoseAccuracy

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import usual_covariance
 from kreisel.preparation.preparation import Preparation

@@ -10,15 +10,15 @@ import numpy as np
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes
 from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.parts import Cause, Consistency, Verdict
+from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
-from kreisel.model.considered import describe
-from kreisel.model.settings import SENSORS
+from kreisel.model.calibration_settings import SENSORS
+from kreisel.model.considered_terms import describe
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.observability import Observability
 from kreisel.refinement.prior_conflict import MAX_SCORE, largest_score
-from kreisel.synchronization.results import Correlation
+from kreisel.synchronization.fits import Correlation
 
 MAX_NIS = 4.0
 MAX_REJECTED = 0.05

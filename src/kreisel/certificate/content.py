@@ -12,13 +12,13 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.limits import COVERAGE, Decision, Judged, Limits, judged, overall
-from kreisel.calibration.parts import Measured
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Measured
 from kreisel.certificate.words import LANGUAGES, number, words
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.model.groups import REGISTRY, ParameterGroup
 from kreisel.recording.nanoseconds import date_of_stamp
-from kreisel.recording.settings import CertificateTable, DeviceTable
+from kreisel.recording.recording_settings import CertificateTable, DeviceTable
 
 FIELDS = (*DeviceTable.model_fields, *CertificateTable.model_fields)
 """Keys of `[device]` and `[certificate]`, and of --field."""

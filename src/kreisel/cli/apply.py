@@ -42,9 +42,9 @@ def apply(
 
     Derivatives for lever arms are those of the cubic closest to seven samples: a stream is late by three samples.
     """
-    from kreisel.application.files import apply_to_file, check_usable
+    from kreisel.application.corrected_files import apply_to_file, check_usable
     from kreisel.calibration.result import Calibration
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.progress import of_step
 
@@ -86,7 +86,7 @@ def apply(
 
 def _tell(calibration: Calibration) -> None:
     """Say on standard error which axes are used, and what must not be relied on."""
-    from kreisel.calibration.axes import AXES
+    from kreisel.calibration.device_axes import AXES
 
     typer.echo(f"axes {calibration.axes}: {AXES[calibration.axes]}", err=True)
     lost = calibration.verdict.unobservable
@@ -115,7 +115,7 @@ def _standard(name: str) -> BinaryIO:
 
 def _apply_to_pipe(calibration: Calibration, raw: Path, *, force: bool) -> None:
     """Write a table to standard output."""
-    from kreisel.application.files import apply_to_pipe
+    from kreisel.application.corrected_files import apply_to_pipe
 
     warnings = apply_to_pipe(calibration, raw, _standard("output").write, force=force)
     for warning in warnings:
@@ -142,7 +142,7 @@ def _apply_to_stream(calibration: Calibration, raw: str, output: str, seconds: f
 def _from_standard_input(calibration: Calibration, write: Write, *, force: bool) -> None:
     import os
 
-    from kreisel.application.tables import CorrectedTable
+    from kreisel.application.corrected_tables import CorrectedTable
 
     table = CorrectedTable(calibration, Path("standard input"), check=not force)
     descriptor = _standard("input").fileno()

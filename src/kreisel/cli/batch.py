@@ -13,9 +13,9 @@ from kreisel.cli.conformity import FAILED, REJECTED, UNDECIDED, most_serious
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from kreisel.batch.execution import Map
+    from kreisel.batch.job_result import Run
     from kreisel.batch.lot import Unit
-    from kreisel.batch.run import Run
-    from kreisel.batch.work import Map
 
 
 def batch(
@@ -38,17 +38,17 @@ def batch(
     Exit status 0 if all units are good; 1 if one could not be calibrated; 3 if one was rejected or does not conform; 4
     if of one no decision can be made; the first of 1, 3, 4 that occurs. The last line names these units.
     """
-    from kreisel.batch.found import jobs_in
+    from kreisel.batch.batch_pages import write_batch
+    from kreisel.batch.execution import Batch, calibrate_all, waiting_in
+    from kreisel.batch.jobs import jobs_in
     from kreisel.batch.lot import table, units_of
-    from kreisel.batch.pages import write_batch
-    from kreisel.batch.store import Store
-    from kreisel.batch.work import Batch, calibrate_all, waiting_in
+    from kreisel.batch.result_store import Store
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
     from kreisel.formats.folder import is_folder
-    from kreisel.model.known import parse_fixed
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.model.stated_parameters import parse_fixed
 
     known = None if limits is None else limits_named(limits)
     if is_folder(output):
@@ -86,11 +86,11 @@ def history(
     of: str | None = typer.Option(None, "--type", help="Type, where devices of several have this serial number."),
 ) -> None:
     """Write the history of a unit: its errors over the years, how they age, and when it is due again."""
-    from kreisel.batch.history import history_of, of_one_type
-    from kreisel.batch.pages import ageing_table, write_history
-    from kreisel.batch.store import Store
+    from kreisel.batch.batch_pages import ageing_table, write_history
+    from kreisel.batch.result_store import Store
+    from kreisel.batch.unit_history import history_of, of_one_type
     from kreisel.calibration.limits import limits_named
-    from kreisel.cli.tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows
     from kreisel.errors import RecordingError, SettingsError
 
     known = None if limits is None else limits_named(limits)
@@ -143,7 +143,7 @@ def _map(jobs: int, scheduler: str | None) -> Map:
     """Return what does the work: this process alone, local processes, or a cluster."""
     from functools import partial
 
-    from kreisel.batch.work import one_after_another
+    from kreisel.batch.execution import one_after_another
 
     if scheduler is None and jobs == 1:
         return one_after_another
@@ -174,7 +174,7 @@ class _progress:  # noqa: N801 - a context, as a function would be
         self._total, self._done, self._bad = total, done, 0
 
     def __enter__(self) -> Callable[[Run | None], None]:
-        from kreisel.cli.progress import progress_bar
+        from kreisel.cli.progress_bar import progress_bar
 
         self._bar = progress_bar()
         show = self._bar.__enter__()

@@ -71,12 +71,12 @@ def calibrate(
     from kreisel.calibration.injection import inject as inject_errors
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
     from kreisel.errors import SettingsError
     from kreisel.formats.loading import load
-    from kreisel.model.known import parse_fixed, parse_priors
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.model.stated_parameters import parse_fixed, parse_priors
 
     settings = CalibrationSettings(
         estimator=estimator,
@@ -170,7 +170,7 @@ def _save(
 ) -> None:
     from kreisel.calibration.result import RESULT_FILES
     from kreisel.files import replaced_together
-    from kreisel.report.page import write_report
+    from kreisel.report.report_page import write_report
 
     with replaced_together(output, RESULT_FILES) as writing:
         outcome.calibration.write(writing)
@@ -195,7 +195,7 @@ def _document(outcome: Outcome, output: Path | None, injection: Injection | None
 
 
 def _say(outcome: Outcome, output: Path | None, injection: Injection | None) -> None:
-    from kreisel.cli.tables import print_injection, print_result
+    from kreisel.cli.terminal_tables import print_injection, print_result
 
     print_result(outcome.calibration, outcome.warnings)
     if injection is not None:

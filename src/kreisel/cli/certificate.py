@@ -28,8 +28,8 @@ def certificate(
 
     from kreisel.calibration.limits import limits_named
     from kreisel.calibration.result import Calibration
+    from kreisel.certificate.certificate_page import html, pdf
     from kreisel.certificate.content import certificate_of, fields_of
-    from kreisel.certificate.page import html, pdf
     from kreisel.certificate.signature import sign
     from kreisel.certificate.statement import as_comment, digest_of, statement_of
     from kreisel.cli.conformity import REJECTED, sentence, status_of

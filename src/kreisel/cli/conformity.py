@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kreisel.calibration.limits import Decision, Judged, Limits
-    from kreisel.calibration.parts import CalibrationParts
+    from kreisel.calibration.result_sections import CalibrationParts
 
 FAILED, REJECTED, UNDECIDED = 1, 3, 4
 

@@ -30,7 +30,7 @@ def convert(
     if is_trace(source):
         _convert_trace(source, target, reference or imu)
         return
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.formats.loading import load
     from kreisel.formats.write import write
 
@@ -42,8 +42,8 @@ def convert(
 
 def _convert_trace(source: Path, target: Path, choice: str | None) -> None:
     from kreisel.errors import RecordingError, SettingsError
+    from kreisel.formats.input_formats import SUFFIXES
     from kreisel.formats.kuka_trace import add_trace
-    from kreisel.formats.registry import SUFFIXES
     from kreisel.formats.write import WRITERS
 
     if choice is not None:

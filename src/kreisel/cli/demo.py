@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.report.devices import Device
+    from kreisel.report.devices_page import Device
 
 Show = Callable[[str, float], None]
 
@@ -21,10 +21,10 @@ def demo(
 ) -> None:
     """Simulate the paper's three devices on a KR 125, calibrate them, and compare the results with the truth."""
     from kreisel.cli.output import check_output
-    from kreisel.cli.progress import progress_bar
-    from kreisel.cli.tables import print_devices
-    from kreisel.inertial.noise import PAPER
-    from kreisel.report.devices import write_devices
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.cli.terminal_tables import print_devices
+    from kreisel.inertial.noise_figures import PAPER
+    from kreisel.report.devices_page import write_devices
 
     check_output(output)
     devices = []
@@ -54,12 +54,12 @@ def _device(name: str, grade: str, seconds: float, seed: int, folder: Path, show
     from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.formats.write import write_folder
-    from kreisel.model.settings import CalibrationSettings
-    from kreisel.recording.settings import DeviceTable
-    from kreisel.report.devices import Device
-    from kreisel.report.page import write_report
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.recording.recording_settings import DeviceTable
+    from kreisel.report.devices_page import Device
+    from kreisel.report.report_page import write_report
     from kreisel.simulation.cell import simulate, write_truth
-    from kreisel.simulation.settings import Cell, Imu
+    from kreisel.simulation.cell_settings import Cell, Imu
     from kreisel.study.truth_comparison import group_errors
 
     recording_folder, result = folder / "recording", folder / "result"

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from kreisel.calibration.result import Calibration
     from kreisel.exchange.exported import Wanted
-    from kreisel.exchange.noise import ExportNoise
+    from kreisel.exchange.exported_noise import ExportNoise
 
 
 def export(
@@ -35,12 +35,12 @@ def export(
 
     What the format cannot hold is told, with its size.
     """
-    from kreisel.application.files import check_usable
-    from kreisel.calibration.axes import AXES
+    from kreisel.application.corrected_files import check_usable
+    from kreisel.calibration.device_axes import AXES
     from kreisel.calibration.result import Calibration
     from kreisel.errors import RecordingError
     from kreisel.exchange.exported import Wanted
-    from kreisel.exchange.registry import read_from, target_named
+    from kreisel.exchange.targets import read_from, target_named
 
     target = target_named(to)
     found = Calibration.load(calibration) if source is None else read_from(source, calibration, instance)
@@ -78,7 +78,7 @@ def export(
 
 def _doubts(wanted: Wanted) -> list[str]:
     """Return what is odd about noise figures: far below what the filter had to assume."""
-    from kreisel.exchange.noise import NAMES
+    from kreisel.exchange.exported_noise import NAMES
 
     estimator = wanted.calibration.estimator
     if estimator is None:
@@ -96,7 +96,7 @@ def _doubts(wanted: Wanted) -> list[str]:
 
 def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, wanted: bool) -> ExportNoise:
     from kreisel.errors import SettingsError
-    from kreisel.exchange.noise import noise_of
+    from kreisel.exchange.exported_noise import noise_of
 
     if not wanted and (grade is not None or at_rest is not None):
         raise SettingsError("--grade and --at-rest are for formats with noise figures: kalibr and openvins")

@@ -25,7 +25,7 @@ def info(
     """Print the contents of a recording: rates, jitter, gaps, excitation, standstills, warnings."""
     import json as json_module
 
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.formats.loading import load
 
     with progress_bar() as show:
@@ -53,9 +53,9 @@ def _facts(recording: Recording) -> dict[str, Any]:
     import numpy as np
 
     from kreisel.errors import KreiselError
-    from kreisel.inertial.noise import high_frequency_density
+    from kreisel.inertial.noise_figures import high_frequency_density
     from kreisel.preparation.reference_noise import assumed_noise
-    from kreisel.preparation.standstill import find_standstills, imu_stillness
+    from kreisel.preparation.standstill_search import find_standstills, imu_stillness
     from kreisel.synchronization.correlation import correlate
 
     imu, reference = recording.imu, recording.reference

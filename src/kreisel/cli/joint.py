@@ -10,8 +10,8 @@ import typer
 
 if TYPE_CHECKING:
     from kreisel.calibration.joint_outcome import Joint
-    from kreisel.calibration.parts import JointFacts
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.calibration.result_sections import JointFacts
+    from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
 
 
@@ -30,7 +30,7 @@ def calibrate_together(
         If a recording cannot be read, or fewer than two can be used.
     """
     from kreisel.calibration.joint import calibrate_joint
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
 
     names = names_of(paths)
@@ -52,7 +52,7 @@ def names_of(paths: list[Path]) -> list[str]:
 def _save(joint: Joint, output: Path) -> None:
     from kreisel.calibration.result import RESULT_FILES
     from kreisel.files import replaced_together
-    from kreisel.report.joint import write_joint
+    from kreisel.report.joint_page import write_joint
 
     with replaced_together(output, RESULT_FILES) as writing:
         joint.calibration.write(writing)
@@ -61,7 +61,7 @@ def _save(joint: Joint, output: Path) -> None:
 
 def say_joint(joint: Joint, output: Path | None) -> None:
     """Print the result."""
-    from kreisel.cli.tables import print_result, wide_console
+    from kreisel.cli.terminal_tables import print_result, wide_console
 
     calibration = joint.calibration
     facts = calibration.joint
@@ -78,8 +78,8 @@ def say_joint(joint: Joint, output: Path | None) -> None:
 
 
 def _print_recordings(facts: JointFacts) -> None:
-    from kreisel.cli.tables import print_rows, wide_console
-    from kreisel.report.joint import OWN_COLUMNS, own_rows
+    from kreisel.cli.terminal_tables import print_rows, wide_console
+    from kreisel.report.joint_page import OWN_COLUMNS, own_rows
 
     print_rows("each recording's own", OWN_COLUMNS, [row for one in facts.recordings for row in own_rows(one)], 3)
     console = wide_console()

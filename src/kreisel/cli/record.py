@@ -12,9 +12,9 @@ from kreisel.cli.watch import DASHBOARD, PORT, page_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kreisel.acquisition.record import Place, Status
+    from kreisel.acquisition.recorder import Place, Status
     from kreisel.devices.address import Address
-    from kreisel.recording.settings import RecordingSettings
+    from kreisel.recording.recording_settings import RecordingSettings
 
 
 def record(
@@ -40,10 +40,10 @@ def record(
     import signal
     import sys
 
-    from kreisel.acquisition.record import Place
-    from kreisel.acquisition.record import record as record_streams
+    from kreisel.acquisition.recorder import Place
+    from kreisel.acquisition.recorder import record as record_streams
     from kreisel.devices.address import IMUS, ROBOTS, parse_address
-    from kreisel.recording.settings import RecordingSettings, read_settings
+    from kreisel.recording.recording_settings import RecordingSettings, read_settings
 
     of_imu = parse_address(imu, IMUS)
     of_robot = None if robot is None else parse_address(robot, ROBOTS)

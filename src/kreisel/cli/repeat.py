@@ -28,7 +28,7 @@ def repeat(
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
-    from kreisel.model.known import parse_fixed
+    from kreisel.model.stated_parameters import parse_fixed
 
     if len(recordings) < 2:
         raise SettingsError("give two or more recordings of one device")
@@ -46,7 +46,7 @@ def repeat(
     facts = _facts(found, left_out)
     document = _document(found, runs, left_out)
     if output is not None:
-        from kreisel.report.repeatability import write_repeatability
+        from kreisel.report.repeatability_page import write_repeatability
 
         output.mkdir(parents=True, exist_ok=True)
         write_repeatability(found, runs, facts, output / "repeatability.html")
@@ -65,10 +65,10 @@ def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
     if (path / "calibration.yaml").is_file():
         return Calibration.load(path)
     from kreisel.calibration.calibrate import run_calibration
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.model.calibration_settings import CalibrationSettings
 
     with progress_bar() as show:
         read = load(path, executor=in_threads)
@@ -125,8 +125,8 @@ def _print(found: tuple[Repeated, ...], runs: list[str], facts: list[str]) -> No
     from rich.markup import escape
     from rich.table import Table
 
-    from kreisel.cli.tables import wide_console
-    from kreisel.report.repeatability import COLUMNS, cells_of
+    from kreisel.cli.terminal_tables import wide_console
+    from kreisel.report.repeatability_page import COLUMNS, cells_of
 
     out, rows = wide_console(), [cells_of(one, runs) for one in found]
     for title, shown in ((f"{len(runs)} recordings of one device", slice(1, 5)), ("means of the runs", slice(5, 8))):

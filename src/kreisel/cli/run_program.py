@@ -13,10 +13,10 @@ from kreisel.units import DEG_PER_HOUR, MG, MM, MS, PPM
 if TYPE_CHECKING:
     from kreisel.acquisition.drive import Ending
     from kreisel.acquisition.movers import Mover
-    from kreisel.acquisition.record import Status
-    from kreisel.acquisition.run import Devices, Orders
+    from kreisel.acquisition.program_run import Devices, Orders
+    from kreisel.acquisition.recorder import Status
     from kreisel.dashboard.online import Targets
-    from kreisel.recording.settings import RecordingSettings
+    from kreisel.recording.recording_settings import RecordingSettings
     from kreisel.robot.program import Program
 
 
@@ -60,10 +60,10 @@ def run_program(
 
     from kreisel.acquisition.movers import mover_at
     from kreisel.acquisition.preflight import Allowed, check_program
-    from kreisel.acquisition.run import Devices, Orders
+    from kreisel.acquisition.program_run import Devices, Orders
     from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
     from kreisel.errors import DeviceError, SettingsError
-    from kreisel.recording.settings import RecordingSettings, read_settings
+    from kreisel.recording.recording_settings import RecordingSettings, read_settings
     from kreisel.robot.kinematics import load_arm
     from kreisel.robot.program import read_program
 
@@ -178,7 +178,7 @@ def _drive(
     import asyncio
     import signal
 
-    from kreisel.acquisition.run import run
+    from kreisel.acquisition.program_run import run
 
     stops = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 

@@ -20,10 +20,10 @@ def simulate(
 ) -> None:
     """Simulate a robot that moves an IMU, and write the recording with its truth."""
     from kreisel.cli.output import check_output
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
-    from kreisel.simulation.settings import Cell, parse_cell, read_cell
-    from kreisel.simulation.settings import example as example_cell
+    from kreisel.simulation.cell_settings import Cell, parse_cell, read_cell
+    from kreisel.simulation.cell_settings import example as example_cell
 
     if example or example_program:
         from kreisel.robot.program import EXAMPLE

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.simulation.settings import Cell
+    from kreisel.simulation.cell_settings import Cell
     from kreisel.study.bound import Bound
     from kreisel.study.robustness import Row
     from kreisel.study.summary import Summary
@@ -83,7 +83,7 @@ def bound(
     """Print the smallest possible errors: the posterior Cramer-Rao bound along the true motion."""
     import json as json_module
 
-    from kreisel.cli.tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows
     from kreisel.study.summary import GROUPS
 
     best = _bounds(_described(cell), trials)
@@ -130,7 +130,7 @@ def _each(
     work: Callable[[int], Result], missing: list[int], how: dict[str, Any], take: Callable[[Result], None]
 ) -> None:
     """Do the work for every number, in processes, and show the progress."""
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.study.dask import dask_map
 
     if not missing:
@@ -144,7 +144,7 @@ def _each(
 
 def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:
     """Write the page of a robustness study, and print its table or its JSON."""
-    from kreisel.report.study import write_robustness
+    from kreisel.report.study_page import write_robustness
     from kreisel.study.robustness import COLUMNS, as_document, sentences, table, total
 
     totals = total(rows)
@@ -156,7 +156,7 @@ def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:
 
         typer.echo(json.dumps(as_document(totals, rows)))
         return
-    from kreisel.cli.tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows
 
     print_rows("verdicts, and errors over standard deviations", COLUMNS, lines)
     for fact in facts:
@@ -165,7 +165,7 @@ def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:
 
 
 def _described(cell: Path | None) -> Cell:
-    from kreisel.simulation.settings import Cell, read_cell
+    from kreisel.simulation.cell_settings import Cell, read_cell
 
     return Cell() if cell is None else read_cell(cell)
 
@@ -173,13 +173,13 @@ def _described(cell: Path | None) -> Cell:
 def _study(cell: Path | None, trials: int, output: Path, scheduler: str | None, workers: int, title: str) -> Summary:
     """Run the missing trials, write the report, and return the summary."""
     from kreisel.cli.output import check_output
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import EstimationError
-    from kreisel.model.settings import CalibrationSettings
-    from kreisel.report.study import write_study
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.report.study_page import write_study
     from kreisel.study.dask import dask_map
     from kreisel.study.monte_carlo import run_trial
-    from kreisel.study.results import Results
+    from kreisel.study.stored_trials import Results
     from kreisel.study.summary import GROUPS, scores_of, summarise
 
     described, settings = _described(cell), CalibrationSettings()
@@ -208,8 +208,8 @@ def _bounds(cell: Cell, trials: int) -> dict[str, float]:
     """Return the rms bound of every group, by its title, in its unit."""
     import numpy as np
 
-    from kreisel.cli.progress import progress_bar
-    from kreisel.model.settings import CalibrationSettings
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.study.bound import cramer_rao_bound
     from kreisel.study.summary import GROUPS
 
@@ -258,7 +258,7 @@ def _say(summary: Summary, rows: list[list[str]], columns: list[str], output: Pa
         document["output"] = str(output)
         typer.echo(json.dumps(document))
         return
-    from kreisel.cli.tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows
 
     print_rows("error compared with the standard deviation of the calibration", columns, rows)
     for fact in _facts(summary):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.simulation.settings import Cell
+    from kreisel.simulation.cell_settings import Cell
 
 
 class RobotKind(StrEnum):
@@ -66,7 +66,7 @@ def virtual_cell(
 
     from kreisel.acquisition.virtual_cell import OBEDIENT, obeying, running
     from kreisel.cli.output import check_output
-    from kreisel.cli.progress import progress_bar
+    from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.formats.write import write_settings
     from kreisel.simulation.cell import simulate, write_truth
@@ -105,7 +105,7 @@ def _described(cell: Path | None, robot: RobotKind, interval: float | None, chan
     """Return the cell, with the interval of poses given here, in its file, or usual for such controllers."""
     from kreisel.acquisition.virtual_cell import INTERVALS
     from kreisel.errors import SettingsError
-    from kreisel.simulation.settings import Cell, parse_cell, read_cell
+    from kreisel.simulation.cell_settings import Cell, parse_cell, read_cell
 
     known = Cell() if cell is None else read_cell(cell)
     content = known.model_dump()

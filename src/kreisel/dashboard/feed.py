@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.acquisition.record import Excitation
+from kreisel.acquisition.recorder import Excitation
 from kreisel.acquisition.tail import Rows, Tail
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import RobotError

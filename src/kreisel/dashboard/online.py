@@ -17,7 +17,7 @@ from kreisel.acquisition.tail import Tail
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import KreiselError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 
 SHARE = 0.2
 """Share of one processor's time for calibrations."""

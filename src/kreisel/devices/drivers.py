@@ -15,9 +15,9 @@ from contextlib import suppress
 from typing import Any
 
 from kreisel.devices.address import Address
+from kreisel.devices.datagram_source import Source
 from kreisel.devices.events import Arrival, Event, Level, Notice
 from kreisel.devices.sessions import SESSIONS, Session
-from kreisel.devices.source import Source
 from kreisel.errors import DeviceError, KreiselError, ProtocolError, SettingsError
 from kreisel.protocols import egm, rsi
 from kreisel.protocols.samples import RobotSample

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.estimation.belief import Belief, with_errors
-from kreisel.estimation.budget import Source
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array
 
 

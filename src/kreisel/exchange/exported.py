@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from kreisel.calibration.result import Calibration
-from kreisel.exchange.noise import ExportNoise
+from kreisel.exchange.exported_noise import ExportNoise
 from kreisel.inertial.sensor_model import SensorParameters
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.axes import NAMES, device_triads, with_vector
-from kreisel.calibration.parts import (
+from kreisel.calibration.device_axes import NAMES, device_triads, with_vector
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import (
     Alignment,
     CalibrationParts,
     Consistency,
@@ -17,7 +18,6 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
-from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, check_parameters
 

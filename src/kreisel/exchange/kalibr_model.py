@@ -17,7 +17,7 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from kreisel.calibration.axes import turned
+from kreisel.calibration.device_axes import turned
 from kreisel.errors import RecordingError
 from kreisel.exchange.losses import without_effects_of
 from kreisel.files import MAX_YAML, check_entries, read_text

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.fitting.history import History
+from kreisel.fitting.update_history import History
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress

@@ -24,7 +24,6 @@ from ruamel.yaml.error import YAMLError
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_text
 from kreisel.formats.bounds import Budget, bounded, check_files, unpack, unzstd
-from kreisel.formats.description import description_beside
 from kreisel.formats.mcap import (
     IMU_TOPIC,
     JOINT_TOPIC,
@@ -41,9 +40,10 @@ from kreisel.formats.mcap import (
     read_mcap,
     reason,
 )
+from kreisel.formats.robot_description import description_beside
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.settings import RecordingSettings, read_settings, what_is_wrong
+from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong
 
 IMU = "sensor_msgs/msg/Imu"
 JOINTS = "sensor_msgs/msg/JointState"

@@ -12,12 +12,12 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_bytes
-from kreisel.formats.description import description_beside, is_there
-from kreisel.formats.table import Column, Table, read_table
+from kreisel.formats.csv_table import Column, Table, read_table
+from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
 from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.recording.recording_settings import RecordingSettings, read_settings
 from kreisel.tasks import Executor, sequential
 from kreisel.units import ZERO_CELSIUS
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError
+from kreisel.formats.csv_table import Column, Table, parse_header, parse_rows, stamps_in_nanoseconds, time_unit
 from kreisel.formats.folder import imu_columns, temperature_of
-from kreisel.formats.table import Column, Table, parse_header, parse_rows, stamps_in_nanoseconds, time_unit
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, Stamps
 

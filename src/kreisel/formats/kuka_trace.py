@@ -10,16 +10,16 @@ import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
 from kreisel.files import read_bytes
-from kreisel.formats.description import description_beside
 from kreisel.formats.diadem import BEGIN, read_diadem
 from kreisel.formats.kuka_channels import JOINTS, ORIENTATION, POSITION, Channel, choose, factor, meaning
 from kreisel.formats.kuka_trace_text import read_text
+from kreisel.formats.robot_description import description_beside
 from kreisel.formats.write import add_reference
 from kreisel.geometry.interpolation import continuous
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
-from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.recording.recording_settings import RecordingSettings, read_settings
 from kreisel.robot.description import parse_arm
 from kreisel.robot.kinematics import poses
 from kreisel.units import DEG

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError
+from kreisel.formats.csv_table import is_number
 from kreisel.formats.kuka_channels import Channel, is_unit
-from kreisel.formats.table import is_number
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from kreisel.errors import RecordingError
-from kreisel.formats.registry import format_of, names_of_files
+from kreisel.formats.input_formats import format_of, names_of_files
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
 from kreisel.tasks import Executor, sequential

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError
-from kreisel.formats.description import description_beside, is_there
 from kreisel.formats.mapping import Term, TimeRule, parse_orientation, parse_terms, parse_time
+from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.formats.rotation_forms import positions_of, quantity_of, quaternions_of
 from kreisel.formats.sheet import Sheet, is_sheet, read_sheet
 from kreisel.geometry.rotation import Array
@@ -28,7 +28,7 @@ from kreisel.recording.recording import (
     ReferencePoses,
     Stamps,
 )
-from kreisel.recording.settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
+from kreisel.recording.recording_settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
 from kreisel.units import ZERO_CELSIUS
 
 _DAY = 86_400 * 10**9

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.formats.rotation_forms import columns_of, quantity_of
 from kreisel.recording.header import UNITS, plain_unit
-from kreisel.recording.settings import ColumnsTable
+from kreisel.recording.recording_settings import ColumnsTable
 
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
 _RANGE = re.compile(r"^#(\d+)\s*-\s*#?(\d+)$")

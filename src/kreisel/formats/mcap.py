@@ -28,7 +28,7 @@ from kreisel._version import __version__
 from kreisel.errors import RecordingError
 from kreisel.formats.bounds import MAX_CHUNK, Budget, chunk_content, within
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 IMU_TOPIC = "/imu/data_raw"
 POSE_TOPIC = "/robot/pose"

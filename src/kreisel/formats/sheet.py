@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.formats.table import is_number
+from kreisel.formats.csv_table import is_number
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import split_unit
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.formats.registry import SUFFIXES
+from kreisel.formats.input_formats import SUFFIXES
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 _POSITION_HEADER = ",p_x [m],p_y,p_z"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel._kernels import quadrature
-from kreisel._kernels.cell import Samples
+from kreisel._kernels.filter_arguments import Samples
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import RawReadings, added, features_of
 from kreisel.inertial.sensor_model import SensorParameters

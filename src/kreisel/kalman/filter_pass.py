@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel._kernels import cell
+from kreisel._kernels import filter_arguments
 from kreisel._kernels.filter import run
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, inflate_variance
@@ -15,7 +15,7 @@ from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
 from kreisel.kalman.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.kalman.navigation_start import navigation_from_reference
-from kreisel.kalman.record import history_of, joined
+from kreisel.kalman.update_record import history_of, joined
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.model.schedule import Update
@@ -58,8 +58,8 @@ def run_filter(
     updates, model = problem.schedule.updates, filter_model(problem, start)
     readings = problem.sensor.readings.with_effects(effect_sizes(problem), start.sensors.effects)
     begun = belief = first_belief(problem, start) if belief is None else belief
-    bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, cell.MEASURED + 1))])
-    limit = cell.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
+    bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, filter_arguments.MEASURED + 1))])
+    limit = filter_arguments.Gate(bounds, MAX_REJECTED_IN_A_ROW, np.zeros(1, dtype=np.int64))
     histories, jumps = [], 0
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
@@ -71,7 +71,7 @@ def run_filter(
             if limit.rejected[0] >= MAX_REJECTED_IN_A_ROW:
                 belief, jumps = _after_a_jump(problem, belief), jumps + 1
             belief = _belief_before(problem, start, belief, done, limit.rejected)
-            filtered = cell.Gaussian(belief.mean.copy(), belief.factor.T.copy())
+            filtered = filter_arguments.Gaussian(belief.mean.copy(), belief.factor.T.copy())
             signal, until = readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
             done = begin + run(

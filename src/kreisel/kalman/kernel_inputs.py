@@ -1,4 +1,4 @@
-"""A problem as the compiled filter reads it: see `_kernels.cell`."""
+"""A problem as the compiled filter reads it: see `_kernels.filter_arguments`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from kreisel._kernels import cell
+from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
 from kreisel.estimation.sigma_points import weights
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.strapdown import NOISE_STEP
+from kreisel.model.assumed_noise import AssumedNoise, ColouredNoise
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR, group_part
-from kreisel.model.noise import AssumedNoise, ColouredNoise
 from kreisel.model.parameters import POSE_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import Update
@@ -44,14 +44,14 @@ for _name, _own in (
     ("Stored", dict.fromkeys((part.name for part in (*NAVIGATION, *STANDSTILL_ERROR, *PATH_ERROR)), -1)),
     ("Noise", dict.fromkeys(_NOISE, -1)),
     ("Coloured", dict.fromkeys(_COLOURED, -1)),
-    ("Gyro", _places(cell.GYRO)),
-    ("Accel", _places(cell.ACCEL)),
-    ("Around", _places(cell.AROUND)),
+    ("Gyro", _places(filter_arguments.GYRO)),
+    ("Accel", _places(filter_arguments.ACCEL)),
+    ("Around", _places(filter_arguments.AROUND)),
 ):
     check_order(_name, _own)
 
 
-def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
+def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Model:
     """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
     layout, settings = problem.layout, problem.settings
     n = layout.degrees
@@ -60,11 +60,13 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     coloured = problem.noise.coloured
     walks = _walks(problem)
 
-    def rows(groups: Sequence[str]) -> cell.ParameterRows:
+    def rows(groups: Sequence[str]) -> filter_arguments.ParameterRows:
         stored = {group: known.stored(group) for group in groups}
         places = np.arange(layout.size)
         source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
-        return cell.ParameterRows(np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values())))
+        return filter_arguments.ParameterRows(
+            np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values()))
+        )
 
     sizes = effect_sizes(problem)
     gyro, accel = (groups_of(sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
@@ -72,18 +74,18 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
     def applied(groups: Sequence[str]) -> Array:
         return np.concatenate([np.zeros(0), *(known.stored(group) for group in groups)])
 
-    return cell.Model(
+    return filter_arguments.Model(
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
         drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
-        weights=np.array([getattr(w, figure) for figure in cell.WEIGHTS]),
-        gyro=rows([*_but_effects(cell.GYRO), *gyro]),
-        accel=rows([*_but_effects(cell.ACCEL), *accel]),
-        around=rows(list(cell.AROUND)),
+        weights=np.array([getattr(w, figure) for figure in filter_arguments.WEIGHTS]),
+        gyro=rows([*_but_effects(filter_arguments.GYRO), *gyro]),
+        accel=rows([*_but_effects(filter_arguments.ACCEL), *accel]),
+        around=rows(list(filter_arguments.AROUND)),
         robot=rows([*reference_groups(problem, known), *ROBOT_GROUPS]),
         gyro_degrees=problem.gyro_degrees,
         sensor_degrees=problem.sensor_degrees,
-        stored=np.array([layout.stored(name).start if name in layout else -1 for name in cell.STORED]),
+        stored=np.array([layout.stored(name).start if name in layout else -1 for name in filter_arguments.STORED]),
         gyro_effects=places_of(sizes, "gyroscope"),
         accel_effects=places_of(sizes, "accelerometer"),
         gyro_applied=applied(gyro),
@@ -92,9 +94,9 @@ def filter_model(problem: Problem, known: CellParameters) -> cell.Model:
         inside=settings.size_effect.inside,
         level=level,
         down=down,
-        noise=np.array([_NOISE[name](problem.noise) for name in cell.NOISE]),
+        noise=np.array([_NOISE[name](problem.noise) for name in filter_arguments.NOISE]),
         standstill=np.array(problem.noise.standstill_error, dtype=float),
-        coloured=np.array([_COLOURED[name](coloured) for name in cell.COLOURED]),
+        coloured=np.array([_COLOURED[name](coloured) for name in filter_arguments.COLOURED]),
         walking=walks[:, 0].astype(np.int64),
         walk=walks[:, 1].copy(),
         fading=walks[:, 2].copy(),
@@ -134,7 +136,7 @@ def effect_sizes(problem: Problem) -> dict[str, int]:
     return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
 
 
-def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -> cell.Steps:
+def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -> filter_arguments.Steps:
     """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`."""
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
@@ -145,7 +147,7 @@ def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -
         quaternions = reference.quaternions[poses]
     robot = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
     regressor = np.concatenate([reported, robot], axis=2)
-    return cell.Steps(
+    return filter_arguments.Steps(
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),
         tau=np.array([update.tau for update in updates]),
@@ -158,10 +160,10 @@ def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -
     )
 
 
-def filter_record(problem: Problem, u: int) -> cell.Record:
+def filter_record(problem: Problem, u: int) -> filter_arguments.Record:
     """Return empty arrays for the record of so many updates."""
-    m = cell.MEASURED
-    return cell.Record(
+    m = filter_arguments.MEASURED
+    return filter_arguments.Record(
         mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),
         deviation=np.empty((u, len(problem.parameter_names))),
         used=np.zeros(u, dtype=bool),

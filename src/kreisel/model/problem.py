@@ -10,13 +10,13 @@ import numpy as np
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.readings import Readings
+from kreisel.model.assumed_noise import AssumedNoise
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import group_named
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, group_part, with_coloured_noise, without
-from kreisel.model.noise import AssumedNoise
 from kreisel.model.parameters import GROUPS, PASSING_GROUPS, CellParameters, parameter_names
-from kreisel.model.robot import RobotModel
+from kreisel.model.robot_model import RobotModel
 from kreisel.model.schedule import Schedule
-from kreisel.model.settings import CalibrationSettings
 from kreisel.model.site import Site
 from kreisel.recording.recording import ReferencePoses
 

@@ -16,7 +16,7 @@ from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.preparation.preparation import AccelerationWindows, AccelerometerFit
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.windows import HALF_WINDOW, Windows
 
 _HALF_WINDOW_WITHOUT_POSITIONS = 3.0

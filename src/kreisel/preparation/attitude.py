@@ -21,7 +21,7 @@ from kreisel.geometry.rotation import (
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.recording.recording import ReferencePoses
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.windows import Windows
 
 _MIN_POSES = 10

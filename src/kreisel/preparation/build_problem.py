@@ -11,17 +11,16 @@ from kreisel.errors import SettingsError, SynchronizationError
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import OF_TEMPERATURE
-from kreisel.inertial.noise import DRIFT_TIME
+from kreisel.inertial.noise_figures import DRIFT_TIME
+from kreisel.model.assumed_noise import AssumedNoise, Drift, PoseError
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
-from kreisel.model.noise import AssumedNoise, Drift, PoseError
 from kreisel.model.parameters import GROUPS, PASSING_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Prior, Problem, Sensor
 from kreisel.model.schedule import MIN_UPDATES, Schedule
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.attitude import start_attitudes
-from kreisel.preparation.known_parameters import apart, with_known
 from kreisel.preparation.preparation import Preparation
-from kreisel.preparation.robot import ANGLE_SD, LENGTH_SD
+from kreisel.preparation.robot_errors import ANGLE_SD, LENGTH_SD
 from kreisel.preparation.scheduling import schedule_updates
 from kreisel.preparation.start_values import (
     drift_sizes,
@@ -32,6 +31,7 @@ from kreisel.preparation.start_values import (
     stated_prior,
 )
 from kreisel.preparation.state_layout import build_layout
+from kreisel.preparation.stated_priors import apart, with_known
 from kreisel.preparation.turning_axes import turning_axes
 from kreisel.recording.recording import ReferencePoses, angles_over
 from kreisel.synchronization.clock import Clock

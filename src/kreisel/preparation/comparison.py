@@ -14,8 +14,8 @@ from kreisel.recording.recording import DataWarning, ImuSamples, Recording, Refe
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.conventions import check_conventions
 from kreisel.synchronization.correlation import correlate, quietest_second
+from kreisel.synchronization.fits import Correlation, RateFit
 from kreisel.synchronization.rate_fit import fit_rates
-from kreisel.synchronization.results import Correlation, RateFit
 from kreisel.tasks import Executor
 
 

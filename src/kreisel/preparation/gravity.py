@@ -11,7 +11,7 @@ import math
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.model.site import Site
 from kreisel.recording.recording import DataWarning, Recording
-from kreisel.recording.settings import SiteTable
+from kreisel.recording.recording_settings import SiteTable
 from kreisel.units import STANDARD_GRAVITY
 
 UNKNOWN_SD = 0.015

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.noise import (
+from kreisel.inertial.noise_figures import (
     DRIFT_TIME,
     GRADES,
     coarse_step,

@@ -9,12 +9,12 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.readings import Readings
-from kreisel.model.noise import ReferenceNoise
-from kreisel.model.robot import RobotModel
+from kreisel.model.assumed_noise import ReferenceNoise
+from kreisel.model.robot_model import RobotModel
 from kreisel.model.site import Site
 from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
 from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
-from kreisel.synchronization.results import Correlation, RateFit
+from kreisel.synchronization.fits import Correlation, RateFit
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.inertial.readings import Readings
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.standstill import Standstill
 from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_accelerometers, joined
 from kreisel.preparation.attitude import with_attitude
@@ -14,8 +14,8 @@ from kreisel.preparation.gravity import site_of
 from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
 from kreisel.preparation.restarts import with_parts_in_place
-from kreisel.preparation.robot import robot_model
-from kreisel.preparation.standstill import find_standstills, imu_stillness, standstill_outside
+from kreisel.preparation.robot_errors import robot_model
+from kreisel.preparation.standstill_search import find_standstills, imu_stillness, standstill_outside
 from kreisel.preparation.time_base import time_base_deviation, time_base_warning
 from kreisel.preparation.warnings import (
     misstated_warnings,
@@ -25,7 +25,7 @@ from kreisel.preparation.warnings import (
     standstill_warning,
 )
 from kreisel.recording.recording import Recording, ReferencePoses
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 from kreisel.tasks import Executor, sequential
 
 _ROUNDS_WITHOUT_ATTITUDE = 4

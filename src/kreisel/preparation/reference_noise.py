@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.model.noise import ReferenceNoise
+from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.recording.recording import Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, nearest_rotation, skew
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParameters
-from kreisel.model.robot import RobotModel
+from kreisel.model.robot_model import RobotModel
 from kreisel.preparation.attitude import alignment_from_gravity
 from kreisel.preparation.preparation import ImuNoise, Preparation
 from kreisel.synchronization.clock import MAX_SKEW

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from kreisel.estimation.state import StateLayout
+from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.model.layout import STANDSTILL_ERROR, group_part, with_coloured_noise
 from kreisel.model.parameters import PASSING_GROUPS
-from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 
 
 def build_layout(

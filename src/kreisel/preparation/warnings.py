@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kreisel.model.noise import ReferenceNoise
+from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses

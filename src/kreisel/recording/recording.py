@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.recording.header import NO_UNITS, HeaderUnits
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 Stamps = NDArray[np.int64]
 

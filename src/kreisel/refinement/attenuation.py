@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply

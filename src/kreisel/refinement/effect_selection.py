@@ -19,11 +19,11 @@ from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
-from kreisel.model.considered import Considered
+from kreisel.model.calibration_settings import BY_CHOICE
+from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal
-from kreisel.model.settings import BY_CHOICE
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 

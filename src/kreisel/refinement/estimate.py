@@ -12,7 +12,7 @@ from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.uncertainty import Contribution, total
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
-from kreisel.model.considered import Considered
+from kreisel.model.considered_terms import Considered
 from kreisel.model.layout import without
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.problem import Problem, with_nominal

@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import EstimationError
-from kreisel.estimation.budget import Source
 from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty import Contribution, scaling
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
-from kreisel.model.considered import Considered, describe
+from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time, with_readings
 from kreisel.progress import Progress, StepProgress, of_parts, of_step

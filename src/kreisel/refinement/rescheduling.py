@@ -13,7 +13,7 @@ from kreisel.inertial.strapdown import rate_coefficients
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.preparation.scheduling import schedule_updates
-from kreisel.preparation.standstill import find_standstills
+from kreisel.preparation.standstill_search import find_standstills
 from kreisel.synchronization.clock import Clock
 
 _ATTITUDE_SD = 0.01

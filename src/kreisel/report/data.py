@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.calibration.evidence import CrossValidation, Drift, Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
-from kreisel.fitting.history import History
+from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, log, multiply
 from kreisel.inertial.sensor_model import correct_angular_rate
 from kreisel.inertial.strapdown import raw_readings, without_effects

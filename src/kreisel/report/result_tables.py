@@ -9,10 +9,10 @@ import numpy as np
 
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.outcome import Outcome
-from kreisel.calibration.parts import Measured, Timing
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Measured, Timing
 from kreisel.model.parameters import parameter_names
-from kreisel.report.table import Row, Table, held, number, pair
+from kreisel.report.cells import Row, Table, held, number, pair
 from kreisel.units import DEG, MM, MS, PPM
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, Mask, apply, conjugate, exp, from_matrix, multiply
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.robot import kinematics
@@ -23,7 +23,9 @@ from kreisel.robot.excitation import home, random_plan
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.motion import Limits, Plan, Timeline, plan
 from kreisel.robot.program import read_program
-from kreisel.simulation.effects import (
+from kreisel.simulation.cell_settings import Cell, Errors
+from kreisel.simulation.controller import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
+from kreisel.simulation.device_errors import (
     DeviceEffects,
     OffsetChange,
     Slip,
@@ -39,10 +41,8 @@ from kreisel.simulation.effects import (
 )
 from kreisel.simulation.free_path import FreePath, free_path
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
+from kreisel.simulation.owner_statements import as_stated
 from kreisel.simulation.reference import MARGIN, START_NS, Measure, ReferenceDraws, report_poses
-from kreisel.simulation.robot import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
-from kreisel.simulation.settings import Cell, Errors
-from kreisel.simulation.stated import as_stated
 from kreisel.units import DEG
 
 _Inertial = tuple[Array, Array, Array]

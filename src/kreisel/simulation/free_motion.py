@@ -8,7 +8,7 @@ from kreisel.geometry.rotation import Array, apply, conjugate, exp, multiply
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
 from kreisel.recording.recording import Recording
-from kreisel.validation.arrays import from_arrays
+from kreisel.validation.recording_from_arrays import from_arrays
 
 IMU_RATE, FINE, POSES = 200.0, 10, 2
 """Samples a second, steps of the integration in a sample, samples between two poses."""

@@ -11,7 +11,7 @@ from kreisel.geometry.interpolation import continuous
 from kreisel.geometry.rotation import Array, from_matrix
 from kreisel.robot.kinematics import ToolMotion
 from kreisel.robot.motion import Timeline
-from kreisel.simulation.effects import smooth_step
+from kreisel.simulation.device_errors import smooth_step
 
 _SINES = 5
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array, Mask, exp, matrix
-from kreisel.inertial.noise import Grade, noise
+from kreisel.inertial.noise_figures import Grade, noise
 from kreisel.inertial.sensor_model import SensorParameters, size_effect
 from kreisel.recording.recording import Stamps
 from kreisel.simulation import low_pass
-from kreisel.simulation.effects import DeviceEffects
-from kreisel.simulation.settings import Imu
+from kreisel.simulation.cell_settings import Imu
+from kreisel.simulation.device_errors import DeviceEffects
 from kreisel.units import DEG
 
 _STALL, _STALLS, _APART_NS = 16e-3, 0.005, 10

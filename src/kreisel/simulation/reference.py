@@ -11,9 +11,9 @@ import numpy as np
 from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
 from kreisel.recording.recording import JointAngles, ReferencePoses
 from kreisel.robot.motion import Timeline
-from kreisel.simulation.effects import middle
-from kreisel.simulation.robot import Report, reported
-from kreisel.simulation.settings import Cell, Reference
+from kreisel.simulation.cell_settings import Cell, Reference
+from kreisel.simulation.controller import Report, reported
+from kreisel.simulation.device_errors import middle
 
 START_NS = 1_000_000_000_000
 """Stamp of the first reading."""

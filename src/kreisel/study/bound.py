@@ -10,12 +10,12 @@ import numpy as np
 from kreisel.fitting.stored_state import first_belief
 from kreisel.geometry.rotation import Array
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell, Errors
-from kreisel.simulation.stated import recording_settings
+from kreisel.simulation.cell_settings import Cell, Errors
+from kreisel.simulation.owner_statements import recording_settings
 from kreisel.study.truth import judged, true_parameters
 
 

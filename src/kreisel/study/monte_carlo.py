@@ -14,9 +14,9 @@ import numpy as np
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.errors import KreiselError
 from kreisel.fitting.stored_state import stored_state
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.trial import Trial
 from kreisel.study.truth import judged, true_parameters
 

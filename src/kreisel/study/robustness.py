@@ -31,11 +31,11 @@ from kreisel.errors import KreiselError, SettingsError
 from kreisel.formats.write import write
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import Truth, simulate, write_truth
-from kreisel.simulation.settings import Cell
-from kreisel.study.results import whole_rows
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.situations import Situation, situations
+from kreisel.study.stored_trials import whole_rows
 from kreisel.validation.checks import check_streams
 
 _SEEDS = 10_000

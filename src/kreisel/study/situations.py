@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 
 Content = Mapping[str, Any]

@@ -12,7 +12,7 @@ from kreisel.model.parameters import CellParameters, RobotParameters
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import Recording
 from kreisel.simulation.cell import Truth
-from kreisel.simulation.effects import DeviceEffects
+from kreisel.simulation.device_errors import DeviceEffects
 from kreisel.synchronization.clock import Clock
 
 JUDGED = ("gyroscope", "accelerometer", "timing", "alignment.tilt")

@@ -10,8 +10,8 @@ from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.rate_fit import turn_errors
-from kreisel.synchronization.results import RateFit
 
 LEAST = 4e-3
 """s; smaller jumps are found by the filter, as a clock that walks."""

@@ -17,7 +17,7 @@ from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angles_over, chunks, excerpt
 from kreisel.synchronization.clock import MAX_SKEW, Clock
-from kreisel.synchronization.results import Correlation
+from kreisel.synchronization.fits import Correlation
 from kreisel.units import DEG
 
 MIN_CORRELATION = 0.6

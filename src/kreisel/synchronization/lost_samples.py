@@ -16,7 +16,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, ex
 from kreisel.inertial.readings import Readings, attitudes_at
 from kreisel.inertial.strapdown import linear_rate
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 
 _EVEN, _EVEN_SHARE = 2e-3, 0.999
 """Deviation of steps, in intervals, and share of all steps, by which stamps count as counted."""

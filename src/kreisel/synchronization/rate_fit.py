@@ -21,7 +21,7 @@ from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 
 ROTATION_SECONDS = 0.4
 """Usual time over which rotations are compared, s."""

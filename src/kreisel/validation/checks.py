@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
+from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.imu_checks import check_imu
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
-from kreisel.validation.missing import without_missing
 from kreisel.validation.ordering import in_order
 from kreisel.validation.pose_checks import check_poses, stamped_poses
 from kreisel.validation.sampling import regularly_sampled, with_lateness, with_restarts

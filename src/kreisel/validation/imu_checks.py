@@ -18,7 +18,7 @@ from kreisel.recording.header import UNITS
 from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
-from kreisel.validation.finite import check_finite
+from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
 
 _COLDEST, _HOTTEST = -80.0, 200.0

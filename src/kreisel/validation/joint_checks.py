@@ -14,7 +14,7 @@ from kreisel.recording.recording import DataWarning, JointAngles, Recording, Ref
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
-from kreisel.validation.finite import check_finite
+from kreisel.validation.finite_values import check_finite
 from kreisel.validation.stamp_checks import check_stamps
 
 SAME_FRAME = (5e-3, 5e-3)

@@ -9,9 +9,9 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
 from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
-from kreisel.validation.finite import check_finite
+from kreisel.validation.empty_rows import POSITION, QUATERNION
+from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import first_of_each
-from kreisel.validation.missing import POSITION, QUATERNION
 from kreisel.validation.stamp_checks import Stamped, check_duration, check_rate, check_stamps, gaps, runs
 
 MAX_OUTLIERS = 0.1

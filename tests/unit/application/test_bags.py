@@ -7,7 +7,7 @@ import pytest
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
-from kreisel.application.files import TOPIC, apply_to_file
+from kreisel.application.corrected_files import TOPIC, apply_to_file
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.bag_copy import imu_messages
 

@@ -9,16 +9,16 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from kreisel.batch.found import jobs_in
+from kreisel.batch.batch_pages import write_batch, write_history
+from kreisel.batch.execution import Batch, calibrate_all, one_after_another, waiting_in
+from kreisel.batch.job_result import Run
+from kreisel.batch.jobs import jobs_in
 from kreisel.batch.lot import counts, good, table, units_of
-from kreisel.batch.pages import write_batch, write_history
-from kreisel.batch.run import Run
-from kreisel.batch.store import Store
-from kreisel.batch.work import Batch, calibrate_all, one_after_another, waiting_in
+from kreisel.batch.result_store import Store
 from kreisel.calibration.limits import Limits
-from kreisel.calibration.parts import Measured, Verdict
+from kreisel.calibration.result_sections import Measured, Verdict
 from kreisel.errors import RecordingError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 
 from ..calibration.example import calibration
 
@@ -101,7 +101,7 @@ def test_the_file_of_results_is_plain_sqlite(tmp_path):
 
 
 def test_a_locked_or_damaged_file_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("kreisel.batch.store._PATIENCE", 0.01)
+    monkeypatch.setattr("kreisel.batch.result_store._PATIENCE", 0.01)
     path = tmp_path / "results.db"
     with Store(path) as store:
         store.add(run(1))
@@ -210,7 +210,7 @@ def test_pages_are_complete_and_escape_names(tmp_path):
     assert "&lt;b&gt;&amp;" in page
     assert "<b>&<" not in page
     assert "12 of 12 units within all limits" in page
-    from kreisel.batch.history import history_of
+    from kreisel.batch.unit_history import history_of
 
     dated = [replace(one, date=f"20{10 + k}-05-01") for k, one in enumerate(runs)]
     found = history_of(hostile, dated, LIMITS)

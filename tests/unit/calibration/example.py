@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from kreisel.calibration.axes import NAMES, with_vector
-from kreisel.calibration.parts import (
+from kreisel.calibration.device_axes import NAMES, with_vector
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import (
     Alignment,
     CalibrationParts,
     Consistency,
@@ -12,7 +13,6 @@ from kreisel.calibration.parts import (
     Timing,
     Verdict,
 )
-from kreisel.calibration.result import Calibration
 from kreisel.geometry.rotation import exp, matrix
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 

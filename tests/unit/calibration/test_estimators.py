@@ -12,9 +12,9 @@ from kreisel.calibration.calibrate import ESTIMATORS, run_calibration
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.model.calibration_settings import ESTIMATORS as NAMES
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.layout import without
-from kreisel.model.settings import ESTIMATORS as NAMES
-from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import camera_problem, recorded
 

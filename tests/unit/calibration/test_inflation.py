@@ -10,8 +10,8 @@ from kreisel.calibration.data_sheet import sensitivity
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import scaling
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
 
 from ...oracle import quaternions as quat

@@ -7,8 +7,8 @@ import pytest
 
 from kreisel.calibration.interval_check import interval_disagreement
 from kreisel.estimation.belief import Belief
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import scaling
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.model.problem import with_rarer_updates
 
 from ...small_problem import Given, camera_problem, estimate_of, small_problem, small_run

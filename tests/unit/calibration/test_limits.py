@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.limits import Decision, Limits, judged, limits_named, limits_of_grade
-from kreisel.calibration.parts import Measured, Verdict
+from kreisel.calibration.result_sections import Measured, Verdict
 from kreisel.errors import RecordingError, SettingsError
 
 from .example import calibration

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.parts import Measured
 from kreisel.calibration.repeatability import repeatability
+from kreisel.calibration.result_sections import Measured
 from kreisel.errors import SettingsError
 
 from ...small_problem import calibrated

@@ -14,9 +14,9 @@ from kreisel.calibration.data_sheet import OF_SCHEMA_1, QUANTITIES
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document, to_document
 from kreisel.errors import RecordingError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import simulate as simulate_cell
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 
 from ...small_cell import simulate
 

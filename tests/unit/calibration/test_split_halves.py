@@ -12,7 +12,7 @@ from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
-from kreisel.model.noise import Drift
+from kreisel.model.assumed_noise import Drift
 from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.refinement.estimate import without_passing

@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.parts import Consistency
+from kreisel.calibration.result_sections import Consistency
 from kreisel.calibration.verdict import MAX_CONTRADICTION, MAX_MOVED, MAX_NIS, MAX_SCORE, consistency, judge
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.refinement.observability import Observability
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.results import Correlation
+from kreisel.synchronization.fits import Correlation
 
 from ...small_problem import estimate_of, history, moved_by, small_problem, small_run
 

@@ -11,10 +11,10 @@ import pytest
 
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.limits import Limits, limits_of_grade
-from kreisel.calibration.parts import Measured, Verdict
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Measured, Verdict
+from kreisel.certificate.certificate_page import html, pdf
 from kreisel.certificate.content import certificate_of, fields_of
-from kreisel.certificate.page import html, pdf
 from kreisel.certificate.signature import new_keys, opened, sign, verify
 from kreisel.certificate.words import LANGUAGES, words
 from kreisel.errors import RecordingError, SettingsError

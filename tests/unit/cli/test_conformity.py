@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from kreisel.calibration.limits import Decision, Limits
-from kreisel.calibration.parts import Verdict
+from kreisel.calibration.result_sections import Verdict
 from kreisel.cli.batch import _some
 from kreisel.cli.conformity import as_table, conformity, most_serious, sentence, status_of
 from kreisel.errors import SettingsError

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kreisel._kernels.cell import Gaussian
+from kreisel._kernels.filter_arguments import Gaussian
 from kreisel.errors import SettingsError
 from kreisel.estimation.belief import Belief, inflate_variance, renew, triangularise
 from kreisel.estimation.consistency import correlation_time, mean_normalised, normalised_bounds

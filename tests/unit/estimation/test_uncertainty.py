@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.estimation.belief import Belief
-from kreisel.estimation.budget import Source
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling, total
+from kreisel.estimation.uncertainty_budget import Source
 
 DEGREES = 6
 

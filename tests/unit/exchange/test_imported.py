@@ -5,7 +5,7 @@ import pytest
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.exchange.registry import read_from
+from kreisel.exchange.targets import read_from
 
 from ..calibration.example import calibration
 

@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 
 from kreisel.calibration.result import Calibration
 from kreisel.exchange.exported import Wanted
-from kreisel.exchange.noise import NAMES, ExportNoise
-from kreisel.exchange.registry import TARGETS, read_from
+from kreisel.exchange.exported_noise import NAMES, ExportNoise
+from kreisel.exchange.targets import TARGETS, read_from
 from kreisel.geometry.rotation import exp, matrix
 
 from ...oracle.motion import AnalyticMotion, inertial_truth
@@ -129,7 +129,7 @@ def test_kalibr_with_arms_is_right_but_for_what_it_tells():
 
 
 def test_kalibr_in_axes_of_the_tool_has_the_mounting_and_the_sign_of_the_time():
-    from kreisel.calibration.parts import Timing
+    from kreisel.calibration.result_sections import Timing
 
     tool = replace(calibration(), timing=Timing(offset=0.0371))
     s = tool.sensors

@@ -20,13 +20,13 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, RobotError
 from kreisel.formats.bag import WANTED, load_bag
 from kreisel.formats.bounds import MAX_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
-from kreisel.formats.description import description_beside
+from kreisel.formats.csv_table import read_table
 from kreisel.formats.diadem import read_diadem
 from kreisel.formats.folder import load_folder
 from kreisel.formats.kuka_trace import read_trace
 from kreisel.formats.mcap import read_mcap
-from kreisel.formats.table import read_table
-from kreisel.recording.settings import RecordingSettings, read_settings
+from kreisel.formats.robot_description import description_beside
+from kreisel.recording.recording_settings import RecordingSettings, read_settings
 from kreisel.robot.kinematics import load_arm
 
 MIB = 1 << 20
@@ -191,7 +191,7 @@ def test_lines_as_long_as_may_be_are_read_wherever_blocks_end(tmp_path: Path, mo
     rows = [f"{k},{'0' * (65_000 + 10 * k)}1" for k in range(1, 40)]
     file.write_text("\n".join(["t,x", *rows, ""]))
     for block in (1000, 65_536, 100_001, 1 << 23):
-        monkeypatch.setattr("kreisel.formats.table._BLOCK", block)
+        monkeypatch.setattr("kreisel.formats.csv_table._BLOCK", block)
         assert read_table(file, "numbers").stamps_ns.size == 39
 
 

@@ -16,7 +16,7 @@ from kreisel.formats.bag import load_bag
 from kreisel.formats.loading import load
 from kreisel.formats.mcap import CHUNK_SIZE, write_mcap
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.recording.settings import RecordingSettings
+from kreisel.recording.recording_settings import RecordingSettings
 
 EPOCH = 1_700_000_000_123_456_789
 SETTINGS = RecordingSettings.model_validate(

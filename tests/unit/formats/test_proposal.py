@@ -14,7 +14,7 @@ from kreisel.formats.loading import load
 from kreisel.formats.mapped import load_mapped
 from kreisel.formats.proposal import proposal
 from kreisel.recording.recording import Recording
-from kreisel.recording.settings import ColumnsTable, RecordingSettings
+from kreisel.recording.recording_settings import ColumnsTable, RecordingSettings
 
 from ...foreign_tables import DEG, text
 from ...small_problem import recorded

@@ -9,7 +9,7 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 
 from ...small_problem import recorded
 

@@ -11,7 +11,7 @@ from kreisel.formats.folder import load_folder
 from kreisel.formats.loading import load
 from kreisel.formats.write import settings_toml, write, write_folder
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
-from kreisel.recording.settings import RecordingSettings, RobotTable, read_settings
+from kreisel.recording.recording_settings import RecordingSettings, RobotTable, read_settings
 
 N = 300
 STAMPS = 1_700_000_000_123_456_789 + 20_000_001 * np.arange(N, dtype=np.int64)

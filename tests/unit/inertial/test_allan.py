@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kreisel.inertial.allan import allan_deviation, noise_figures, usual_clusters
-from kreisel.inertial.noise import noise
+from kreisel.inertial.noise_figures import noise
 
 
 def test_figures_of_drawn_noise_are_found():

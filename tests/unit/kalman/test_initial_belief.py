@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from kreisel.fitting.reported_poses import pose_near
 from kreisel.fitting.stored_state import first_belief, parameters_of, stored_state
 from kreisel.kalman.navigation_start import navigation_from_reference
-from kreisel.model.noise import PoseError
+from kreisel.model.assumed_noise import PoseError
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import with_correlation_time, without_groups
 

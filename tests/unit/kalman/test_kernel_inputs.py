@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel._kernels import cell
+from kreisel._kernels import filter_arguments
 from kreisel.fitting.stored_state import stored_state
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.effects import EFFECTS
 from kreisel.kalman.kernel_inputs import filter_model, filter_record, filter_steps
-from kreisel.model.noise import Drift, PoseError
+from kreisel.model.assumed_noise import Drift, PoseError
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, REFERENCE_GROUPS
 from kreisel.model.problem import with_correlation_time, without_groups
-from kreisel.model.settings import CalibrationSettings
 
 from ...small_problem import small_problem, with_drifts, with_noise
 
@@ -64,7 +64,7 @@ def test_places_of_parts_are_those_in_the_stored_state():
     model = filter_model(problem, problem.prior.start)
     x = np.arange(problem.layout.size)
     for name in ("velocity", "attitude", "standstill_orientation", "path_position"):
-        assert model.stored[cell.STORED[name]] == x[problem.layout.stored(name)][0]
+        assert model.stored[filter_arguments.STORED[name]] == x[problem.layout.stored(name)][0]
     without = replace(problem, layout=problem.layout.tail(9))
     np.testing.assert_array_equal(filter_model(without, problem.prior.start).stored, [0, 3, 6, -1, -1, -1, -1])
     np.testing.assert_array_equal(model.tail, problem.layout.tail(15).table)
@@ -76,19 +76,19 @@ def test_noise_on_the_path_is_split_into_white_and_coloured():
     model = filter_model(problem, problem.prior.start)
     time, position, orientation = model.coloured
     assert time == 1.5
-    assert position**2 + model.noise[cell.NOISE["at_position"]] ** 2 == pytest.approx(
+    assert position**2 + model.noise[filter_arguments.NOISE["at_position"]] ** 2 == pytest.approx(
         own.position**2 + 16e-6, rel=1e-12
     )
-    assert orientation**2 + model.noise[cell.NOISE["at_orientation"]] ** 2 == pytest.approx(
+    assert orientation**2 + model.noise[filter_arguments.NOISE["at_orientation"]] ** 2 == pytest.approx(
         own.orientation**2 + 9e-6, rel=1e-12
     )
     np.testing.assert_array_equal(
         model.noise[
             [
-                cell.NOISE["jitter_position"],
-                cell.NOISE["jitter_orientation"],
-                cell.NOISE["standstill_velocity"],
-                cell.NOISE["stamp"],
+                filter_arguments.NOISE["jitter_position"],
+                filter_arguments.NOISE["jitter_orientation"],
+                filter_arguments.NOISE["standstill_velocity"],
+                filter_arguments.NOISE["stamp"],
             ]
         ],
         [own.jitter_position, own.jitter_orientation, own.velocity, own.stamp],

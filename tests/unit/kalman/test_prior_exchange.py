@@ -8,8 +8,8 @@ import pytest
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.prior_exchange import narrowed_belief, with_stated_prior
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import without_groups
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 
 from ...small_problem import moved_by, prepared, with_noise

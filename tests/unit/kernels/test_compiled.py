@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from kreisel._kernels import arrays, cell, compiled, manifold, quadrature
+from kreisel._kernels import compiled, filter_arguments, manifold, quadrature, views
 from kreisel.errors import LibraryError
 from kreisel.kalman.filter_pass import run_filter
 
@@ -36,7 +36,7 @@ def test_a_library_that_is_older_than_its_sources_is_refused(tmp_path):
     compiled.check_sources(built, ROOT / "src" / "kernels")
     compiled.check_sources(built, tmp_path)  # an installed package has no sources
     shutil.copytree(ROOT / "src" / "kernels", tmp_path / "kernels")
-    with (tmp_path / "kernels" / "cell.hpp").open("a") as file:
+    with (tmp_path / "kernels" / "filter_arguments.hpp").open("a") as file:
         file.write("\n")
     with pytest.raises(LibraryError, match=f"older than its sources: it was compiled from {built}"):
         compiled.check_sources(built, tmp_path / "kernels")
@@ -58,20 +58,24 @@ def renamed(name, **fields):
 
 @pytest.mark.parametrize(
     ("kind", "a", "b"),
-    [(cell.Model, "standstill", "coloured"), (cell.Record, "nis", "log_likelihood"), (cell.Steps, "first", "last")],
+    [
+        (filter_arguments.Model, "standstill", "coloured"),
+        (filter_arguments.Record, "nis", "log_likelihood"),
+        (filter_arguments.Steps, "first", "last"),
+    ],
 )
 def test_fields_that_changed_places_on_one_side_are_refused(kind, a, b):
     with pytest.raises(LibraryError, match=rf"{kind.__name__} has {a} \d+ \w+, expected {b} \d+ \w+"):
-        compiled.function("run", arrays.Pointer(swapped(kind, a, b)))
+        compiled.function("run", views.Pointer(swapped(kind, a, b)))
 
 
 def test_a_field_more_or_of_another_type_is_refused():
-    more = renamed("Gaussian", mean=arrays.Numbers, upper=arrays.Table, size=int)
+    more = renamed("Gaussian", mean=views.Numbers, upper=views.Table, size=int)
     with pytest.raises(LibraryError, match="Gaussian has nothing, expected size 40 Index"):
-        compiled.function("run", arrays.Pointer(more))
-    other = renamed("Gate", bounds=arrays.Numbers, most=float, rejected=arrays.Indices)
+        compiled.function("run", views.Pointer(more))
+    other = renamed("Gate", bounds=views.Numbers, most=float, rejected=views.Indices)
     with pytest.raises(LibraryError, match="Gate has most 16 Index, expected most 16 double"):
-        compiled.function("run", arrays.Pointer(other))
+        compiled.function("run", views.Pointer(other))
 
 
 def test_another_number_than_the_library_is_made_for_is_refused():
@@ -80,7 +84,7 @@ def test_another_number_than_the_library_is_made_for_is_refused():
 
 
 def test_an_order_that_does_not_fit_is_refused():
-    places = dict(cell.AROUND)
+    places = dict(filter_arguments.AROUND)
     compiled.check_order("Around", places)
     with pytest.raises(LibraryError, match="Around has time_offset at 7, expected place 6"):
         compiled.check_order("Around", places | {"time_offset": 6, "gravity": 6})
@@ -131,7 +135,7 @@ def test_runs_in_two_threads_are_those_of_one():
 )
 def test_an_array_of_another_form_is_refused(array):
     with pytest.raises(TypeError, match="expected float64"):
-        arrays.NumbersView.from_param(array)
+        views.NumbersView.from_param(array)
 
 
 def test_indices_and_lengths_that_do_not_fit_are_refused():

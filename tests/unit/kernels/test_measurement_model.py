@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kreisel._kernels.cell import Gaussian, ParameterRows
+from kreisel._kernels.filter_arguments import Gaussian, ParameterRows
 from kreisel.fitting.stored_state import stored_state
 from kreisel.kalman.kernel_inputs import filter_model
 

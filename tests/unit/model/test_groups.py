@@ -10,9 +10,9 @@ import pytest
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model import groups
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY, ParameterGroup, group_named
 from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
-from kreisel.model.settings import CalibrationSettings
 
 from ...navigation import corrected
 from ...small_cell import simulate

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kreisel.errors import SynchronizationError
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.schedule import MIN_UPDATES
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 
 from ...small_problem import prepared, small_problem

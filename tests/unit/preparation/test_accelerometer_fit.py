@@ -10,7 +10,7 @@ from kreisel.inertial.strapdown import prepare
 from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_accelerometers, joined
 from kreisel.preparation.preparation import AccelerationWindows
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 
 from ...oracle.motion import AnalyticMotion, inertial_truth, raw_readings
 from ...oracle.quaternions import exp, matrix, rotate_back, skew

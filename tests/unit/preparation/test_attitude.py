@@ -18,7 +18,7 @@ from kreisel.preparation.attitude import (
 )
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.results import RateFit
+from kreisel.synchronization.fits import RateFit
 
 from ...oracle.motion import AnalyticMotion, inertial_truth, raw_readings
 from ...oracle.quaternions import conjugate, exp, log, multiply, rotate

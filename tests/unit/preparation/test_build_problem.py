@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kreisel.errors import SynchronizationError
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
-from kreisel.model.settings import CalibrationSettings
 from kreisel.preparation.build_problem import (
     _frame_sd,
     _of_layout,
@@ -19,7 +19,7 @@ from kreisel.preparation.build_problem import (
 from kreisel.preparation.start_values import starting_point
 from kreisel.preparation.state_layout import build_layout
 from kreisel.recording.recording import ReferencePoses
-from kreisel.recording.settings import RobotTable
+from kreisel.recording.recording_settings import RobotTable
 
 from ...oracle.quaternions import exp
 from ...small_problem import with_fit

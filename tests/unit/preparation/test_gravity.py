@@ -9,7 +9,7 @@ import pytest
 from kreisel.inertial.earth import normal_gravity
 from kreisel.preparation.gravity import site_of
 from kreisel.recording.recording import ImuSamples, Recording
-from kreisel.recording.settings import RecordingSettings, SiteTable
+from kreisel.recording.recording_settings import RecordingSettings, SiteTable
 
 EQUATOR_TO_POLE = (9.780, 9.832)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from kreisel.errors import RecordingError
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording.recording import Datasheet, ImuSamples, Recording
-from kreisel.recording.settings import ImuTable, RecordingSettings
+from kreisel.recording.recording_settings import ImuTable, RecordingSettings
 
 STEP_NS, COUNT = 2_500_000, 20_000
 STEP = STEP_NS * 1e-9

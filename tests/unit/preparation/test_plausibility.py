@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.acceleration_check import AccelerationFit
 from kreisel.preparation.plausibility import _angle, _check_lengths, _order, check_start_values
 from kreisel.preparation.prepare import prepare_recording

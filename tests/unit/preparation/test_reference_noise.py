@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from kreisel.geometry.rotation import exp, multiply
-from kreisel.model.noise import ReferenceNoise
+from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.preparation.reference_noise import assumed_noise, stamp_resolution, with_measured_jitter
 from kreisel.recording.recording import Recording, ReferencePoses
-from kreisel.recording.settings import RecordingSettings, ReferenceTable
+from kreisel.recording.recording_settings import RecordingSettings, ReferenceTable
 from kreisel.synchronization.clock import Clock
 
 MS = 1_000_000

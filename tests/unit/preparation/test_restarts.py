@@ -9,10 +9,10 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.errors import RecordingError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.study.truth_comparison import group_errors
 from kreisel.validation.checks import check_streams
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.groups import REGISTRY
-from kreisel.model.settings import BY_CHOICE, CalibrationSettings
 from kreisel.preparation.state_layout import build_layout
 
 CELL = {"latitude": True, "skew": False, "standstill_error": False}

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.fit import Fit
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass, further_pass
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
-from kreisel.model.settings import CalibrationSettings
 from kreisel.refinement.iteration import (
     NEAR,
     SETTLED,

@@ -15,19 +15,19 @@ from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import CrossValidation, Injection
 from kreisel.calibration.injection import inject
 from kreisel.calibration.outcome import Outcome
-from kreisel.calibration.parts import Verdict
+from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording import DataWarning, Recording
-from kreisel.report.budget import budget_picture
+from kreisel.report.budget_figure import budget_picture
+from kreisel.report.cells import NOTHING, number, pair
 from kreisel.report.data import extract
-from kreisel.report.page import write_report
 from kreisel.report.plots import LEVELS, PALETTES, packed
+from kreisel.report.report_page import write_report
 from kreisel.report.snippet import snippet
-from kreisel.report.table import NOTHING, number, pair
 from kreisel.report.template import library
 from kreisel.report.thinning import MAX_POINTS, enveloped, thinned
 

@@ -12,12 +12,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from kreisel.inertial.noise import GRADES, Grade, high_frequency_density, noise
+from kreisel.inertial.noise_figures import GRADES, Grade, high_frequency_density, noise
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.effects import draw_effects, offset_drift, temperature_of
+from kreisel.simulation.cell_settings import Cell, Imu
+from kreisel.simulation.device_errors import draw_effects, offset_drift, temperature_of
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, filtered, ideal_readings
-from kreisel.simulation.settings import Cell, Imu
 
 from ...navigation import corrected
 from ...oracle.allan import allan_deviation

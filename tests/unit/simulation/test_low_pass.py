@@ -6,8 +6,8 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from kreisel.simulation.controller import _exponential
 from kreisel.simulation.low_pass import FINER, averaged, low_passed
-from kreisel.simulation.robot import _exponential
 
 
 @pytest.mark.parametrize("count", [4, 5, 6, 40, 1000])

@@ -9,13 +9,13 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from kreisel.errors import SettingsError
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.robot.description import parse_arm
 from kreisel.robot.kinematics import poses
 from kreisel.simulation.cell import simulate, write_truth
-from kreisel.simulation.effects import envelope
-from kreisel.simulation.robot import Sway
-from kreisel.simulation.settings import Cell, parse_cell
+from kreisel.simulation.cell_settings import Cell, parse_cell
+from kreisel.simulation.controller import Sway
+from kreisel.simulation.device_errors import envelope
 
 from ...felt import FAULTLESS, START_NS, rests_of, run
 

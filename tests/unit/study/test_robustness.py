@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kreisel.calibration.parts import Verdict
+from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import SettingsError
 from kreisel.formats.loading import load
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.cell import Truth
-from kreisel.simulation.effects import OffsetChange, Slip
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
+from kreisel.simulation.device_errors import OffsetChange, Slip
 from kreisel.study import robustness
 from kreisel.study.robustness import Row, RowFile, numbers, run_numbered, table, total, worst_error
 from kreisel.study.situations import BASES, Situation, situations

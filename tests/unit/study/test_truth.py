@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.inertial.noise import GRADES
+from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import correct_angular_rate, correct_specific_force
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import without_groups
-from kreisel.model.settings import CalibrationSettings
 from kreisel.simulation.cell import Truth
-from kreisel.simulation.effects import draw_effects
+from kreisel.simulation.cell_settings import Imu
+from kreisel.simulation.device_errors import draw_effects
 from kreisel.simulation.imu import ideal_readings
-from kreisel.simulation.settings import Imu
 from kreisel.study.truth import judged, true_parameters
 
 from ...navigation import corrected

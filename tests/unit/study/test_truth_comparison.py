@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.parts import Measured
+from kreisel.calibration.result_sections import Measured
 from kreisel.simulation.cell import Truth
 from kreisel.study.truth_comparison import GroupError, group_errors
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.recording import JointAngles, Recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import parse_cell
+from kreisel.simulation.cell_settings import parse_cell
 from kreisel.synchronization.clock_jump import ClockJump
 
 AT = 40.0

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from kreisel.errors import SynchronizationError
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import Cell
+from kreisel.simulation.cell_settings import Cell
 from kreisel.validation.checks import check_streams
 
 SECONDS, INTERVAL = 60.0, 5_000_000

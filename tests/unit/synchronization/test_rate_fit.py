@@ -9,8 +9,8 @@ from kreisel.errors import SynchronizationError
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import Recording
 from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.rate_fit import CLOCK_DRIFT_PARTS, check_overlap, explained_share, fit_rates
-from kreisel.synchronization.results import RateFit
 
 from ...small_cell import Truth, simulate
 

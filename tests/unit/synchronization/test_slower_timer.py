@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from kreisel.model.settings import CalibrationSettings
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
-from kreisel.simulation.settings import parse_cell
+from kreisel.simulation.cell_settings import parse_cell
 
 
 @pytest.mark.parametrize("kind", ["mocap", "robot"])

@@ -1,0 +1,132 @@
+"""Recording and driving at the same time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from kreisel.acquisition.drive import Ending, drive, unless
+from kreisel.acquisition.motion_watch import Watch
+from kreisel.acquisition.movers import Mover
+from kreisel.acquisition.preflight import Allowed, check_state
+from kreisel.acquisition.recorder import Status, record
+from kreisel.acquisition.stopping import Say
+from kreisel.devices.address import Address
+from kreisel.devices.opening import events
+from kreisel.errors import DeviceError, RecordingError
+from kreisel.recording.recording_settings import RecordingSettings
+from kreisel.robot.description import Arm
+from kreisel.robot.program import Program
+
+_PATIENCE = 10.0
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Addresses of IMU and robot, and the mover."""
+
+    imu: Address
+    robot: Address
+    mover: Mover
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The task: the program, the arm, and the limits set by the user.
+
+    Attributes
+    ----------
+    enough
+        Returns whether the wanted accuracy is reached; called between moves.
+    """
+
+    program: Program
+    arm: Arm
+    allowed: Allowed
+    enough: Callable[[], bool]
+
+
+async def run(
+    orders: Orders,
+    devices: Devices,
+    output: Path,
+    settings: RecordingSettings,
+    halt: asyncio.Event,
+    say: Say,
+) -> tuple[Ending, Status]:
+    """Drive a program while the cell is recorded; return how the motion ended, and what was recorded.
+
+    See `drive` and `record`. Nothing is moved before the arm's pose is known and checked; see `check_state`.
+
+    Raises
+    ------
+    DeviceError, RobotError
+        If a device cannot be reached, or a check before the first move fails.
+    RecordingError
+        If the file cannot be written; the motion is then stopped.
+    """
+    over, watch, mover = asyncio.Event(), Watch(orders.arm), devices.mover
+    recording = asyncio.ensure_future(
+        record(
+            devices.imu, devices.robot, output, settings=settings, urdf=orders.arm.urdf, stop=over, observe=watch.take
+        )
+    )
+    watching = asyncio.ensure_future(_watch_on(recording, devices.robot, watch))
+    try:
+        await _begin(orders, mover, watch, halt, say)
+        ending = await drive(orders.program, mover, watch, halt, say, orders.enough)
+    finally:
+        await mover.close()
+        watching.cancel()
+        over.set()
+        await asyncio.wait([recording, watching])
+        failure = recording.exception()
+        if failure is not None and not isinstance(failure, RecordingError):
+            raise failure
+    if isinstance(failure, RecordingError):
+        raise RecordingError(f"{failure.message}{_how(ending)}", file=failure.file) from failure
+    return ending, recording.result()
+
+
+def _how(ending: Ending) -> str:
+    """Return a text on how the motion ended, for an error of the recorder."""
+    if ending.stop is None:
+        return f"; the motion ended: {ending}"
+    if ending.stop.confirmed:
+        return f"; the motion was stopped: {ending.stop.text}"
+    return f"; THE STOP IS NOT CONFIRMED: press the emergency stop; {ending.stop.text}"
+
+
+async def _watch_on(recording: asyncio.Future[Status], robot: Address, watch: Watch) -> None:
+    """Stop the motion if the recorder fails, and continue to read the arm's joints, to confirm the stop."""
+    await asyncio.wait([recording])
+    watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'no more data'}"
+    with suppress(DeviceError):
+        async for event in events(robot):
+            watch.take(event)
+
+
+async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> None:
+    """Wait for the devices, check their reports, and connect the mover."""
+
+    def why() -> str | None:
+        return watch.reason or ("stop requested" if halt.is_set() else None)
+
+    await _until_seen(watch, halt)
+    if watch.sample is not None:
+        for text in check_state(orders.arm, orders.program, watch.sample, mover, orders.allowed):
+            say(text)
+    if (reason := await unless(mover.connect(), why)) is not None:
+        raise DeviceError(f"nothing was moved: {reason}")
+
+
+async def _until_seen(watch: Watch, halt: asyncio.Event) -> None:
+    """Wait for the arm's joint angles and the IMU's readings."""
+    ends = asyncio.get_running_loop().time() + _PATIENCE
+    while not watch.ready or watch.reason is not None:
+        if halt.is_set() or watch.reason is not None or asyncio.get_running_loop().time() > ends:
+            raise DeviceError(f"nothing was moved: {watch.reason or 'robot and IMU do not both send data'}")
+        await asyncio.sleep(0.01)

@@ -1,0 +1,121 @@
+"""A calibration applied to a table of readings, line by line."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.application.unit_check import check_units
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError
+from kreisel.formats.imu_lines import ImuLines, ImuRows
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import follows_temperature
+from kreisel.recording.recording import ImuSamples
+
+HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+"""Columns of what is written; in front of it the stamps as they were read, after it the other columns."""
+
+
+_CHECKED = 200
+"""Rows whose units are checked together, where there are so many: fewer may be a moment of free fall."""
+
+
+class CorrectedTable:
+    """A table of raw readings to one of angular rates and specific forces, as bytes, row by row.
+
+    Parameters
+    ----------
+    calibration
+        It says in which axes.
+    source
+        The file, or a name of the stream, for messages.
+    check
+        Whether to check the units of the first readings.
+
+    Attributes
+    ----------
+    rows
+        Number of rows returned so far.
+    """
+
+    def __init__(self, calibration: Calibration, source: Path, *, check: bool = True) -> None:
+        self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
+        self._first: list[ImuRows] = []
+        self._lines, self._stream = ImuLines(source), calibration.stream()
+        self._waiting: deque[tuple[str, str]] = deque()
+        self._source, self._header_written = source, False
+        self.rows = 0
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the rows that are complete after more bytes of the raw table; the header comes first.
+
+        Raises
+        ------
+        RecordingError
+            If a line cannot be read.
+        """
+        found = self._lines.feed(data)
+        out = self._header()
+        if found is None:
+            return out
+        if self._check:
+            self._first.append(found)
+            self._look_at(_CHECKED)
+        self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
+        try:
+            done = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
+        except RecordingError as error:
+            raise RecordingError(error.message, file=self._source) from error
+        return out + self._written(done)
+
+    def _look_at(self, least: int) -> None:
+        """Check the units of the first rows, once there are so many of them."""
+        if not self._check or sum(len(part.rates) for part in self._first) < least:
+            return
+        stamps, rates, forces = (
+            np.concatenate([getattr(part, name) for part in self._first])
+            for name in ("stamps_ns", "rates", "accelerations")
+        )
+        warm = [part.temperature for part in self._first if part.temperature is not None]
+        samples = ImuSamples(stamps, rates, forces, self._source, temperature=np.concatenate(warm) if warm else None)
+        check_units(samples, stated=False, warm=self._warm)
+        self._check, self._first = False, []
+
+    def close(self) -> tuple[bytes, str | None]:
+        """Return the last rows, and the text of a last line without an end, which was left out.
+
+        Raises
+        ------
+        RecordingError
+            If the table has no rows, or its few rows are in implausible units.
+        """
+        last = self.feed(b"\n") if self._lines.ends_with_return else b""
+        left = self._lines.close()
+        self._look_at(1)
+        out = last + self._written(self._stream.close())
+        if not self.rows:
+            raise RecordingError("has a header but no rows; expected IMU readings", file=self._source)
+        return out, left
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know about the columns."""
+        return [str(note) for note in self._lines.notes] if self._warm else []
+
+    def _header(self) -> bytes:
+        if self._header_written or self._lines.header is None:
+            return b""
+        self._header_written = True
+        first, others = self._lines.header
+        return f"{first},{HEADER}{others}\n".encode()
+
+    def _written(self, done: tuple[NDArray[np.int64], Array, Array]) -> bytes:
+        _, omega, f = done
+        self.rows += len(omega)
+        texts = [self._waiting.popleft() for _ in range(len(omega))]
+        rows = zip(texts, np.hstack([omega, f]).tolist(), strict=True)
+        return "".join(f"{stamp},{','.join(map(repr, row))}{others}\n" for (stamp, others), row in rows).encode()

@@ -1,0 +1,96 @@
+"""The recordings in a folder, and what identifies the work on each."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from kreisel._version import __version__
+from kreisel.errors import RecordingError
+from kreisel.formats.input_formats import SUFFIXES, format_of
+from kreisel.model.calibration_settings import CalibrationSettings
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording to calibrate.
+
+    Attributes
+    ----------
+    name
+        Path below the folder, with slashes.
+    key
+        Fingerprint of the recording's name, of names and content of its files, the settings and the version.
+    """
+
+    name: str
+    path: Path
+    key: str
+
+
+def jobs_in(folder: Path, out: Path, settings: CalibrationSettings) -> list[Job]:
+    """Return the recordings below a folder, by name; `out` is left out.
+
+    Raises
+    ------
+    RecordingError
+        If the folder does not exist or holds no recording.
+    """
+    if not folder.is_dir():
+        raise RecordingError("no such folder; give the one that holds the recordings", file=folder)
+    out = out.resolve()
+    found = sorted(_recordings(folder, out, frozenset()))
+    if not found:
+        raise RecordingError("holds no recordings (folders with imu0, .mcap files, bags, or tables with [columns])",
+                             file=folder)  # fmt: skip
+    names = [path.relative_to(folder).as_posix() for path in found]
+    return [Job(name, path, _key(name, path, settings)) for name, path in zip(names, found, strict=True)]
+
+
+def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
+    """Return the recordings below a folder; links are followed, but not back to a folder above."""
+    found: list[Path] = []
+    here = os.path.realpath(folder)
+    if here in above:
+        return found
+    for path in _entries(folder):
+        if path.name.startswith(".") or os.path.realpath(path) in above | {here, str(out)}:
+            continue
+        if path.is_file():
+            if path.suffix.lower() in SUFFIXES:
+                found.append(path)
+        elif format_of(path) is not None or (path / "recording.toml").is_file():
+            found.append(path)
+        elif path.is_dir():
+            found += _recordings(path, out, above | {here})
+    return found
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}; check its permissions", file=folder) from error
+
+
+def _key(name: str, path: Path, settings: CalibrationSettings) -> str:
+    own = hashlib.sha256(f"{__version__} {settings!r} {name}".encode())
+    for file in sorted(_files(path, frozenset())):
+        own.update(f"\n{file.relative_to(path).as_posix()} ".encode())
+        try:
+            with file.open("rb") as content:
+                own.update(hashlib.file_digest(content, "sha256").digest())
+        except OSError as error:
+            own.update(f"{error.strerror}".encode())  # its calibration will say so
+    return own.hexdigest()
+
+
+def _files(path: Path, above: frozenset[str]) -> Iterator[Path]:
+    if path.is_file():
+        yield path
+    elif path.is_dir() and (here := os.path.realpath(path)) not in above:
+        for entry in _entries(path):
+            yield from _files(entry, above | {here})

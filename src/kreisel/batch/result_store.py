@@ -1,0 +1,126 @@
+"""The file of results: SQLite, one row for each recording, one for each quantity."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import Any
+
+from kreisel.batch.job_result import Run
+from kreisel.errors import RecordingError
+
+SCHEMA = 1
+
+_TABLES = """
+create table runs (
+    key text primary key, name text not null, unit text not null, maker text not null, type text not null,
+    date text, error text, document text, accepted integer not null
+);
+create index runs_of_unit on runs (unit, date);
+create table quantities (
+    key text not null references runs (key) on delete cascade, quantity text not null, axis integer not null,
+    value real, standard_deviation real, primary key (key, quantity, axis)
+);
+"""
+
+_COLUMNS = ", ".join("document" if field.name == "text" else field.name for field in fields(Run))
+
+
+_PATIENCE = 60.0
+"""Seconds to wait for another program that writes the file."""
+
+
+class Store:
+    """The results of batches in one file; any program for SQLite reads it.
+
+    Parameters
+    ----------
+    path
+        The file; it is made where there is none.
+
+    Raises
+    ------
+    RecordingError
+        If it is another kind of file, or of a later version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._connection = sqlite3.connect(path, timeout=_PATIENCE)
+            self._connection.execute("pragma foreign_keys = on")
+            version = self._connection.execute("pragma user_version").fetchone()[0]
+            tables = {name for (name,) in self._connection.execute("select name from sqlite_master where type='table'")}
+            if version == 0 and not tables:
+                with self._connection:
+                    self._connection.executescript(_TABLES)
+                    self._connection.execute(f"pragma user_version = {SCHEMA}")
+                version = SCHEMA
+        except (sqlite3.Error, OSError) as error:
+            raise RecordingError(f"cannot be used as a file of results: {error}", file=path) from error
+        if version != SCHEMA:
+            raise RecordingError(f"version {version} of the file of results, expected {SCHEMA}", file=path)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def add(self, run: Run) -> None:
+        """Write one run, at once and as a whole; an earlier one of the same key is replaced.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be written.
+        """
+        places = ", ".join("?" * (len(fields(Run)) + 1))
+        derived = {} if run.parts is None else run.parts.derived
+        rows = [
+            (run.key, name, axis, float(value), float(sd))
+            for name, found in derived.items()
+            for axis, (value, sd) in enumerate(zip(found.value, found.deviation, strict=True))
+        ]
+        try:
+            with self._connection as connection:
+                connection.execute("delete from runs where key = ?", (run.key,))
+                connection.execute(
+                    f"insert into runs ({_COLUMNS}, accepted) values ({places})", (*astuple(run), int(run.accepted))
+                )
+                connection.executemany("insert into quantities values (?, ?, ?, ?, ?)", rows)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot be written: {error}", file=self.path) from error
+
+    def calibrated(self) -> dict[str, bool]:
+        """Return the keys of all runs, and whether they ended with a result."""
+        return {key: bool(done) for key, done in self._query("select key, document is not null from runs")}
+
+    def runs(self, keys: Iterable[str] | None = None) -> list[Run]:
+        """Return all runs, or those with certain keys, by name."""
+        rows = self._query(f"select {_COLUMNS} from runs order by name, key")
+        wanted = None if keys is None else frozenset(keys)
+        return [Run(*row) for row in rows if wanted is None or row[0] in wanted]
+
+    def of_unit(self, unit: str) -> list[Run]:
+        """Return the runs of one unit, in the order they were written."""
+        return [Run(*row) for row in self._query(f"select {_COLUMNS} from runs where unit = ? order by rowid", unit)]
+
+    def units(self) -> list[str]:
+        """Return the names of all units."""
+        return [unit for (unit,) in self._query("select distinct unit from runs order by unit")]
+
+    def _query(self, text: str, *values: str) -> list[tuple[Any, ...]]:
+        try:
+            with closing(self._connection.execute(text, values)) as cursor:
+                return list(cursor)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot be read: {error}", file=self.path) from error

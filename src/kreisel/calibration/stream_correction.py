@@ -1,0 +1,82 @@
+"""A calibration applied to readings as they come."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kreisel.calibration.array_checks import check_ascending, temperature_difference_of, triads
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.correction import Block, Correction
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+
+Corrected = tuple[NDArray[np.int64], Array, Array]
+
+
+class CorrectedStream:
+    """Readings corrected block by block, as `Calibration.correct` does it with all of them.
+
+    Parameters
+    ----------
+    sensors, form, temperature_c
+        Of the calibration; the temperature that the parameters belong to, degrees Celsius, where they need it.
+
+    Notes
+    -----
+    A sample is returned when the three after it have come, the first ones after a hundred; see `inertial.correction`.
+    """
+
+    def __init__(self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None) -> None:
+        self._sensors, self._temperature = sensors, temperature_c
+        self._correction = Correction(sensors, form)
+        self._waiting: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._first: int | None = None
+        self._last: NDArray[np.int64] = self._waiting
+
+    def push(
+        self, rates: ArrayLike, accelerations: ArrayLike, stamps_ns: ArrayLike, temperatures: ArrayLike | None = None
+    ) -> Corrected:
+        """Return stamps (n,), angular rate and specific force (n, 3) of the samples that are complete now.
+
+        Parameters
+        ----------
+        rates, accelerations : (m, 3)
+            Raw readings, rad/s and m/s^2.
+        stamps_ns : (m,)
+            Nanoseconds, ascending, also from block to block.
+        temperatures : (m,)
+            Of the sensor, degrees Celsius; needed where the calibration has temperature coefficients.
+
+        Raises
+        ------
+        RecordingError
+            If an argument has another shape or is not finite, or if the stamps do not ascend; nothing is taken then.
+        """
+        raw, a = triads(rates, "rates", 0), triads(accelerations, "accelerations", 0)
+        if len(a) != len(raw):
+            raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
+        stamps = np.asarray(stamps_ns)
+        if stamps.dtype.kind not in "iu" or stamps.shape != (len(raw),):
+            raise RecordingError(
+                f"stamps_ns: got {stamps.dtype} of the shape {stamps.shape}, expected nanoseconds as integers, "
+                f"({len(raw)},), one for each reading"
+            )
+        stamps = stamps.astype(np.int64)
+        check_ascending(np.concatenate([self._last, stamps]), "stamps_ns")
+        temperature_difference = temperature_difference_of(temperatures, len(raw), self._sensors, self._temperature)
+        if not len(raw):
+            return self._stamped(self._correction.push(Block(np.zeros(0), raw, a, temperature_difference)))
+        self._first = int(stamps[0]) if self._first is None else self._first
+        self._last, self._waiting = stamps[-1:], np.concatenate([self._waiting, stamps])
+        return self._stamped(
+            self._correction.push(Block((stamps - self._first) * 1e-9, raw, a, temperature_difference))
+        )
+
+    def close(self) -> Corrected:
+        """Return the remaining samples, after the last block."""
+        return self._stamped(self._correction.close())
+
+    def _stamped(self, done: Block) -> Corrected:
+        stamps, self._waiting = self._waiting[: len(done)], self._waiting[len(done) :]
+        return stamps, done.rates, done.forces

@@ -1,0 +1,169 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isnan
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from kreisel.calibration.evidence import Injection
+    from kreisel.calibration.result import Calibration
+    from kreisel.calibration.result_sections import RobotErrors
+    from kreisel.report.devices_page import Device
+
+
+_WIDE = 104
+"""Columns of a terminal in which a table of results has room."""
+
+
+def wide_console() -> Console:
+    """Return a console, 120 columns wide where it is no terminal."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
+
+
+def _pair(value: float, deviation: float) -> str:
+    """Return value ± standard deviation, rounded to two digits of the latter; a value without deviation was held."""
+    from math import floor, log10
+
+    if isnan(value):
+        return "not determined"
+    if not deviation > 0.0:
+        return f"held at {value:.6g}"
+    digits = max(0, min(6, 1 - floor(log10(deviation))))
+    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
+
+
+def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
+    """Print the results with standard deviations, and the verdict."""
+    console, rows = wide_console(), _rows(calibration)
+    for warning in warnings:
+        console.print(f"· {warning}", markup=False)
+    facts = calibration.recording
+    title = "" if facts is None else f"{facts.name}: {facts.reference}"
+    console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))
+    console.print("errors of the sensors; calibration.yaml holds corrections: offset = -bias, see `frames` there")
+    _print_robot(console, calibration.robot)
+    _print_verdict(console, calibration)
+
+
+_Row = tuple[str, str, list[str]]
+"""What it is, its unit, and one or three values with their deviations."""
+
+
+def _rows(calibration: Calibration) -> list[_Row]:
+    """Return the rows of the table of results."""
+    from kreisel.calibration.data_sheet import QUANTITIES
+
+    rows: list[_Row] = []
+    for quantity in QUANTITIES:
+        found = calibration.derived[quantity.name]
+        pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
+        rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
+    estimator = calibration.estimator
+    fixed = set() if estimator is None else set(estimator.fixed)
+    arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
+    for j, axis in enumerate("xyz"):
+        known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()
+        cells = [_pair(v, s) for v, s in zip(arms[j].tolist(), known, strict=True)]
+        rows.append((f"position of accelerometer {axis} in b", "mm", cells))
+    timing = calibration.timing
+    offset_sd = 0.0 if "time_offset" in fixed else timing.offset_sd or 0.0
+    rows.append(("time offset of the reference", "ms", [_pair(1e3 * timing.offset, 1e3 * offset_sd)]))
+    if timing.skew or timing.skew_sd:
+        ratio = _pair(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
+        rows.append(("ratio of the clocks, less one", "ppm", [ratio]))
+    return rows
+
+
+def _wide(title: str, rows: Sequence[_Row]) -> Table:
+    table = Table(title=title, title_justify="left")
+    for name in ("error of the sensor", "unit", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name in ("error of the sensor", "unit") else "right")
+    for what, unit, cells in rows:
+        table.add_row(what, unit, *cells, *[""] * (3 - len(cells)))
+    return table
+
+
+def _narrow(title: str, rows: Sequence[_Row]) -> Table:
+    """Return the table for a terminal of few columns: deviations below the values."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for name in ("error of the sensor", "x / xy", "y / xz", "z / yz"):
+        table.add_column(name, justify="left" if name == "error of the sensor" else "right")
+    for what, unit, cells in rows:
+        shown = [cell.replace(" ± ", "\n± ") for cell in cells]
+        table.add_row(f"{what},\n  {unit}", *shown, *[""] * (3 - len(cells)))
+    return table
+
+
+def _lower(title: str) -> str:
+    return title[0].lower() + title[1:]
+
+
+def _print_robot(console: Console, robot: RobotErrors | None) -> None:
+    if robot is None:
+        return
+    before, after = robot.before, robot.after
+    console.print(
+        f"robot {robot.name}: pose error {1e3 * before.position:.2g} mm, {1e3 * before.orientation:.2g} mrad before, "
+        f"{1e3 * after.position:.2g} mm, {1e3 * after.orientation:.2g} mrad after correction of its errors (without "
+        "those of base and tool frames)",
+        markup=False,
+    )
+
+
+def _print_verdict(console: Console, calibration: Calibration) -> None:
+    facts, verdict = calibration.consistency, calibration.verdict
+    still = "" if isnan(facts.nis_standstill) else f", standstill {facts.nis_standstill:.2f}"
+    console.print(
+        f"normalised innovation squared (expected 1): path {facts.nis_path:.2f}{still}; rejected {facts.rejected} of "
+        f"{facts.updates} updates",
+        markup=False,
+    )
+    if verdict.unobservable:
+        console.print(f"not observable, or too weakly: {', '.join(verdict.unobservable)}", markup=False)
+    reasons = f" Reasons: {'; '.join(verdict.reasons)}" if verdict.reasons else ""
+    console.print(f"verdict: {_lower(verdict.summary)}{reasons}", markup=False)
+
+
+def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 2) -> None:
+    """Print a table of text; the first `text` columns are not numbers."""
+    table = Table(title=title, title_justify="left")
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="left" if i < text else "right")
+    for row in rows:
+        table.add_row(*map(escape, row))
+    wide_console().print(table)
+
+
+def print_devices(devices: Sequence[Device]) -> None:
+    """Print error, standard deviation and their ratio, rms over each group, of every device."""
+    table = Table(
+        title="rms error compared with the truth (rms standard deviation; rms of error over it)", title_justify="left"
+    )
+    table.add_column("group")
+    table.add_column("unit")
+    for device in devices:
+        table.add_column(device.name, justify="right")
+    for name, group in devices[0].errors.items():
+        cells = [device.errors[name] for device in devices]
+        table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.expected:.3g}; {c.ratio:.1f})" for c in cells))
+    console = wide_console()
+    console.print(table)
+    console.print("the paper's accelerometer offsets were uncertain by up to 0.1 mg", markup=False)
+
+
+def print_injection(injection: Injection) -> None:
+    """Print injected errors and what was found."""
+    table = Table(title="injected errors", title_justify="left")
+    for name in ("parameter", "injected", "found", "difference / sd"):
+        table.add_column(name, justify="left" if name == "parameter" else "right")
+    for name, a, b, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
+        if abs(a) > 1e-12:
+            table.add_row(name, f"{a:.6g}", f"{b:.6g}", f"{(b - a) / sd:.2f}")
+    wide_console().print(table)

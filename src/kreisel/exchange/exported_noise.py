@@ -1,0 +1,120 @@
+"""The IMU's noise for other programs: stated, of a grade, or by the Allan deviation of readings at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kreisel.calibration.result import Calibration
+from kreisel.errors import SettingsError, unknown_name
+from kreisel.inertial.allan import noise_figures
+from kreisel.inertial.noise_figures import GRADES, equivalent_walk
+from kreisel.recording.recording import ImuSamples
+
+SHORTEST = 600.0
+"""Seconds at rest that an Allan deviation needs to show a random walk of the offsets at all."""
+
+_MOVING = 10.0
+"""Largest change from second to second at rest, in units of the usual one."""
+
+
+@dataclass(frozen=True)
+class ExportNoise:
+    """Noise figures and where each is from, by name: `gyro_density`, `accel_density`, `gyro_walk`, `accel_walk`, SI."""
+
+    figures: dict[str, float] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
+
+    def complete(self) -> ExportNoise:
+        """Return the figures if all are known.
+
+        Raises
+        ------
+        SettingsError
+            It names those that are missing and what gives them.
+        """
+        missing = [name for name in NAMES if not self.figures.get(name)]
+        if missing:
+            words = ", ".join(NAMES[name] for name in missing)
+            raise SettingsError(
+                f"nothing states the {words}; give --grade NAME, or --at-rest RECORDING with an hour of readings at "
+                "rest, or state [imu] gyro_noise_density, gyro_random_walk and so on in recording.toml and calibrate "
+                "again (the noise that the filter assumed contains errors of the model, and is not used)"
+            )
+        return self
+
+
+NAMES = {
+    "gyro_density": "gyros' noise density",
+    "accel_density": "accelerometers' noise density",
+    "gyro_walk": "random walk of the gyros' offsets",
+    "accel_walk": "random walk of the accelerometers' offsets",
+}
+
+
+def noise_of(calibration: Calibration, grade: str | None = None, at_rest: ImuSamples | None = None) -> ExportNoise:
+    """Return the noise figures known: those at rest first, then those of the grade, then those stated in the recording.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown grade, or readings that are too short, or not at rest.
+    """
+    noise = ExportNoise()
+    stated = None if calibration.recording is None else calibration.recording.noise
+    if stated is not None:
+        own = {name: getattr(stated, name) for name in NAMES}
+        noise = _joined(noise, {n: v for n, v in own.items() if v}, f"stated: {stated.source}")
+    if grade is not None:
+        if grade not in GRADES:
+            raise SettingsError(unknown_name("grade", grade, GRADES))
+        known = GRADES[grade]
+        figures = {
+            "gyro_density": known.gyro_noise_density,
+            "accel_density": known.accel_noise_density,
+            "gyro_walk": equivalent_walk(known.gyro_bias_instability, known.gyro_rate_random_walk),
+            "accel_walk": equivalent_walk(known.accel_bias_instability, known.accel_random_walk),
+        }
+        noise = _joined(noise, figures, f"grade {grade}")
+    return noise if at_rest is None else _joined(noise, *_at_rest(at_rest))
+
+
+def _joined(noise: ExportNoise, figures: dict[str, float], source: str) -> ExportNoise:
+    return ExportNoise(noise.figures | figures, noise.sources | dict.fromkeys(figures, source))
+
+
+def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:
+    """Return the figures in readings at rest: the rms over the axes."""
+    seconds = float(imu.seconds[-1])
+    if seconds < SHORTEST:
+        raise SettingsError(
+            f"--at-rest: the readings last {seconds:.0f} s, expected {SHORTEST:.0f} s or more, an hour if possible"
+        )
+    figures: dict[str, float] = {}
+    for name, values in (("gyro", imu.rates), ("accel", imu.accelerations)):
+        _check_resting(values, imu.interval, name)
+        found = noise_figures(values, imu.interval)
+        figures[f"{name}_density"] = _rms(found.density)
+        walks = [equivalent_walk(b, k) for b, k in zip(found.instability, found.walk, strict=True)]
+        figures[f"{name}_walk"] = _rms(np.array(walks))
+    return figures, f"Allan deviation of {seconds / 3600.0:.2g} h at rest, {imu.source}"
+
+
+def _check_resting(values: np.ndarray, interval: float, name: str) -> None:
+    """Raise an error for readings that move: means over a second, against the noise of the samples."""
+    m = max(round(1.0 / interval), 2)
+    means = values[: len(values) // m * m].reshape(-1, m, 3).mean(axis=1)
+    steps = np.abs(np.diff(means, axis=0))
+    usual = np.median(steps, axis=0) + 1e-12
+    moved = float((steps / usual).max())
+    if moved > _MOVING:
+        k = int(np.argmax((steps / usual).max(axis=1)))
+        raise SettingsError(
+            f"--at-rest: the {name} readings are not at rest: near {k} s they change {moved:.0f} times as much from "
+            "second to second as usually; cut out the part at rest"
+        )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

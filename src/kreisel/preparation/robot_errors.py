@@ -1,0 +1,78 @@
+"""The robot of a recording as part of the problem, and the assumptions about its errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import RobotError
+from kreisel.model.robot_model import RobotModel
+from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
+from kreisel.robot import kinematics
+from kreisel.robot.description import parse_arm
+from kreisel.units import DEG
+from kreisel.validation.joint_checks import angles_at, distance, in_degrees, near
+
+LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
+"""m and rad; standard deviations of a joint's placement from the model, where the user states none."""
+
+_GEAR_SD = 2e-4
+_SAG_SD = 5e-4
+"""rad; eccentricity, and sag under the largest torque of the motion."""
+
+_MAX_WITHOUT = 0.01
+"""Share of poses that may lie before or after the joint angles."""
+
+
+def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[DataWarning]]:
+    """Return the robot of a recording, or None and the warning why it cannot be used.
+
+    Raises
+    ------
+    RobotError
+        If joint angles and description do not belong together.
+    """
+    joints, table = recording.joints, recording.settings.robot
+    if joints is None:
+        return None, []
+    if recording.urdf is None:
+        message = "there are joint angles, but no robot.urdf: with it, the robot's own errors would be estimated too"
+        return None, [DataWarning("robot", f"{message}; they are treated as noise")]
+    arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
+    if joints.angles.shape[1] != len(arm.joints):
+        raise RobotError(
+            f"{joints.source}: {joints.angles.shape[1]} joint angles, but {len(arm.joints)} joints of {arm.name} move "
+            f"'{arm.tcp}': {', '.join(arm.joints)}; correct robot.urdf, or robot.tcp in recording.toml"
+        )
+    stamps = reference.stamps_ns
+    without = (stamps < joints.stamps_ns[0]) | (stamps > joints.stamps_ns[-1])
+    if float(without.mean()) > _MAX_WITHOUT:
+        message = (
+            f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles; the robot's "
+            "errors are treated as noise: record both all the time"
+        )
+        return None, [DataWarning("robot", message)]
+    warnings: list[DataWarning] = []
+    angles = angles_at(joints, stamps)
+    far = distance(arm, angles, reference)
+    if not near(far) and near(distance(arm, DEG * angles, reference)):
+        joints, warnings = in_degrees(joints)
+        angles = angles_at(joints, stamps)
+    elif not near(far):
+        return None, [
+            DataWarning(
+                "robot",
+                f"reported poses differ by {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
+                f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are treated as noise. "
+                "Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
+            )
+        ]
+    length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
+    angle = ANGLE_SD if table.angle_sd is None else max(table.angle_sd, 1e-9)
+    n = len(arm.joints)
+    torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
+    covariance = {
+        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n + 1) ** 2),
+        "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
+        "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
+    }
+    return RobotModel(arm, angles, covariance), warnings

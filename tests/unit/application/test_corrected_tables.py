@@ -1,0 +1,228 @@
+"""Tables of readings corrected: the same numbers as `Calibration.correct`, however they come; and what is refused."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kreisel.application.corrected_files import apply_to_file, apply_to_pipe, check_usable
+from kreisel.application.corrected_tables import CorrectedTable
+from kreisel.application.unit_check import check_units
+from kreisel.calibration.result_sections import Verdict
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.recording.recording import ImuSamples
+
+from ..calibration.example import calibration
+
+N = 300
+STAMPS = 1_700_000_000_000_000_000 + 2_500_000 * np.arange(N)
+PHASE = np.add(np.outer(np.arange(N) * 0.0025, [3.0, 5.0, 7.0]), [0.0, 1.0, 2.0])
+RATES, FORCES = np.sin(PHASE), np.add(5.0 * np.cos(PHASE), [0.0, 0.0, 9.8])
+HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
+TOOL = calibration()
+
+
+def table(header: str = HEADER, rows=None, others: str = "") -> bytes:
+    rows = [(s, *w, *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)] if rows is None else rows
+    lines = [",".join(repr(float(x)) if i else str(x) for i, x in enumerate(row)) + others for row in rows]
+    return ("\n".join([header, *lines]) + "\n").encode()
+
+
+def numbers(out: bytes) -> tuple[list[str], np.ndarray]:
+    head, *lines = out.decode().strip().split("\n")
+    assert head.startswith("#timestamp")
+    return [line.split(",")[0] for line in lines], np.array([line.split(",")[1:7] for line in lines], dtype=float)
+
+
+def everything(data: bytes, cuts=()) -> bytes:
+    stream = CorrectedTable(TOOL, Path("raw.csv"))
+    edges = [0, *sorted(cuts), len(data)]
+    parts = [stream.feed(data[a:b]) for a, b in pairwise(edges)]
+    return b"".join(parts) + stream.close()[0]
+
+
+@given(st.lists(st.integers(0, len(table())), max_size=10))
+def test_any_split_of_the_bytes_gives_the_rows_of_correct(cuts):
+    stamps, found = numbers(everything(table(), cuts))
+    assert stamps == [str(s) for s in STAMPS]
+    omega, f = TOOL.correct(RATES, FORCES, STAMPS)
+    np.testing.assert_allclose(found, np.hstack([omega, f]), atol=1e-10)
+
+
+def test_units_of_the_header_are_converted_and_other_columns_kept():
+    header = "t [s],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z,count []"
+    rows = [(f"{0.0025 * k:.4f}", *np.rad2deg(w), *(a / 9.80665))
+            for k, (w, a) in enumerate(zip(RATES, FORCES, strict=True))]  # fmt: skip
+    out = everything(table(header, rows, ",7"))
+    assert out.decode().split("\n")[0] == "t [s],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z,count []"
+    assert all(line.endswith(",7") for line in out.decode().strip().split("\n")[1:])
+    assert out.decode().split("\n")[2].startswith("0.0025,")
+    omega, f = TOOL.correct(RATES, FORCES, STAMPS)
+    # a second's stamp in a double of nanoseconds
+    np.testing.assert_allclose(numbers(out.replace(b"t [s]", b"#timestamp"))[1], np.hstack([omega, f]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "is empty; expected IMU readings as CSV"),
+        (b"1,2,3\n", "line 1: has no header line"),
+        (HEADER.encode() + b"\r", "has a header but no rows"),
+        (b"t,a\n1,2\n", "2 columns, expected 7 or more"),
+        (table().replace(repr(float(RATES[7, 1])).encode(), b"x"), "line 9: 'x' in column 3"),
+        (table().replace(repr(float(RATES[7, 1])).encode(), b"nan"), "line 9: a reading is not a finite number"),
+        (table()[:4000] + b"\n" + table()[100:], "expected 7 values"),
+        (table() + table().split(b"\n")[1] + b"\n", "expected ascending stamps"),
+        (HEADER.encode() + b"\n" + b"9" * 70_000, "a line of more than 65536 bytes"),
+        (b"\xff\xfe" + table(), "not UTF-8 text"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_its_line(data, said):
+    with pytest.raises(RecordingError, match=said):
+        everything(data)
+
+
+@given(st.lists(st.integers(0, len(table())), max_size=10), st.sampled_from([b"\r\n", b"\r"]))
+def test_other_line_ends_give_the_same_rows(cuts, end):
+    assert everything(table().replace(b"\n", end), cuts) == everything(table())
+
+
+def test_a_comment_behind_a_row_is_no_cell():
+    whole = table(HEADER + ",count []", others=",7")
+    rows = whole.split(b"\n")
+    rows[5] += b" # a, b"
+    assert everything(b"\n".join(rows)) == everything(whole)
+
+
+@pytest.mark.parametrize("cut", [0, 700])
+def test_lines_are_counted_behind_comments_and_blank_ones(cut):
+    first, second, third, *rest = table().split(b"\n")
+    data = b"\n".join([first, b"# a comment", second, b"", third, *rest])
+    row = rest[4]
+    with pytest.raises(RecordingError, match="line 10: a reading is not a finite number"):
+        everything(data.replace(row, row.split(b",")[0] + b",nan,0,0,0,0,0"), [cut])
+    with pytest.raises(RecordingError, match="line 11: the stamp .* does not follow .*; expected ascending stamps"):
+        everything(data.replace(row, row + b"\n" + row), [cut])
+
+
+def test_a_cut_last_line_is_left_out_and_told(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table()[:-30])
+    done = apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert done.samples == N - 1
+    assert "the last line has no end" in done.warnings[0]
+
+
+def test_folders_and_files_of_a_recording(tmp_path):
+    (tmp_path / "rec" / "imu0").mkdir(parents=True)
+    (tmp_path / "rec" / "imu0" / "data.csv").write_bytes(table())
+    apply_to_file(TOOL, tmp_path / "rec", tmp_path / "new" / "out")
+    apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
+    got = (tmp_path / "new" / "out" / "imu0" / "data.csv").read_bytes()
+    assert got == (tmp_path / "out.csv").read_bytes() == everything(table())
+    with pytest.raises(RecordingError, match="exists already"):
+        apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
+    with pytest.raises(RecordingError, match="no such file or folder"):
+        apply_to_file(TOOL, tmp_path / "none", tmp_path / "x")
+
+
+def test_a_fault_leaves_nothing_behind(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table() + b"x\n")
+    with pytest.raises(RecordingError):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["raw.csv"]
+
+
+def test_a_table_of_another_shape_is_mapped(tmp_path):
+    raw = tmp_path / "log.csv"
+    rows = [f"{k * 2.5};{a[0]};{a[1]};{a[2]};{w[2]};{w[0]};{w[1]}"
+            for k, (w, a) in enumerate(zip(np.rad2deg(RATES), FORCES, strict=True))]  # fmt: skip
+    raw.write_text("\n".join(["ms;fx;fy;fz;gz;gx;gy", *rows]) + "\n")
+    mapping = ["imu.time=ms [ms]", "imu.rate=gx,gy,gz [deg/s]", "imu.acceleration=fx,fy,fz [m/s^2]"]
+    apply_to_file(TOOL, raw, tmp_path / "out.csv", columns=mapping)
+    omega, f = TOOL.correct(RATES, FORCES, 2_500_000 * np.arange(N))
+    np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
+
+
+def test_units_that_cannot_be_are_refused_unless_forced(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table(HEADER, [(s, *w, *(a / 9.80665)) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    with pytest.raises(RecordingError, match=r"median length of .*expected 9.807 m/s\^2.*\[g\]"):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert apply_to_file(TOOL, raw, tmp_path / "out.csv", force=True).samples == N
+    raw.write_bytes(table(HEADER, [(s, *(57.3 * w), *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    with pytest.raises(RecordingError, match="are they in deg/s"):
+        apply_to_file(TOOL, raw, tmp_path / "other.csv")
+
+
+def test_stamps_in_another_unit_are_refused_unless_forced(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table(HEADER, [(s // 1000, *w, *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]))
+    said = r"4e\+05 samples a second, expected 1 to 20000: are the stamps in nanoseconds"
+    with pytest.raises(RecordingError, match=said):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    assert apply_to_file(TOOL, raw, tmp_path / "out.csv", force=True).samples == N
+    short = table(HEADER, [(s // 1000, *w, *a) for s, w, a in zip(STAMPS[:50], RATES, FORCES, strict=False)])
+    with pytest.raises(RecordingError, match=said):
+        everything(short)
+    with pytest.raises(RecordingError, match="the usual step is 2500 ns; give seconds as floats"):
+        TOOL.correct(RATES, FORCES, STAMPS // 1000)
+
+
+def test_a_stated_mapping_counts_for_usual_tables_too(tmp_path):
+    """The header says nothing of units: recording.toml does."""
+    folder = tmp_path / "rec" / "imu0"
+    folder.mkdir(parents=True)
+    rows = [(s, *np.rad2deg(w), *a) for s, w, a in zip(STAMPS, RATES, FORCES, strict=True)]
+    (folder / "data.csv").write_bytes(table("t,w_x,w_y,w_z,a_x,a_y,a_z", rows))
+    (tmp_path / "rec" / "recording.toml").write_text(
+        '[columns]\nimu.file = "imu0/data.csv"\nimu.time = "t [ns]"\nimu.rate = "w_x, w_y, w_z [deg/s]"\n'
+        'imu.acceleration = "a_x, a_y, a_z [m/s^2]"\n'
+    )
+    apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
+    (folder / "recording.toml").write_text('[columns.imu]\nrate = "w_x, w_y, w_z [deg/s]"\n')
+    for raw in (folder / "data.csv", tmp_path / "rec"):
+        with pytest.raises(SettingsError, match="-o - is for a table as kreisel writes them"):
+            apply_to_pipe(TOOL, raw, print)
+    omega, f = TOOL.correct(RATES, FORCES, STAMPS)
+    np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
+
+
+def test_stamps_that_repeat_and_folders_of_several_recordings_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="inf samples a second"):
+        check_units(ImuSamples(np.zeros(9, dtype=np.int64), RATES[:9], FORCES[:9], tmp_path), stated=False)
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"holds several recordings \(a.mcap, b.mcap\); give one of them"):
+        apply_to_file(TOOL, tmp_path, tmp_path / "out.csv")
+
+
+def test_a_table_does_not_become_a_bag(tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(table())
+    for name in ("out.mcap", "out.bag"):
+        with pytest.raises(SettingsError, match=r"a \.csv file is written, or a folder"):
+            apply_to_file(TOOL, raw, tmp_path / name)
+
+
+def test_a_table_of_another_shape_must_state_its_units(tmp_path):
+    raw = tmp_path / "log.csv"
+    rows = [f"{k * 2.5};{a[0]};{a[1]};{a[2]};{w[0]};{w[1]};{w[2]}"
+            for k, (w, a) in enumerate(zip(RATES, FORCES, strict=True))]  # fmt: skip
+    raw.write_text("\n".join(["ms;fx;fy;fz;gx;gy;gz", *rows]) + "\n")
+    mapping = ["imu.time=ms [ms]", "imu.rate=gx,gy,gz", "imu.acceleration=fx,fy,fz [m/s^2]"]
+    with pytest.raises(RecordingError, match=r"the unit of imu.rate is not stated.*\[deg/s\] or \[rad/s\]"):
+        apply_to_file(TOOL, raw, tmp_path / "out.csv", columns=mapping)
+
+
+def test_a_rejected_calibration_is_used_by_force_only():
+    from dataclasses import replace
+
+    rejected = replace(TOOL, verdict=Verdict(False, ("the innovations do not fit",)))
+    with pytest.raises(SettingsError, match=r"rejected \(the innovations do not fit\); --force"):
+        check_usable(rejected, force=False)
+    check_usable(rejected, force=True)

@@ -1,0 +1,79 @@
+"""What `kreisel calibrate` prints: the verdict in the report's words, and what was held instead of estimated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.result_sections import Verdict
+from kreisel.cli.terminal_tables import print_result
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.report.report_page import write_report
+
+from ...small_cell import simulate
+
+
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    recording = simulate(np.random.default_rng(5), 40.0, Path("small"), imu_rate=100.0)[1]
+    fixed = {"lever_arms": np.zeros((3, 3)), "gyro_offset": None, "time_offset": None, "time_skew": 3e-6}
+    return run_calibration(recording, CalibrationSettings(fixed=fixed))
+
+
+def printed(outcome: Outcome, capsys: pytest.CaptureFixture[str]) -> str:
+    print_result(outcome.calibration, outcome.warnings)
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("lost", [(), ("timing.offset",), ("timing.offset", "accelerometer.lever_arms[0,2]")])
+@pytest.mark.parametrize("reasons", [(), ("innovations are too large", "scale factors are far from 1")])
+def test_terminal_report_and_json_say_the_same(
+    outcome: Outcome,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    lost: tuple[str, ...],
+    reasons: tuple[str, ...],
+) -> None:
+    verdict = Verdict(not reasons, reasons, lost)
+    changed = replace(
+        outcome,
+        verdict=verdict,
+        observability=replace(outcome.observability, unobservable=lost),
+        calibration=replace(outcome.calibration, verdict=verdict),
+    )
+    text = printed(changed, capsys)
+    headline = "Rejected" if reasons else "Accepted, not all observable" if lost else "Accepted"
+    assert verdict.headline == headline
+    assert f"verdict: {headline.lower()[0]}{headline[1:]}. {verdict.sentence}" in text
+    assert all(reason in text for reason in reasons)
+    assert all(name in text for name in lost)
+    write_report(changed, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"<h2>{headline}</h2>" in page
+    assert f"<p>{verdict.sentence}</p>" in page
+
+
+def test_the_document_has_the_summary(outcome: Outcome) -> None:
+    verdict = outcome.calibration.document["verdict"]
+    assert verdict["summary"] == outcome.verdict.summary
+
+
+def test_what_is_held_is_not_printed_as_estimated(outcome: Outcome, capsys: pytest.CaptureFixture[str]) -> None:
+    text = printed(outcome, capsys)
+    assert "0.00 ± 0.00" not in text
+    assert "± 0.00 " not in text
+    lines = text.split("│")
+    for title, cells in (
+        ("position of accelerometer x in b", 3),
+        ("gyro bias", 3),
+        ("time offset of the reference", 1),
+    ):
+        at = next(k for k, cell in enumerate(lines) if title in cell)
+        said = "not determined" if title == "gyro bias" else "held at "  # nobody stated a value
+        assert all(said in cell for cell in lines[at + 2 : at + 2 + cells]), title
+    assert "held at 3 " in lines[next(k for k, cell in enumerate(lines) if "ratio of the clocks" in cell) + 2]
+    at = next(k for k, cell in enumerate(lines) if "gyro scale-factor error" in cell)
+    assert all("±" in cell for cell in lines[at + 2 : at + 5])
