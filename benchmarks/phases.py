@@ -55,7 +55,7 @@ def _simulated(scratch: Path) -> Path:
 
 def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     """Return the duration of each phase of a calibration, and of a strapdown pass over the same samples, s."""
-    from kreisel.calibration.assembly import Judged, assemble
+    from kreisel.calibration.assembly import Assessment, assemble
     from kreisel.calibration.cross_validation import cross_validate
     from kreisel.calibration.evidence import Evidence
     from kreisel.calibration.inflation import with_unestimated_errors
@@ -69,7 +69,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
-    from kreisel.refinement.iteration import Given, estimate
+    from kreisel.refinement.iteration import StatedNoise, estimate
     from kreisel.refinement.observability import observability
     from kreisel.report.report_page import write_report
 
@@ -81,7 +81,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     laps.end("synchronise, start values")
     problem = build_problem(preparation, settings)
     laps.end("build the problem")
-    found = with_unestimated_errors(estimate(problem, Given(reference=True, imu=True), SigmaPointFilter()))
+    found = with_unestimated_errors(estimate(problem, StatedNoise(reference=True, imu=True), SigmaPointFilter()))
     laps.end(f"filter, {found.passes} pass(es)")
     halves = split_halves(found, executor=in_threads)
     latitude, cross = in_threads([lambda: check_latitude(found), lambda: cross_validate(found)])
@@ -90,7 +90,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     found = found.adding(more.contributions, more.warnings)
     seen, facts = observability(found.problem, found.deviation), consistency(found, preparation.correlation)
     verdict = judge(found, Evidence(seen, facts, halves, latitude))
-    calibration = assemble(recording, found, Judged(seen, facts, verdict, 0.0), found.warnings)
+    calibration = assemble(recording, found, Assessment(seen, facts, verdict, 0.0), found.warnings)
     laps.end("judge, assemble")
     calibration.write(scratch)
     laps.end("write the result")

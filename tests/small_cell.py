@@ -115,7 +115,7 @@ def _sensors(rng: np.random.Generator) -> SensorParameters:
 
 
 def simulate(rng: np.random.Generator, seconds: float, path: Path, imu_rate: float = 200.0) -> tuple[Truth, Recording]:
-    """Return a recording of a small cell, and the truth behind it; nothing is written.
+    """Return a recording of a small cell, and its truth; nothing is written.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from kreisel.fitting.stored_state import stored_state
 from kreisel.fitting.update_history import History
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
-from kreisel.model.assumed_noise import Drift
+from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_groups
@@ -33,7 +33,7 @@ SECONDS, RATE, SEED = 40.0, 100.0, 3
 
 @cache
 def recorded(seconds: float = SECONDS) -> tuple[Truth, Recording]:
-    """A small recording, and the truth behind it."""
+    """A small recording, and its truth."""
     return simulate(np.random.default_rng(SEED), seconds, Path("small"), imu_rate=RATE)
 
 
@@ -75,7 +75,7 @@ def calibrated() -> Outcome:
     return run_calibration(recorded()[1], CalibrationSettings(), budget=True)
 
 
-class Given:
+class StatedNoise:
     """An estimator whose fits are made up: one after another, whatever it is asked."""
 
     name = "given"
@@ -119,10 +119,12 @@ def with_noise(problem: Problem, **changed: object) -> Problem:
     return replace(problem, noise=replace(problem.noise, **changed))
 
 
-def with_drifts(problem: Problem, drift: Drift) -> Problem:
+def with_drifts(problem: Problem, drift: GaussMarkov) -> Problem:
     """Return the problem with a passing change of the gyros' offsets, and nothing that walks."""
-    known = {"gyro_drift": drift.size**2 * np.eye(3)}
-    return with_noise(with_groups(problem, ("gyro_drift",), known), drifts={"gyro_drift": drift}, offset_walk={})
+    known = {"gyro_gauss_markov": drift.size**2 * np.eye(3)}
+    return with_noise(
+        with_groups(problem, ("gyro_gauss_markov",), known), gauss_markov={"gyro_gauss_markov": drift}, offset_walk={}
+    )
 
 
 def history(u: int, **columns: np.ndarray) -> History:

@@ -14,7 +14,7 @@ struct ParameterRows {
 /// What a cell's filter needs to know besides state, readings and poses.
 struct Model {
     IndexTable parts, tail;  // of the state, and of its last parts alone, which change between updates: manifold.hpp
-    IndexTable drawn;        // parts of which sigma points are needed: all but the robot's errors, which enter linearly
+    IndexTable sampled;        // parts of which sigma points are needed: all but the robot's errors, which enter linearly
     ConstNumbers weights;         // (5,): see sigma_points.hpp
     ParameterRows gyro, accel, around, robot;
     Index gyro_degrees;      // degrees of freedom of the gyros' parameters, which come first

@@ -132,18 +132,18 @@ inline void set_features(const Lanes *features, Index count, Table out, Index sa
     }
 }
 
-constexpr Index MOST_FEATURES = 128;  ///< of the force or the rate, with those of all effects
+constexpr Index MAX_FEATURES = 128;  ///< of the force or the rate, with those of all effects
 
 /// Write the features of the specific force (c, features), and the force of the first column turned by C, (c, 4).
 template <bool Effects>
 inline void force_along(Span span, const Samples &signal, Columns force, const Path &path) {
     const Index readings = Effects ? signal.forces.rows : 3;
     const Index count = span.count(), n = signal.stamps.count;
-    if (force.rows > 3 * MOST_FEATURES) throw Mismatch();
+    if (force.rows > 3 * MAX_FEATURES) throw Mismatch();
     for (Index k = 0; k < count; k += LANES) {
         const auto samples = [&](ConstTable rows, Index f) { return From(rows.row(f), span.low + k, n)[0]; };
         // in the order of `force_coefficients`
-        Lanes features[MOST_FEATURES];
+        Lanes features[MAX_FEATURES];
         Index at = 0;
         for (Index f = 0; f < RATES; f++) {
             const Lanes rate = samples(signal.rates, f);

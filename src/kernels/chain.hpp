@@ -91,7 +91,7 @@ inline void chain_motion(
     }
 }
 
-constexpr Index MOST_JOINTS = 64;
+constexpr Index MAX_JOINTS = 64;
 
 /// Write the tool's pose differentiated by errors of the placements, (n, 6, 6 (joints + 1)), and by the joint angles,
 /// (n, 6, joints): position in the base's axes, rotation in the tool's; and the torques or forces that hold the arm
@@ -100,8 +100,8 @@ inline void chain_derivatives(
     const Chain &chain, ConstTable angles, double gravity, Stack regressor, Stack jacobian, Table torques
 ) {
     const Index joints = angles.columns;
-    Matrix<double> placed[MOST_JOINTS + 1];
-    Vector<double> origin[MOST_JOINTS + 1], axis[MOST_JOINTS], centre[MOST_JOINTS];
+    Matrix<double> placed[MAX_JOINTS + 1];
+    Vector<double> origin[MAX_JOINTS + 1], axis[MAX_JOINTS], centre[MAX_JOINTS];
     for (Index k = 0; k < angles.rows; k++) {
         Frame frame = base_frame();
         for (Index i = 0; i < joints; i++) {

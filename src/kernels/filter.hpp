@@ -20,14 +20,14 @@ struct Measured {
 };
 
 /// Write what update i leaves of its measurement, number r of which stands at place[r] of position, orientation and velocity.
-inline void note(const Record &record, Index i, const Measured &of, const Index *place, Index n, bool used) {
+inline void record_update(const Record &record, Index i, const Measured &of, const Index *place, Index n, bool used) {
     const Index m = of.factor.rows;
     const double nan = std::nan("");
     for (Table rows : {record.whitened, record.innovation, record.residual, record.noise_variance}) {
-        for (Index x = 0; x < MOST_MEASURED; x++) rows(i, x) = nan;
+        for (Index x = 0; x < MAX_MEASURED; x++) rows(i, x) = nan;
     }
     // residual: the noise's covariance times the inverse of the innovation's, times the innovation
-    double solved[MOST_MEASURED];
+    double solved[MAX_MEASURED];
     record.nis[i] = record.log_likelihood[i] = record.turn_information[i] = 0.0;
     for (Index r = m - 1; r >= 0; r--) {
         solved[r] = of.whitened[r];
@@ -50,7 +50,7 @@ inline void note(const Record &record, Index i, const Measured &of, const Index 
         record.residual(i, place[r]) = residual;
         record.noise_variance(i, place[r]) = variance;
         if (!used || place[r] < 3 || place[r] > 5) continue;
-        double inverse[MOST_MEASURED];  // column r of the factor's inverse
+        double inverse[MAX_MEASURED];  // column r of the factor's inverse
         for (Index x = r; x < m; x++) {
             inverse[x] = x == r ? 1.0 : 0.0;
             for (Index y = r; y < x; y++) inverse[x] -= of.factor(x, y) * inverse[y];
@@ -124,7 +124,7 @@ inline Index run(
         const double duration = signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]];
         walk(model, duration, belief.mean.data, upper, memory);
         if (steps.new_standstill[i]) renew_standstill(model, belief.mean.data, upper, memory);
-        draw(model.drawn, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
+        sample(model.sampled, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
         const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);
         const Table noise = process_noise(model, motion.noise, duration, points, memory);
         const Prediction predicted = predict_measurement(
@@ -133,13 +133,13 @@ inline Index run(
         const Table factor = measurement_noise(model, steps, i, velocity, motion.omega.vector_at(0), memory);
         const Updated done = update(
             model.parts, model.tail, order, model.weights, belief.mean.data, upper, posterior,
-            {points, noise, predicted.seen, predicted.seen_noise}, predicted.innovation, factor,
+            {points, noise, predicted.prediction, predicted.prediction_noise}, predicted.innovation, factor,
             gate.bounds[factor.rows], memory);
         std::swap(upper, posterior);
         gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
-        Index place[MOST_MEASURED];
+        Index place[MAX_MEASURED];
         places_of(steps, i, place);
-        note(record, i, {predicted.innovation, factor, done.factor, done.whitened, done.gain}, place, n, done.used);
+        record_update(record, i, {predicted.innovation, factor, done.factor, done.whitened, done.gain}, place, n, done.used);
         record.used[i] = done.used;
         std::memcpy(record.mean.row(i), belief.mean.data, record.mean.columns * sizeof(double));
         deviations(upper, record.deviation.columns, record.deviation.row(i));

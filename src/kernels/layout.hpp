@@ -51,7 +51,7 @@ inline void cell_layout(Layout &layout) {
     }
     {
         BEGIN(Model);
-        FIELD(parts); FIELD(tail); FIELD(drawn); FIELD(weights); FIELD(gyro); FIELD(accel); FIELD(around); FIELD(robot);
+        FIELD(parts); FIELD(tail); FIELD(sampled); FIELD(weights); FIELD(gyro); FIELD(accel); FIELD(around); FIELD(robot);
         FIELD(gyro_degrees); FIELD(sensor_degrees); FIELD(stored); FIELD(gyro_effects); FIELD(accel_effects);
         FIELD(gyro_applied); FIELD(accel_applied); FIELD(products); FIELD(inside); FIELD(level); FIELD(down); FIELD(noise);
         FIELD(standstill); FIELD(coloured); FIELD(walking); FIELD(walk); FIELD(fading); FIELD(noise_step);
@@ -113,8 +113,8 @@ inline const std::string &layout_text() {
         layout.count("lanes", LANES);
         layout.count("stencil", STENCIL);
         layout.count("rates", RATES);
-        layout.count("measured", MOST_MEASURED);
-        layout.count("joints", MOST_JOINTS);
+        layout.count("measured", MAX_MEASURED);
+        layout.count("joints", MAX_JOINTS);
         layout.order("Stored", Stored_order);
         layout.order("Noise", Noise_order);
         layout.order("Coloured", Coloured_order);

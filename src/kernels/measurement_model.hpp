@@ -165,8 +165,8 @@ inline Columns disturbed(const Model &model, Columns points, Table noise, Worksp
 
 /// What update i measures and what is predicted of it, as distances from the centre's prediction.
 struct Prediction {
-    Columns seen;         // (m, 2 n + 1): of the sigma points
-    Columns seen_noise;   // (m, 2 k): of the centre with noise added
+    Columns prediction;         // (m, 2 n + 1): of the sigma points
+    Columns prediction_noise;   // (m, 2 k): of the centre with noise added
     double *innovation;   // (m,): the measurement
 };
 
@@ -196,14 +196,14 @@ inline Prediction predict_measurement(
     Index row = 0;
     if (steps.given[0]) {
         for (Index axis = 0; axis < 3; axis++) out.innovation[axis] = steps.position(i, axis) - p(axis, 0);
-        distances(p, 0, p, 0, out.seen.rows_from(0, 3));
-        distances(p_others, 0, p, 0, out.seen_noise.rows_from(0, 3));
+        distances(p, 0, p, 0, out.prediction.rows_from(0, 3));
+        distances(p_others, 0, p, 0, out.prediction_noise.rows_from(0, 3));
         row = 3;
     }
     if (steps.given[1]) {
         const Quaternion<double> centre = q.quaternion_at(0), reported = quaternion_from(steps.quaternion.row(i));
-        turn_between(centre, q, out.seen.rows_from(row, 3));
-        turn_between(centre, q_others, out.seen_noise.rows_from(row, 3));
+        turn_between(centre, q, out.prediction.rows_from(row, 3));
+        turn_between(centre, q_others, out.prediction_noise.rows_from(row, 3));
         const Vector<double> turn = rotation_vector(conjugate(centre) * reported);
         out.innovation[row] = turn.x, out.innovation[row + 1] = turn.y, out.innovation[row + 2] = turn.z;
         row += 3;
@@ -211,8 +211,8 @@ inline Prediction predict_measurement(
     if (steps.at_standstill[i]) {
         const Index at = model.stored[VELOCITY];
         for (Index axis = 0; axis < 3; axis++) out.innovation[row + axis] = -points(at + axis, 0);  // equation (14)
-        distances(points, at, points, at, out.seen.rows_from(row, 3));
-        distances(others, at, points, at, out.seen_noise.rows_from(row, 3));
+        distances(points, at, points, at, out.prediction.rows_from(row, 3));
+        distances(others, at, points, at, out.prediction_noise.rows_from(row, 3));
     }
     return out;
 }

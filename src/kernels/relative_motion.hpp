@@ -77,7 +77,7 @@ inline void unit_turns(Span span, const Samples &signal, Columns C, Table units,
     const From stamps(signal.stamps.data, span.low, n), next(signal.stamps.data, span.low + 1, n);
     for (Index j = 0; j < intervals; j += LANES) {
         const Lanes h = next[j] - stamps[j], share = h * h * (1.0 / 24.0);
-        Lanes whole[MOST_FEATURES], rising[MOST_FEATURES];
+        Lanes whole[MAX_FEATURES], rising[MAX_FEATURES];
         for (Index f = 0; f < P; f++) {
             whole[f] = From(signal.integrals.row(f), span.low, n - 1)[j];
             rising[f] = 0.0;

@@ -60,7 +60,7 @@ inline void transpose_scaled(Table upper, double factor, Columns lower) {
 }
 
 /// Write the sigma points (size, 2 n + 1): equation (17). Only the rows of the given parts are written.
-inline void draw(
+inline void sample(
     IndexTable parts, const SigmaOrder &order, const double *mean, Table upper, double spread, Columns points,
     Workspace &memory
 ) {
@@ -158,8 +158,8 @@ inline void deviations(Table upper, Index k, double *out) {
 struct Predicted {
     Columns points;        // (size, 2 n + 1): at the update; of these the rows of what has moved are used
     Table noise;           // (c, k): columns of noise of the degrees of freedom that have moved
-    Columns seen;          // (m, 2 n + 1): predictions of the points, as distances from the centre's
-    Columns seen_noise;    // (m, 2 k): of the centre with noise put in, plus and minus
+    Columns prediction;          // (m, 2 n + 1): predictions of the points, as distances from the centre's
+    Columns prediction_noise;    // (m, 2 k): of the centre with noise put in, plus and minus
 };
 
 /// What an update did.
@@ -181,10 +181,10 @@ inline Updated update(
     IndexTable parts, IndexTable tail, const SigmaOrder &order, ConstNumbers w, double *mean, Columns upper,
     Columns posterior, const Predicted &predicted, double *innovation, Table factor, double gate, Workspace &memory
 ) {
-    const Index n = order.degrees(), m = predicted.seen.rows, size = predicted.points.rows, e = factor.columns;
+    const Index n = order.degrees(), m = predicted.prediction.rows, size = predicted.points.rows, e = factor.columns;
     const Index c = predicted.noise.rows, k = predicted.noise.columns, at = size - stored_of(tail), r = m + c;
     const Columns points = predicted.points, distance = memory.columns(r, order.points());
-    copy(predicted.seen, distance, m, distance.columns);
+    copy(predicted.prediction, distance, m, distance.columns);
     double *centre = memory.numbers(size - at);
     for (Index i = at; i < size; i++) centre[i - at] = points(i, 0);
     minus(tail, points.rows_from(at, size - at), centre, distance.rows_from(m, c), memory);
@@ -194,7 +194,7 @@ inline Updated update(
     const Index curved = moments.used;
     for (Index i = 0; i < m; i++) {
         for (Index j = 0; j < k; j++) {
-            further(i, curved + j) = 0.5 * (predicted.seen_noise(i, j) - predicted.seen_noise(i, k + j));
+            further(i, curved + j) = 0.5 * (predicted.prediction_noise(i, j) - predicted.prediction_noise(i, k + j));
         }
         for (Index j = 0; j < e; j++) further(i, curved + k + j) = factor(i, j);
         innovation[i] -= moments.shift[i];

@@ -6,7 +6,7 @@
 
 namespace {
 
-constexpr Index MOST_MEASURED = 9;  ///< numbers a measurement has: position, orientation, velocity
+constexpr Index MAX_MEASURED = 9;  ///< numbers a measurement has: position, orientation, velocity
 
 /// Subtract from rows of length k, from `begin` on, scale times their product with the mirror times the mirror.
 template <int ROWS>
@@ -100,7 +100,7 @@ struct Rotation {
 ///
 /// Rows are taken one after another: along a row the lengths are sums of squares, and only the rows after it depend on
 /// the rotations.
-inline void rotate_head(Columns numbers, Index n, double head[][MOST_MEASURED], Rotation *rotations, double *lengths) {
+inline void rotate_head(Columns numbers, Index n, double head[][MAX_MEASURED], Rotation *rotations, double *lengths) {
     const Index m = numbers.rows;
     for (Index i = 0; i < m; i++) {
         const double *own = numbers.row(i);
@@ -157,7 +157,7 @@ inline void condition(Joint joint, Index n, Index m, const double *innovation, C
     }
     reflect(small, memory.numbers(small.columns));
     const auto triangular = [&](Index i, Index j) { return small(i, i) < 0.0 ? -small(j, i) : small(j, i); };
-    double head[MOST_MEASURED][MOST_MEASURED] = {};
+    double head[MAX_MEASURED][MAX_MEASURED] = {};
     const Columns pivots = out.gain;
     fill(pivots, 0.0);
     for (Index i = 0; i < m; i++) {

@@ -42,7 +42,7 @@ public:
     /// Numbers that are not set, at an address that is a multiple of 64.
     double *numbers(Index count) {
         const Index needed = (count + 7) / 8 * 8;
-        if (!newest || used + needed > newest->size) grow(needed > LEAST ? needed : LEAST);
+        if (!newest || used + needed > newest->size) grow(needed > MIN ? needed : MIN);
         double *taken = newest->first() + used;
         used += needed;
         return taken;
@@ -59,7 +59,7 @@ public:
     }
 
 private:
-    static constexpr Index LEAST = 1 << 15;
+    static constexpr Index MIN = 1 << 15;
 
     struct Piece {
         Piece *before;

@@ -53,7 +53,7 @@ def predict_poses(
 def robot_motion(model: Model, regressor: Array, belief: Gaussian) -> Array:
     """Return what the robot's errors add to the pose of the nominal arm, (6, 2 n + 1), of each sigma point.
 
-    regressor (6, e): what a unit of each adds, by `Model.robot`; points in the order of `sigma_points.draw`.
+    regressor (6, e): what a unit of each adds, by `Model.robot`; points in the order of `sigma_points.sample`.
     """
     out = for_columns(6, 2 * len(belief.upper) + 1)
     _robot_motion(model, regressor, belief, out)

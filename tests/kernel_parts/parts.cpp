@@ -29,9 +29,9 @@ struct MeasuredArrays {
     Indices place;
 };
 
-EXPORTED int KREISEL(note)(const Record *record, Index i, const MeasuredArrays *of, Index n, Index used) {
+EXPORTED int KREISEL(record_update)(const Record *record, Index i, const MeasuredArrays *of, Index n, Index used) {
     const Measured measured = {of->innovation.data, of->noise, of->factor, of->whitened.data, columns(of->gain)};
-    note(*record, i, measured, of->place.data, n, used != 0);
+    record_update(*record, i, measured, of->place.data, n, used != 0);
     return DONE;
 }
 
@@ -132,10 +132,10 @@ EXPORTED int KREISEL(robot_motion)(const Model *model, Table regressor, const Ga
     });
 }
 
-EXPORTED int KREISEL(draw)(IndexTable parts, Index gyro, Index sensors, Numbers mean, Table upper, double spread, Table points) {
+EXPORTED int KREISEL(sample)(IndexTable parts, Index gyro, Index sensors, Numbers mean, Table upper, double spread, Table points) {
     return guarded([&] {
         Workspace memory;
-        draw(parts, SigmaOrder(gyro, sensors, upper.rows), mean.data, upper, spread, columns(points), memory);
+        sample(parts, SigmaOrder(gyro, sensors, upper.rows), mean.data, upper, spread, columns(points), memory);
     });
 }
 
@@ -143,7 +143,7 @@ EXPORTED int KREISEL(draw)(IndexTable parts, Index gyro, Index sensors, Numbers 
 struct UpdateArrays {
     Numbers mean;
     Table upper;                     // (n, n)
-    Table points, noise, seen, seen_noise;
+    Table points, noise, seen, prediction_noise;
     Numbers innovation;
     Table factor;
     Numbers nis;                     // (1,)
@@ -161,7 +161,7 @@ EXPORTED int KREISEL(update)(
         const Columns upper = copied(of->upper, memory), posterior = memory.zeros(n, n);
         const Updated done = update(
             parts, tail, SigmaOrder(gyro, sensors, n), weights, of->mean.data, upper,
-            posterior, {columns(of->points), of->noise, columns(of->seen), columns(of->seen_noise)}, of->innovation.data, of->factor,
+            posterior, {columns(of->points), of->noise, columns(of->seen), columns(of->prediction_noise)}, of->innovation.data, of->factor,
             gate, memory);
         copy(posterior, of->upper, n, n);
         copy(done.gain, of->gain, m, n);

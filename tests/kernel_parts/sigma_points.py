@@ -32,7 +32,7 @@ class UpdateArrays(NamedTuple):
     points: Table
     noise: Table
     seen: Table
-    seen_noise: Table
+    prediction_noise: Table
     innovation: Numbers
     factor: Table
     nis: Numbers
@@ -41,8 +41,8 @@ class UpdateArrays(NamedTuple):
     gain: Table
 
 
-_draw = function(
-    "draw", IndexTableView, ctypes.c_int64, ctypes.c_int64, NumbersView, TableView, ctypes.c_double, TableView
+_sample = function(
+    "sample", IndexTableView, ctypes.c_int64, ctypes.c_int64, NumbersView, TableView, ctypes.c_double, TableView
 )
 _update = function(
     "update", IndexTableView, IndexTableView, ctypes.c_int64, ctypes.c_int64, NumbersView, Pointer(UpdateArrays),
@@ -50,14 +50,14 @@ _update = function(
 )  # fmt: skip
 
 
-def draw(parts: Indices, belief: Gaussian, spread: float, gyro: int = 0, sensors: int = 0) -> Array:
+def sample(parts: Indices, belief: Gaussian, spread: float, gyro: int = 0, sensors: int = 0) -> Array:
     """Return the sigma points (size, 2 n + 1): equation (17).
 
     The centre stands first; then those of the first `gyro` degrees of freedom, in plus and then in minus direction,
     those of the degrees up to `sensors`, and those of all others.
     """
     points = for_columns(belief.mean.size, 2 * len(belief.upper) + 1)
-    _draw(parts, gyro, sensors, belief.mean, belief.upper, spread, points)
+    _sample(parts, gyro, sensors, belief.mean, belief.upper, spread, points)
     return points[:, : 2 * len(belief.upper) + 1]
 
 
@@ -81,7 +81,7 @@ class Updated(NamedTuple):
 
 def update(
     parts: Indices, tail: Indices, weights: Array, belief: Gaussian, points: Array, noise: Array, seen: Array,
-    seen_noise: Array, innovation: Array, factor: Array, gate: float,
+    prediction_noise: Array, innovation: Array, factor: Array, gate: float,
 ) -> Updated:  # fmt: skip
     """Predict and update: change the belief in place by a measurement that sigma points predict: equations (18)-(20).
 
@@ -92,8 +92,8 @@ def update(
     weights : (5,)
         See `WEIGHTS`.
     points, noise : (size, 2 n + 1), (c, k)
-        At the update, in the order of `draw`; columns of noise of the degrees of freedom that have moved.
-    seen, seen_noise : (m, 2 n + 1), (m, 2 k)
+        At the update, in the order of `sample`; columns of noise of the degrees of freedom that have moved.
+    seen, prediction_noise : (m, 2 n + 1), (m, 2 k)
         Predicted measurements as distances from the centre's: of the sigma points, and of the centre with noise
         put in, plus and minus.
     innovation, factor : (m,), (m, e)
@@ -103,7 +103,9 @@ def update(
     """
     m, n = len(seen), len(belief.upper)
     out = np.zeros(1), np.zeros((m, m)), np.zeros(m), for_columns(m, n)
-    of = UpdateArrays(*belief, padded(points), noise, padded(seen), padded(seen_noise), innovation.copy(), factor, *out)
+    of = UpdateArrays(
+        *belief, padded(points), noise, padded(seen), padded(prediction_noise), innovation.copy(), factor, *out
+    )
     _update(parts, tail, 0, 0, weights, of, gate)
     nis, innovation_factor, whitened, gain = out
     return Updated(bool(nis[0] <= gate), float(nis[0]), innovation_factor, whitened, gain[:, :n].T)

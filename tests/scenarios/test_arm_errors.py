@@ -57,7 +57,7 @@ def test_repeatability_is_one_draw_for_each_rest(plain):
     draws = np.array(draws)
     assert inside_chi_square(draws[:, :3], 1e-3)
     assert inside_chi_square(draws[:, 3:], 5e-4)
-    # between two rests it passes from one to the other, nowhere beyond, nowhere in a leap
+    # between two rests it passes from one to the other, nowhere beyond, nowhere in a jump
     for before, after, a, b in zip(rests[:-1], rests[1:], draws[:-1], draws[1:], strict=True):
         between = slice(np.flatnonzero(before)[-1], np.flatnonzero(after)[0] + 1)
         low, high = np.minimum(a, b), np.maximum(a, b)

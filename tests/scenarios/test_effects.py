@@ -1,4 +1,4 @@
-"""Effects beyond the usual model, simulated by formulas of the virtual cell: found, named, and no error left behind."""
+"""Effects beyond the usual model, simulated by formulas of the virtual cell: found, named, and no error left."""
 
 from pathlib import Path
 

@@ -134,6 +134,7 @@ THROUGH = {
     "kreisel.application": "tests/system/test_handing_on.py",
     "kreisel.batch": "tests/system/test_handing_on.py",
     "kreisel.preparation": "tests/unit/preparation/test_build_problem.py",  # steps of `prepare_recording`
+    "kreisel.inertial.effect_formulas": "tests/unit/exchange/test_source_code.py",
     "kreisel.fitting.result_change": "tests/unit/refinement/test_attenuation.py",
     "kreisel.fitting.reported_poses": "tests/scenarios/test_filter_agreement.py",
     "kreisel.refinement": "tests/unit/refinement/test_iteration.py",  # steps of `estimate`

@@ -20,7 +20,7 @@ def kreisel(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
 
 def documented() -> list[str]:
-    """Return a document of one setting for each line of the page's example, those behind comment signs included."""
+    """Return a document of one setting for each line of the page's example, those after comment signs included."""
     (block,) = re.findall(r"```toml\n(\[imu\].*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
     table, out = "", []
     for line in block.splitlines():

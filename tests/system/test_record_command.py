@@ -1,4 +1,4 @@
-"""The recorder itself: how it begins and ends, and what it leaves behind."""
+"""The recorder itself: how it begins and ends, and what it leaves."""
 
 import asyncio
 import itertools

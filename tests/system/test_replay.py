@@ -93,7 +93,7 @@ def log_times(file):
 
 
 def test_a_recording_replayed_is_the_recording(tmp_path):
-    """At any speed: a gap of seconds is none of the clock's leaps, and what arrived when is kept too."""
+    """At any speed: a gap of seconds is none of the clock's jumps, and what arrived when is kept too."""
     file = recorded(tmp_path / "old.mcap", live())
     status = replayed(file, tmp_path / "new")
     same(load_bag(file), load_bag(tmp_path / "new"))

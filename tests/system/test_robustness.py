@@ -40,5 +40,5 @@ def test_recordings_are_written_instead(tmp_path):
 def test_unknown_effects_are_listed(tmp_path):
     done = command("--only", "magic", "-o", tmp_path / "out")
     assert done.returncode == 1
-    assert "unknown effect 'magic'; known are: clean, gyro_g_sensitivity, " in done.stderr
+    assert "unknown situation 'magic'; known are: clean, gyro_g_sensitivity, " in done.stderr
     assert len(done.stderr.splitlines()) == 1

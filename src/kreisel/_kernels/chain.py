@@ -7,10 +7,10 @@ import ctypes
 import numpy as np
 
 from kreisel._kernels.compiled import check_count, function
-from kreisel._kernels.joint_chain import MOST_JOINTS, Chain
+from kreisel._kernels.joint_chain import MAX_JOINTS, Chain
 from kreisel._kernels.views import Array, Pointer, StackView, TableView, check_lengths
 
-check_count("joints", MOST_JOINTS)
+check_count("joints", MAX_JOINTS)
 
 _motion = function("chain_motion", Pointer(Chain), *[TableView] * 9)
 _derivatives = function(
@@ -48,8 +48,8 @@ def derivatives(chain: Chain, angles: Array, gravity: float) -> tuple[Array, Arr
 
 
 def _check(chain: Chain, joints: int) -> None:
-    if not 0 < joints <= MOST_JOINTS:
-        raise ValueError(f"{joints} joints; expected 1 to {MOST_JOINTS}")
+    if not 0 < joints <= MAX_JOINTS:
+        raise ValueError(f"{joints} joints; expected 1 to {MAX_JOINTS}")
     check_lengths(
         rotations=(chain.rotations, (joints + 1, 9)), translations=(chain.translations, (joints + 1, 3)),
         axes=(chain.axes, (joints, 3)), turning=(chain.turning, (joints,)), bodies=(chain.bodies, (joints, 4)),

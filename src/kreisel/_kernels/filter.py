@@ -104,8 +104,8 @@ def _check_model(model: Model, n: int, size: int) -> None:
         raise ValueError(f"the parts do not make up a state of {n} degrees of freedom and {size} numbers")
     if not np.array_equal(stored[1:], held[:-1]) or np.any(degrees[rotation == 1] > 3):
         raise ValueError("the parts do not lie one after another")
-    if not {*map(tuple, model.drawn)} <= {*map(tuple, model.parts)}:
-        raise ValueError("parts are drawn that are not in the state")
+    if not {*map(tuple, model.sampled)} <= {*map(tuple, model.parts)}:
+        raise ValueError("parts are sampled that are not in the state")
     last = model.parts[len(model.parts) - len(model.tail) :]
     if not np.array_equal(last - [last[0, 0], 0, last[0, 2], 0], model.tail):
         raise ValueError("the tail is not the last parts of the state")

@@ -73,7 +73,7 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    parts, tail, drawn : (p, 4), (t, 4), (d, 4)
+    parts, tail, sampled : (p, 4), (t, 4), (d, 4)
         Tables of `manifold` for the state; for its last parts alone, which change between updates; and for the parts of
         which sigma points are needed: all but the robot's errors, which enter linearly.
     weights : (5,)
@@ -107,7 +107,7 @@ class Model(NamedTuple):
 
     parts: IndexTable
     tail: IndexTable
-    drawn: IndexTable
+    sampled: IndexTable
     weights: Numbers
     gyro: ParameterRows
     accel: ParameterRows

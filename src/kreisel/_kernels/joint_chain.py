@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kreisel._kernels.views import Mask, Table
 
-MOST_JOINTS = 64
+MAX_JOINTS = 64
 
 
 class Chain(NamedTuple):

@@ -24,7 +24,7 @@ class Stream:
     Attributes
     ----------
     epoch
-        Number of the device's clock that readings are on; increases by one with every leap.
+        Number of the device's clock that readings are on; increases by one with every jump.
     count, late, missing, odd
         Number of readings taken; of those that came after newer ones, or twice; of those missing according to the
         stamps; of those dropped because their stamps were on another clock and those of the next readings were not.

@@ -94,20 +94,20 @@ def running(
             pipe.close()
 
 
-OBEDIENT = {"rtde": "urscript", "rsi": "ekrl", "ekrl": "ekrl"}
+COMMANDED = {"rtde": "urscript", "rsi": "ekrl", "ekrl": "ekrl"}
 """Protocol for sending moves to an arm, by the protocol with which it sends its pose."""
 
 _MOVES_AT = {"rtde": "?script=", "ekrl": "?moves="}
 
 
 @contextmanager
-def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
+def commanded(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, list[BaseProcess]]]:
     """Yield the addresses of a cell whose arm takes moves.
 
     Parameters
     ----------
     robot
-        One of `OBEDIENT`: a Universal Robots arm, or a KUKA arm with RSI or with kreisel's program only.
+        One of `COMMANDED`: a Universal Robots arm, or a KUKA arm with RSI or with kreisel's program only.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def obeying(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls, 
     theirs.close()
     try:
         of_robot, of_mover, of_imu = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
-        mover = f"{OBEDIENT[robot]}://{_HOST}:{of_mover}"
+        mover = f"{COMMANDED[robot]}://{_HOST}:{of_mover}"
         option = f"{_MOVES_AT[robot]}{of_mover}" if robot in _MOVES_AT else ""
         yield Urls(f"{robot}://{_HOST}:{of_robot}{option}", f"{imu}://{_HOST}:{of_imu}", mover), [process]
     finally:

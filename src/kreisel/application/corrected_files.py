@@ -112,7 +112,7 @@ def apply_to_file(
 
 
 def _is_plain(raw: Path, form: InputFormat | None) -> bool:
-    """Return whether nobody says, or has to say, which columns hold what."""
+    """Return whether the columns need no assignment."""
     return (form is not None or _is_usual_table(raw)) and settings_beside(raw).columns is None
 
 

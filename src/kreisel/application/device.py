@@ -30,7 +30,7 @@ async def correct_events(
 
     Notes
     -----
-    A stamp that does not follow the one before is left out. After a leap of the device's clock a new stream begins.
+    A stamp that does not follow the one before is left out. After a jump of the device's clock a new stream begins.
     """
     write(f"#timestamp [ns],{HEADER}\n".encode())
     stream, last = calibration.stream(), -1

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.batch.lot import OF_DEVICE, OUTCOMES, Unit, counts, figures_of, good, label_of
-from kreisel.batch.unit_history import YEAR, Course, History
+from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import COVERAGE, Limits
 from kreisel.report import plots
@@ -97,7 +97,7 @@ def _spread_table(units: Sequence[Unit], limits: Limits | None) -> Table:
             cells = (number(middle), number(spread), number(float(own.min())), number(float(own.max())), number(usual))
             title = f"{quantity.title} {label_of(quantity, axis)}"
             rows.append(Row((title, quantity.unit, *cells, "" if limit is None else f"± {number(limit)}")))
-    columns = ("Quantity", "Unit", "Median", "Spread", "Least", "Greatest", "Deviation of one", "Limit")
+    columns = ("Quantity", "Unit", "Median", "Spread", "Minimum", "Maximum", "Deviation of one", "Limit")
     return Table("All accepted units", columns, tuple(rows), 2)
 
 
@@ -138,7 +138,7 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
 
 def write_history(history: History, limits: Limits | None, path: Path) -> None:
     """Write the page of a unit's history as one HTML file that works offline."""
-    figures = [_course(history, course) for course in history.courses if np.isfinite(course.values).any()]
+    figures = [_trend(history, trend) for trend in history.trends if np.isfinite(trend.values).any()]
     page = fill(
         "history.html",
         figures,
@@ -160,8 +160,8 @@ def write_history(history: History, limits: Limits | None, path: Path) -> None:
 def ageing_table(history: History) -> Table:
     """Return level, change a year and scatter of every figure."""
     rows = []
-    for course in history.courses:
-        for axis, ageing in enumerate(course.ageing):
+    for trend in history.trends:
+        for axis, ageing in enumerate(trend.ageing):
             if not np.isfinite(ageing.level):
                 continue
             change = pair(ageing.rate, ageing.rate_sd) if np.isfinite(ageing.rate) else "one date only"
@@ -169,8 +169,8 @@ def ageing_table(history: History) -> Table:
             rows.append(
                 Row(
                     (
-                        f"{course.quantity.title} {label_of(course.quantity, axis)}",
-                        course.quantity.unit,
+                        f"{trend.quantity.title} {label_of(trend.quantity, axis)}",
+                        trend.quantity.unit,
                         pair(ageing.level, ageing.level_sd),
                         change,
                         number(ageing.scatter, 2) if ageing.scatter > 0.0 else "none shown",
@@ -190,42 +190,42 @@ def _runs_table(history: History) -> Table:
     return Table("Calibrations", ("Date", "Recording", "Verdict"), rows, 3)
 
 
-def _course(history: History, course: Course) -> Figure:
+def _trend(history: History, trend: Trend) -> Figure:
     """Return a quantity over the years, with the fitted lines and their bands."""
     decimal = history.days[-1].year + (history.days[-1].timetuple().tm_yday - 1) / YEAR
-    span = max(-float(course.years.min()), 0.05)
+    span = max(-float(trend.years.min()), 0.05)
     t = np.linspace(-1.04 * span, _AHEAD * span, 81)
     panels = []
     for axis in range(3):
-        ageing = course.ageing[axis]
+        ageing = trend.ageing[axis]
         value, sd = ageing.at(t)
         colour = AXES[axis]
         data: list[Trace] = [
             plots.area(decimal + t, value - COVERAGE * sd, value + COVERAGE * sd, "", f"{colour}/0.18"),
             plots.line(Curve((decimal + t).astype(np.float32), value.astype(np.float32)), "", colour, legend=False),
             plots.markers(
-                decimal + course.years, course.values[:, axis], "", colour, size=6,
-                error=COVERAGE * course.deviations[:, axis], texts=[run.name for run in history.runs],
+                decimal + trend.years, trend.values[:, axis], "", colour, size=6,
+                error=COVERAGE * trend.deviations[:, axis], texts=[run.name for run in history.runs],
             ),
         ]  # fmt: skip
         shown = np.concatenate([value - COVERAGE * sd, value + COVERAGE * sd,
-                                course.values[:, axis] - COVERAGE * course.deviations[:, axis],
-                                course.values[:, axis] + COVERAGE * course.deviations[:, axis]])  # fmt: skip
+                                trend.values[:, axis] - COVERAGE * trend.deviations[:, axis],
+                                trend.values[:, axis] + COVERAGE * trend.deviations[:, axis]])  # fmt: skip
         shown = shown[np.isfinite(shown)]
         low, high = (float(shown.min()), float(shown.max())) if shown.size else (-1.0, 1.0)
-        if course.limit is not None and max(abs(low), abs(high)) > 0.6 * course.limit:
-            low, high = min(low, -1.05 * course.limit), max(high, 1.05 * course.limit)
-        if course.limit is not None:
+        if trend.limit is not None and max(abs(low), abs(high)) > 0.6 * trend.limit:
+            low, high = min(low, -1.05 * trend.limit), max(high, 1.05 * trend.limit)
+        if trend.limit is not None:
             ends = np.array([decimal + t[0], decimal + t[-1]], dtype=np.float32)
             for sign in (-1.0, 1.0):
-                flat = Curve(ends, np.full(2, sign * course.limit, dtype=np.float32))
+                flat = Curve(ends, np.full(2, sign * trend.limit, dtype=np.float32))
                 data.append(plots.line(flat, "", "alert", dash="dash", legend=False))
         room = 0.05 * (high - low) or 1.0
-        y = plots.axis(f"{label_of(course.quantity, axis)} ({course.quantity.unit})", range=[low - room, high + room])
+        y = plots.axis(f"{label_of(trend.quantity, axis)} ({trend.quantity.unit})", range=[low - room, high + room])
         panels.append(plots.panel(data, y, height=130, texts=True))
     return Figure(
-        course.quantity.name,
-        course.quantity.title,
+        trend.quantity.name,
+        trend.quantity.title,
         "Points: calibrations with their expanded uncertainties; line and band: the fit and its expanded uncertainty, "
         "with the scatter from one calibration to the next.",
         plots.plot(_date_axis(float(decimal + t[0]), float(decimal + t[-1])), *panels),

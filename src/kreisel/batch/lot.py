@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.batch.job_result import Run
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
-from kreisel.calibration.limits import Judged, Limits, judged, overall
+from kreisel.calibration.limits import Assessment, Limits, judged, overall
 from kreisel.geometry.rotation import Array
 
 OUTLYING = 4.5
@@ -21,7 +21,7 @@ OUTLYING = 4.5
 Of 500 normal units with 24 figures each, one in twelve lots has one by chance.
 """
 
-LEAST = 8
+MIN = 8
 """Units that a lot needs."""
 
 OF_DEVICE = tuple(quantity for quantity in QUANTITIES if quantity.name != "mounting_rotation_deg")
@@ -49,7 +49,7 @@ class Unit:
     """A run with what is said of it: its quantities against the limits, and where it differs from its lot."""
 
     run: Run
-    judged: tuple[Judged, ...]
+    judged: tuple[Assessment, ...]
     outliers: tuple[Outlier, ...]
 
     @property
@@ -92,13 +92,13 @@ def _outliers(lot: Sequence[Run]) -> dict[str, list[Outlier]]:
     The spread is the median of the absolute deviations from the median, times 1.4826; a unit's own deviation is added.
     """
     found: dict[str, list[Outlier]] = {}
-    if len(lot) < LEAST:
+    if len(lot) < MIN:
         return found
     for quantity in OF_DEVICE:
         values, deviations = figures_of(lot, quantity)
         for axis in range(3):
             here = np.flatnonzero(np.isfinite(values[:, axis]) & np.isfinite(deviations[:, axis]))
-            if here.size < LEAST:
+            if here.size < MIN:
                 continue
             own = values[here, axis] - np.median(values[here, axis])
             spread = 1.4826 * float(np.median(np.abs(own)))

@@ -29,7 +29,7 @@ SHOWN = 3.0
 _STUDENT = (np.inf, 235.8, 19.21, 9.219, 6.620, 5.507, 4.904, 4.530, 4.277, 4.094, 3.957)
 """The same probability by Student's distribution, where 0, 1, 2, ... degrees of freedom tell the scatter."""
 
-_LEAST = 2
+_MIN = 2
 _LONGEST = 20.0
 """Years ahead in which a due date is looked for."""
 
@@ -86,7 +86,7 @@ class Ageing:
 
 
 @dataclass(frozen=True)
-class Course:
+class Trend:
     """One quantity of a unit over time.
 
     Attributes
@@ -124,12 +124,12 @@ class Due:
 
 @dataclass(frozen=True)
 class History:
-    """The history of a unit: its accepted runs by date, its courses, those left out, and when it is due."""
+    """The history of a unit: its accepted runs by date, its trends, those left out, and when it is due."""
 
     unit: str
     runs: tuple[Run, ...]
     days: tuple[date, ...]
-    courses: tuple[Course, ...]
+    trends: tuple[Trend, ...]
     left_out: tuple[tuple[str, str], ...]
     due: Due
 
@@ -164,22 +164,22 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History
     left_out = [(run.name, run.error or "rejected") for run in runs if not run.accepted]
     left_out += [(run.name, "no date") for run in runs if run.accepted and _day(run) is None]
     used = sorted((run for run in runs if run.accepted and _day(run) is not None), key=lambda run: str(run.date))
-    if len(used) < _LEAST:
+    if len(used) < _MIN:
         why = "".join(f"; {name}: {reason}" for name, reason in left_out)
         raise SettingsError(
-            f"unit '{unit}' has {len(used)} accepted calibrations with a date, expected {_LEAST} or more; dates are "
+            f"unit '{unit}' has {len(used)} accepted calibrations with a date, expected {_MIN} or more; dates are "
             f"those of stamps since 2000, or [certificate] date in recording.toml{why}"
         )
     days = tuple(date.fromisoformat(str(run.date)) for run in used)
     years = np.array([(day - days[-1]).days / YEAR for day in days])
-    courses = []
+    trends = []
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
         values = np.where(deviations > 0.0, values, np.nan)  # others were held
         limit = None if limits is None else limits.values.get(quantity.name)
         ageing = tuple(aged(years, values[:, i], deviations[:, i]) for i in range(3))
-        courses.append(Course(quantity, years, values, deviations, ageing, limit))
-    return History(unit, tuple(used), days, tuple(courses), tuple(left_out), _due(courses, days[-1]))
+        trends.append(Trend(quantity, years, values, deviations, ageing, limit))
+    return History(unit, tuple(used), days, tuple(trends), tuple(left_out), _due(trends, days[-1]))
 
 
 def _day(run: Run) -> date | None:
@@ -236,7 +236,7 @@ def _scatter(A: Array, y: Array, sd: Array) -> float:
     return 0.5 * (low + high)
 
 
-def _due(courses: Sequence[Course], last: date) -> Due:
+def _due(trends: Sequence[Trend], last: date) -> Due:
     """Return when the first figure may have left its limit; without limits, when an uncertainty has doubled.
 
     A figure may have left its limit when its value and expanded uncertainty reach it. The uncertainty of what was found
@@ -245,25 +245,25 @@ def _due(courses: Sequence[Course], last: date) -> Due:
     """
     ahead = np.linspace(0.0, _LONGEST, 4001)
     best, reason = np.inf, ""
-    limited = any(course.limit is not None for course in courses)
-    for course in courses:
-        for axis, ageing in enumerate(course.ageing):
+    limited = any(trend.limit is not None for trend in trends)
+    for trend in trends:
+        for axis, ageing in enumerate(trend.ageing):
             value, sd = ageing.at(ahead)
-            label = f"{course.quantity.title} {label_of(course.quantity, axis)}"
-            if course.limit is not None:
-                over = np.abs(value) + COVERAGE * sd > course.limit
-                text = f"{label} may reach its limit of {course.limit:.3g} {course.quantity.unit}"
+            label = f"{trend.quantity.title} {label_of(trend.quantity, axis)}"
+            if trend.limit is not None:
+                over = np.abs(value) + COVERAGE * sd > trend.limit
+                text = f"{label} may reach its limit of {trend.limit:.3g} {trend.quantity.unit}"
             elif limited or not np.isfinite(ageing.rate) or ageing.free < 1:
                 continue
             else:
-                own = COVERAGE * float(course.deviations[-1, axis])
+                own = COVERAGE * float(trend.deviations[-1, axis])
                 change = np.abs(ageing.rate) * ahead + COVERAGE * np.sqrt(ageing.rate_sd**2 * ahead**2)
                 over = change > np.sqrt(3.0) * np.hypot(own, COVERAGE * ageing.scatter)
                 text = f"the uncertainty of {label} has doubled by ageing"
             if over.any() and ahead[int(np.argmax(over))] < best:
                 best, reason = float(ahead[int(np.argmax(over))]), text
     if not np.isfinite(best):
-        if not limited and all(ageing.free < 1 for course in courses for ageing in course.ageing):
+        if not limited and all(ageing.free < 1 for trend in trends for ageing in trend.ageing):
             return Due(None, "two dates do not tell ageing from scatter: calibrate a third time")
         return Due(None, "no figure reaches its limit within 20 years" if limited else "nothing ages within 20 years")
     try:

@@ -13,7 +13,7 @@ from kreisel.inertial.effects import follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters
 
 _MIN_SAMPLES = 6
-"""Least number of samples; rates are differentiated and integrated over them."""
+"""Minimum number of samples; rates are differentiated and integrated over them."""
 
 _MAX_STEP = 1.0
 """Seconds between samples; above it, floats cannot be stamps of an IMU in seconds."""

@@ -49,7 +49,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Judged:
+class Assessment:
     """Results of the checks of an estimate, the seconds the estimation took, and the budget of its uncertainty."""
 
     observability: Observability
@@ -59,7 +59,9 @@ class Judged:
     budget: Budget | None = None
 
 
-def assemble(recording: Recording, found: Estimate, judged: Judged, warnings: tuple[DataWarning, ...]) -> Calibration:
+def assemble(
+    recording: Recording, found: Estimate, judged: Assessment, warnings: tuple[DataWarning, ...]
+) -> Calibration:
     """Return the calibration of a recording."""
     problem, run = found.problem, found.run
     parts = CalibrationParts(
@@ -112,7 +114,7 @@ def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[Dat
     )
 
 
-def _estimator_facts(found: Estimate, judged: Judged) -> EstimatorFacts:
+def _estimator_facts(found: Estimate, judged: Assessment) -> EstimatorFacts:
     problem = found.problem
     settings, noise = problem.settings, problem.noise.reference
     gyro_density, accel_density = imu_density(problem)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from kreisel.calibration.assembly import Judged, assemble
+from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.filter_budget import budget_of, filter_parts
@@ -32,7 +32,7 @@ from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress, of_parts
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
-from kreisel.refinement.iteration import Given, estimate
+from kreisel.refinement.iteration import StatedNoise, estimate
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
 
@@ -103,7 +103,7 @@ def run_calibration(
     verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if parts is None else budget_of(found, parts)
-    calibration = assemble(preparation.recording, found, Judged(seen, facts, verdict, seconds, whole), warnings)
+    calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)
     return Outcome(
         recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
     )
@@ -131,7 +131,7 @@ class _Begun:
 
     preparation: Preparation
     problem: Problem
-    given: Given
+    given: StatedNoise
     found: Estimate
 
 
@@ -144,7 +144,7 @@ def _begun(
     problem = build_problem(preparation, settings)
     table = recording.settings.reference
     stated = table.position_sd is not None or table.orientation_sd is not None
-    given = Given(stated, preparation.imu_noise.given)
+    given = StatedNoise(stated, preparation.imu_noise.given)
     estimator = ESTIMATORS[settings.estimator]
     if problem.reference.positions is not None or settings.only == "accelerometer":
         return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, executor))
@@ -187,7 +187,7 @@ def _known_scores(
     preparation: Preparation,
     settings: CalibrationSettings,
     problem: Problem,
-    given: Given,
+    given: StatedNoise,
     progress: Progress | None = None,
 ) -> Mapping[str, float]:
     """Return how far an estimate without stated priors lies from each of them, in standard deviations.

@@ -13,13 +13,13 @@ def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array
     """Return the effect of an arm's repeatability on the state, one deviation each, (degrees, 8).
 
     The error of a rest lasts in the move that follows, where the filter takes errors for independent. On average over
-    so many rests it acts like an error of the frames. It matters in short recordings of a good arm.
+    so many standstills it acts like an error of the frames. It matters in short recordings of a good arm.
     """
-    rests = len(problem.schedule.standstills)
-    if problem.robot is None or rests == 0:
+    standstills = len(problem.schedule.standstills)
+    if problem.robot is None or standstills == 0:
         return np.zeros((problem.layout.degrees, 8))
     noise = problem.noise.reference
-    share = rests**-0.5
+    share = standstills**-0.5
     return frame_columns(problem, parameters, (share * noise.standstill_position, share * noise.standstill_orientation))
 
 

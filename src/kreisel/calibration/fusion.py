@@ -18,10 +18,10 @@ from kreisel.geometry.rotation import Array, matrix
 TURN_SD, SHIFT_SD = 0.5, 0.5
 """rad and m; standard deviations of a mount against the first one, about the first estimate of it."""
 
-_LEAST_INFORMATION = 1e-3
+_MIN_INFORMATION = 1e-3
 """Of a direction in which data count, in units of the prior's information."""
 
-_LEAST_SHARE = 0.05
+_MIN_SHARE = 0.05
 """Of the variance of a direction, by which it must decrease for a comparison."""
 
 _STEPS, _SETTLED = 20, 1e-6
@@ -141,7 +141,7 @@ def said_by(one: Contribution) -> Said:
     P = whiten @ one.filtered.covariance @ whiten.T
     inverse, V = np.linalg.eigh(0.5 * (P + P.T))
     information = 1.0 / np.maximum(inverse, 1e-15)
-    kept = information - 1.0 > _LEAST_INFORMATION
+    kept = information - 1.0 > _MIN_INFORMATION
     own, data = V[:, kept].T @ whiten, information[kept] - 1.0
     H = np.hstack([np.sqrt(data)[:, None] * own, (information[kept] / np.sqrt(data))[:, None] * (own @ one.columns)])
     b = np.sqrt(data) * (own @ prior.mean)
@@ -220,7 +220,7 @@ def _misfit(said: Said, fitted: Gaussian) -> Misfit:
     """
     C = np.eye(said.b.size) - said.H @ fitted.covariance @ said.H.T
     share, V = np.linalg.eigh(0.5 * (C + C.T))
-    kept = share > _LEAST_SHARE
+    kept = share > _MIN_SHARE
     along = V[:, kept].T @ (said.b - said.H @ fitted.mean) / np.sqrt(share[kept])
     if along.size == 0:
         return Misfit(0.0, 0, 0.0)

@@ -33,8 +33,10 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
     )
     problem, base = outcome.estimate.problem, outcome.estimate.run.parameters
     injected = replace(base, sensors=errors.apply(base.sensors))
-    known = {g: tuple(injected.stored(g).tolist()) if g in SENSOR_GROUPS else v for g, v in problem.settings.held_at}
-    settings = replace(problem.settings, held_at=tuple(known.items()))  # known values change with the readings
+    known = {
+        g: tuple(injected.stored(g).tolist()) if g in SENSOR_GROUPS else v for g, v in problem.settings.fixed_values
+    }
+    settings = replace(problem.settings, fixed_values=tuple(known.items()))  # known values change with the readings
     again = run_calibration(replace(outcome.recording, imu=changed), settings, progress)
     n = len(problem.parameter_names)
     zero = stored_state(problem, base)

@@ -10,8 +10,8 @@ from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_step
 from kreisel.refinement.estimate import Estimate
 
-_LEAST = 0.05
-"""Least variance of a difference, as a share of the estimate's own variance."""
+_MIN = 0.05
+"""Minimum variance of a difference, as a share of the estimate's own variance."""
 
 
 def interval_disagreement(found: Estimate, progress: Progress | None = None) -> Disagreement:
@@ -32,7 +32,7 @@ def interval_disagreement(found: Estimate, progress: Progress | None = None) -> 
     change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:, 0]
     own = np.sum(found.as_noisy**2, axis=1)
     variance = found.correlation_factor**2 * np.diag(other.belief.covariance) - own
-    score = change / np.sqrt(np.maximum(variance, _LEAST * own))
+    score = change / np.sqrt(np.maximum(variance, _MIN * own))
     words = (
         "an interval between updates that is twice as long gives other values than expected by chance, which shows "
         "errors of the reference that are not modelled; standard deviations were multiplied"

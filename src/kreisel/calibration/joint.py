@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.assembly import Judged, assemble
+from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.fusion import Fused, fuse
 from kreisel.calibration.joint_outcome import Joint
@@ -190,7 +190,7 @@ def _brought_together(
     warnings = _warnings(names, outcomes, left_out, differing, factor, remedy)
     seconds = sum(one.calibration.estimator.filter_seconds for one in outcomes if one.calibration.estimator is not None)
     consistency = _pooled(outcomes)
-    judged = [Judged(one, consistency, verdict, seconds) for one in seen]
+    judged = [Assessment(one, consistency, verdict, seconds) for one in seen]
     own = [assemble(o.preparation.recording, e, j, ()) for o, e, j in zip(outcomes, estimates, judged, strict=True)]
     facts = JointFacts(
         common,

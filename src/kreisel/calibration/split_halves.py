@@ -16,8 +16,8 @@ from kreisel.progress import Progress, of_parts, of_step
 from kreisel.refinement.estimate import Estimate
 from kreisel.tasks import Executor, sequential
 
-_LEAST, _LEAST_WITH_WALKS = 1e-4, 0.1
-"""Least variance of a difference, in the sum of both variances."""
+_MIN, _MIN_WITH_WALKS = 1e-4, 0.1
+"""Minimum variance of a difference, in the sum of both variances."""
 
 
 def split_halves(
@@ -51,12 +51,12 @@ def split_halves(
     shared = A @ np.linalg.solve(P, B)  # equation (22)
     variance = found.correlation_factor**2 * np.diag(A + B - shared - shared.T)
     # what both share is less certain if offsets walk: the prior is exchanged approximately
-    least = _LEAST_WITH_WALKS if found.walks else _LEAST
+    least = _MIN_WITH_WALKS if found.walks else _MIN
     variance = np.maximum(variance, least * np.diag(A + B)) + 0.5 * problem.walked_variance
     variance += np.sum(frame_columns(problem, found.run.parameters)[:n] ** 2, axis=1)
     variance += 4.0 * np.sum(
         repeatability_columns(problem, found.run.parameters)[:n] ** 2, axis=1
-    )  # half the rests each
+    )  # half the standstills each
     lasting = problem.lasting
     names = tuple(problem.parameter_names[i] for i in lasting)
     return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))

@@ -211,13 +211,13 @@ def _priors(estimate: Estimate) -> list[Reason]:
             verb = "lies" if group == "gravity" else "lie"
             text = (
                 f"{title} {verb} up to {far:.1f} stated standard deviations from the prior: correct {keys} "
-                "in recording.toml, or look for an effect that is not modelled"
+                "in recording.toml, or look for an error term that is not modelled"
             )
             if group == "gravity" and problem.site.gravity_sd >= UNKNOWN_SD:
                 text = (
                     f"gravity is found to be {estimate.run.parameters.gravity:.3f} m/s^2, {far:.1f} standard "
                     "deviations from that of places on Earth: look for a wrong scale of the positions or of the "
-                    "clocks, for offsets that are fixed (--fix), or an effect that is not modelled"
+                    "clocks, for offsets that are fixed (--fix), or an error term that is not modelled"
                 )
             reasons.append(Reason(text, sensors))
     return reasons

@@ -38,7 +38,7 @@ def calibrate(
         [], help="What is known of a parameter, 'gyroscope.offset[0]=0+-1e-3', in SI; may be repeated."
     ),
     estimate: list[str] = typer.Option(
-        [], help="Effect to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated."
+        [], help="Error term to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated."
     ),
     skew: bool | None = typer.Option(
         None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."

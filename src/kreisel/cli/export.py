@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from kreisel.calibration.result import Calibration
-    from kreisel.exchange.exported import Wanted
+    from kreisel.exchange.exported import ExportRequest
     from kreisel.exchange.exported_noise import ExportNoise
 
 
@@ -33,13 +33,13 @@ def export(
 ) -> None:
     """Write a calibration for Kalibr, OpenVINS, ROS, PX4, ArduPilot, imu_tk, C, Rust, MATLAB, or as JSON.
 
-    What the format cannot hold is told, with its size.
+    What the format cannot hold is printed, with its size.
     """
     from kreisel.application.corrected_files import check_usable
     from kreisel.calibration.device_axes import AXES
     from kreisel.calibration.result import Calibration
     from kreisel.errors import RecordingError
-    from kreisel.exchange.exported import Wanted
+    from kreisel.exchange.exported import ExportRequest
     from kreisel.exchange.targets import read_from, target_named
 
     target = target_named(to)
@@ -49,15 +49,15 @@ def export(
         typer.echo(f"· {found.verdict.caution}", err=True)
     chosen = found.in_axes(axes)
     facts = chosen.recording
-    wanted = Wanted(
+    request = ExportRequest(
         chosen,
-        _noise(found, grade, at_rest, wanted=target.noise),
+        _noise(found, grade, at_rest, request=target.noise),
         name,
         rate or (None if facts is None or not facts.imu_rate_hz else facts.imu_rate_hz),
         topic,
         instance,
     )
-    done = target.export(wanted)
+    done = target.export(request)
     files = {output.with_name(f"{output.stem}{part}{output.suffix}"): text for part, text in done.files.items()}
     for path in files:
         if path.exists() and not force:
@@ -70,35 +70,35 @@ def export(
         typer.echo(f"· not observable, do not rely on: {', '.join(chosen.verdict.unobservable)}")
     for text in done.lost:
         typer.echo(f"· not held: {text}")
-    for note in (*done.notes, *_doubts(wanted)):
+    for note in (*done.notes, *_doubts(request)):
         typer.echo(f"· {note}")
     for path in files:
         typer.echo(f"written: {path}, {target.what}")
 
 
-def _doubts(wanted: Wanted) -> list[str]:
+def _doubts(request: ExportRequest) -> list[str]:
     """Return what is odd about noise figures: far below what the filter had to assume."""
     from kreisel.exchange.exported_noise import NAMES
 
-    estimator = wanted.calibration.estimator
+    estimator = request.calibration.estimator
     if estimator is None:
         return []
     out = []
     for name in ("gyro_density", "accel_density"):
-        stated, assumed = wanted.noise.figures.get(name), getattr(estimator.noise, name)
+        stated, assumed = request.noise.figures.get(name), getattr(estimator.noise, name)
         if stated and stated < 0.4 * assumed:
             out.append(
                 f"the {NAMES[name]} written, {stated:.2g}, is far below the {assumed:.2g} that the calibration needed: "
-                f"is {wanted.noise.sources[name]} of this device? --at-rest measures it"
+                f"is {request.noise.sources[name]} of this device? --at-rest measures it"
             )
     return out
 
 
-def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, wanted: bool) -> ExportNoise:
+def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, request: bool) -> ExportNoise:
     from kreisel.errors import SettingsError
     from kreisel.exchange.exported_noise import noise_of
 
-    if not wanted and (grade is not None or at_rest is not None):
+    if not request and (grade is not None or at_rest is not None):
         raise SettingsError("--grade and --at-rest are for formats with noise figures: kalibr and openvins")
     resting = None
     if at_rest is not None:

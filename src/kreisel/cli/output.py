@@ -24,6 +24,6 @@ def check_output(folder: Path) -> None:
         probe.write_bytes(b"")
         probe.unlink()
         if new:
-            folder.rmdir()  # a command that fails leaves nothing behind
+            folder.rmdir()  # a command that fails leaves nothing
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}; choose another -o", file=folder) from error

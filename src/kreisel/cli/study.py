@@ -102,7 +102,7 @@ def robustness(
     seeds: int = typer.Option(3, help="Runs of each situation.", min=1, max=9999),
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
-    only: list[str] = typer.Option([], help="Name of an effect; may be repeated. All if not given."),
+    only: list[str] = typer.Option([], help="Name of a situation; may be repeated. All if not given."),
     seconds: float = typer.Option(150.0, help="Length of every recording, s.", min=20.0),
     write: Path | None = typer.Option(None, help="Write the recordings into this folder, and calibrate nothing."),
     json: bool = typer.Option(False, "--json", help="Print totals and rows as one JSON object."),

@@ -34,7 +34,7 @@ def _pair(value: float, deviation: float) -> str:
     if isnan(value):
         return "not determined"
     if not deviation > 0.0:
-        return f"held at {value:.6g}"
+        return f"user-fixed at {value:.6g}"
     digits = max(0, min(6, 1 - floor(log10(deviation))))
     return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 

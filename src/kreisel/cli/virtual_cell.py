@@ -64,16 +64,16 @@ def virtual_cell(
     import signal
     import sys
 
-    from kreisel.acquisition.virtual_cell import OBEDIENT, obeying, running
+    from kreisel.acquisition.virtual_cell import COMMANDED, commanded, running
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.formats.write import write_settings
     from kreisel.simulation.cell import simulate, write_truth
 
-    if obey and robot.value not in OBEDIENT:
+    if obey and robot.value not in COMMANDED:
         raise SettingsError(
-            f"--obey: a simulated {robot.value} arm does not accept moves; choose {', '.join(OBEDIENT)}"
+            f"--obey: a simulated {robot.value} arm does not accept moves; choose {', '.join(COMMANDED)}"
         )
     described = _described(cell, robot, interval, {"seed": seed, "seconds": seconds})
     if output is not None:
@@ -86,7 +86,7 @@ def virtual_cell(
         write_settings(recording, output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     cell_of = (
-        obeying(recording, robot.value, imu.value)
+        commanded(recording, robot.value, imu.value)
         if obey
         else running(recording, robot.value, imu.value, speed=speed, robot_port=robot_port, imu_port=imu_port)
     )

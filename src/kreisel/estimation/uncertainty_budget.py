@@ -20,7 +20,7 @@ class Source(StrEnum):
     PRIOR = "prior and site"
     ROBOT = "robot and frames"
     CLOCKS = "clocks"
-    EFFECTS = "undecided effects"
+    EFFECTS = "undecided error terms"
     MISFIT = "lack of fit"
 
 

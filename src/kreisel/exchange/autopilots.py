@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
 from kreisel.exchange.losses import losses, without_effects_of
 from kreisel.files import read_text
@@ -27,7 +27,7 @@ _FLOAT = 9
 ARDUPILOT_SCALES, ARDUPILOT_OFFSET = (0.8, 1.2), 3.5
 """Ranges of INS_ACCSCAL and INS_ACCOFFS."""
 
-PX4_SCALES, PX4_LEAST = (0.1, 3.0), 0.01
+PX4_SCALES, PX4_MIN = (0.1, 3.0), 0.01
 """Range of CAL_ACC_XSCALE; the smallest change that some versions take."""
 
 
@@ -38,7 +38,7 @@ def _held(full: SensorParameters) -> SensorParameters:
     return replace(plain, K_omega=np.eye(3), K_a=np.diag(scale), lever_arms=np.zeros((3, 3)))
 
 
-def _check(wanted: Wanted, held: SensorParameters) -> tuple[Array, Array]:
+def _check(request: ExportRequest, held: SensorParameters) -> tuple[Array, Array]:
     """Return scale and offset (3,) of the accelerometers.
 
     Raises
@@ -46,7 +46,7 @@ def _check(wanted: Wanted, held: SensorParameters) -> tuple[Array, Array]:
     SettingsError
         In the tool's axes, or if an axis counts downward.
     """
-    if wanted.calibration.axes == "tool":
+    if request.calibration.axes == "tool":
         raise SettingsError(
             "--axes tool: an autopilot keeps an offset and a scale for each axis of the sensor; use --axes imu, and "
             "give the mounting to the autopilot as its board's rotation"
@@ -67,7 +67,7 @@ _COMMON_NOTES = (
 )
 
 
-def export_px4(wanted: Wanted) -> Exported:
+def export_px4(request: ExportRequest) -> Exported:
     """Return a parameter file of QGroundControl.
 
     Raises
@@ -75,9 +75,9 @@ def export_px4(wanted: Wanted) -> Exported:
     SettingsError
         If a scale is out of PX4's range, or in the tool's axes.
     """
-    full, i = wanted.calibration.sensors, wanted.instance
+    full, i = request.calibration.sensors, request.instance
     held = _held(full)
-    scale, offset = _check(wanted, held)
+    scale, offset = _check(request, held)
     _check_range(f"CAL_ACC{i}_XSCALE", scale, PX4_SCALES)
     values = {f"CAL_ACC{i}_{axis}OFF": x for axis, x in zip(_AXES, offset, strict=True)}
     values |= {f"CAL_ACC{i}_{axis}SCALE": x for axis, x in zip(_AXES, scale, strict=True)}
@@ -92,7 +92,7 @@ def export_px4(wanted: Wanted) -> Exported:
                      ("Onboard parameters for Vehicle 1", "", "Vehicle-Id Component-Id Name Value Type"))  # fmt: skip
 
 
-def export_ardupilot(wanted: Wanted) -> Exported:
+def export_ardupilot(request: ExportRequest) -> Exported:
     """Return a parameter file of Mission Planner, MAVProxy and QGroundControl for ArduPilot.
 
     Raises
@@ -100,11 +100,11 @@ def export_ardupilot(wanted: Wanted) -> Exported:
     SettingsError
         If an offset or scale is out of ArduPilot's range, or in the tool's axes.
     """
-    full, i = wanted.calibration.sensors, wanted.instance
+    full, i = request.calibration.sensors, request.instance
     if not 0 <= i <= 2:
         raise SettingsError(f"--instance {i}: ArduPilot has these names for 0, 1 and 2")
     held = _held(full)
-    scale, offset = _check(wanted, held)
+    scale, offset = _check(request, held)
     number = "" if i == 0 else str(i + 1)
     accel, gyro = f"INS_ACC{number}", f"INS_GYR{number}"
     _check_range(f"{accel}SCAL_X", scale, ARDUPILOT_SCALES)

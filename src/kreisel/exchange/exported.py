@@ -10,7 +10,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ExportRequest:
     """What is exported.
 
     Attributes

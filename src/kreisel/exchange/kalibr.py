@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
 from kreisel.exchange.kalibr_model import (
     KalibrModel,
@@ -29,7 +29,7 @@ from kreisel.units import MG
 MODELS = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
 
 
-def export(wanted: Wanted) -> Exported:
+def export(request: ExportRequest) -> Exported:
     """Return Kalibr's imu.yaml of a calibration, as Kalibr writes it.
 
     Raises
@@ -37,7 +37,7 @@ def export(wanted: Wanted) -> Exported:
     SettingsError
         If noise figures are missing.
     """
-    calibration, noise = wanted.calibration, wanted.noise.complete()
+    calibration, noise = request.calibration, request.noise.complete()
     own = in_kalibrs_frame(calibration.sensors)
     model, C_ib, origin = own.model, own.C_ib, own.origin
     lost = _with_coupling(losses(own.sensors, own.held), model)
@@ -56,9 +56,9 @@ def export(wanted: Wanted) -> Exported:
         "gyroscope_random_walk": noise.figures["gyro_walk"],
         "gyroscopes": {"A": model.A.tolist(), "C_gyro_i": model.C_gyro_i.tolist(), "M": model.M_w.tolist()},
         "model": MODELS[2],
-        "rostopic": wanted.topic,
+        "rostopic": request.topic,
         "time_offset": -calibration.timing.offset if calibration.axes == "tool" else 0.0,
-        "update_rate": wanted.rate_hz,
+        "update_rate": request.rate_hz,
     }
     head = _comments(calibration, model, noise.sources, lost)
     return Exported({"": head + dumped({"imu0": table})}, own.held, lost)

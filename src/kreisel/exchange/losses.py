@@ -21,7 +21,7 @@ TURNING = 10.0
 JERK = 10.0
 """Derivative of the specific force at which losses of delay and smoothing are stated, m/s^3 (and m/s^4)."""
 
-WARMTH = 10.0
+TEMPERATURE_CHANGE = 10.0
 """Kelvin above the calibration's temperature at which losses are stated."""
 
 _SMALLEST_MG, _SMALLEST_DEG_H, _SMALLEST_PPM = 1e-3, 1e-3, 0.1
@@ -93,7 +93,7 @@ def _effect(group: str, value: Array) -> list[str]:
         STANDARD_GRAVITY * axes,
         lambda values: JERK * np.sign(values),
         lambda values: JERK * np.sign(values),
-        np.full(6, WARMTH),
+        np.full(6, TEMPERATURE_CHANGE),
     )
     gyro, accel = (_largest(part) for part in added(raw, {group: value}))
     meaning = group_named(group).meaning.partition(":")[0].partition(",")[0]

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import SettingsError
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.losses import losses, without_effects_of
 from kreisel.geometry.rotation import Array
 
 
-def export_imu_tk(wanted: Wanted) -> Exported:
+def export_imu_tk(request: ExportRequest) -> Exported:
     """Return the two files of imu_tk: misalignment T, scale K and bias B of X' = T K (X - B), for each sensor.
 
     Raises
@@ -25,7 +25,7 @@ def export_imu_tk(wanted: Wanted) -> Exported:
     -----
     Tedaldi, Pretto, Menegatti (2014); calibration.h of imu_tk. T has ones on its diagonal.
     """
-    full = wanted.calibration.sensors
+    full = request.calibration.sensors
     if np.any(np.tril(full.K_a, -1)):
         raise SettingsError("imu_tk's axes are those of its accelerometers, with an upper triangular T; use --axes imu")
     held = replace(without_effects_of(full), lever_arms=np.zeros((3, 3)))
@@ -40,14 +40,14 @@ def _block(matrix: Array) -> str:
     return "\n".join(" ".join(repr(float(x)) for x in row) for row in matrix)
 
 
-def export_ros(wanted: Wanted) -> Exported:
+def export_ros(request: ExportRequest) -> Exported:
     """Return the file of ROS' imu_calib: corrected = SM raw - bias, for the accelerometers.
 
     Notes
     -----
     accel_calib.cpp of dpkoch/imu_calib; its node finds the gyros' offsets itself when it starts.
     """
-    full = wanted.calibration.sensors
+    full = request.calibration.sensors
     held = replace(without_effects_of(full), K_omega=np.eye(3), k_w=np.zeros((1, 3)), lever_arms=np.zeros((3, 3)))
     lost = losses(full, held)
     bias = -full.K_a @ full.k_a[0]
@@ -60,7 +60,7 @@ def export_ros(wanted: Wanted) -> Exported:
     return Exported({"": "\n".join(lines) + "\n"}, held, lost, notes)
 
 
-def export_json(wanted: Wanted) -> Exported:
+def export_json(request: ExportRequest) -> Exported:
     """Return the whole result file as JSON, in the axes chosen; nothing is lost."""
-    calibration = wanted.calibration
+    calibration = request.calibration
     return Exported({"": json.dumps(calibration.document, indent=1) + "\n"}, calibration.sensors)

@@ -18,7 +18,7 @@ import numpy as np
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
 from kreisel.exchange.kalibr_model import (
     KalibrModel,
@@ -32,7 +32,7 @@ from kreisel.exchange.kalibr_model import (
 from kreisel.exchange.losses import losses
 
 
-def export(wanted: Wanted) -> Exported:
+def export(request: ExportRequest) -> Exported:
     """Return OpenVINS' IMU chain of a calibration.
 
     Raises
@@ -40,7 +40,7 @@ def export(wanted: Wanted) -> Exported:
     SettingsError
         If noise figures are missing.
     """
-    calibration, noise = wanted.calibration, wanted.noise.complete()
+    calibration, noise = request.calibration, request.noise.complete()
     own = in_kalibrs_frame(calibration.sensors)
     model, held = own.model, replace(own.held, lever_arms=np.zeros((3, 3)))
     lost = losses(own.sensors, held)
@@ -55,7 +55,7 @@ def export(wanted: Wanted) -> Exported:
     lines = [
         "%YAML:1.0",
         "",
-        *(f"# {line}" for line in _comments(wanted, model, lost)),
+        *(f"# {line}" for line in _comments(request, model, lost)),
         "imu0:",
         "  T_i_b:",
         *(f"    - [{', '.join(f'{x:.1f}' for x in row)}]" for row in np.eye(4)),
@@ -63,9 +63,9 @@ def export(wanted: Wanted) -> Exported:
         f"  accelerometer_random_walk: {figures['accel_walk']:.9g}",
         f"  gyroscope_noise_density: {figures['gyro_density']:.9g}",
         f"  gyroscope_random_walk: {figures['gyro_walk']:.9g}",
-        f"  rostopic: {json.dumps(wanted.topic)}",
+        f"  rostopic: {json.dumps(request.topic)}",
         "  time_offset: 0.0",
-        f"  update_rate: {wanted.rate_hz or 0.0:.6g}",
+        f"  update_rate: {request.rate_hz or 0.0:.6g}",
         '  model: "kalibr"',
     ]
     for name, matrix in matrices.items():
@@ -73,13 +73,13 @@ def export(wanted: Wanted) -> Exported:
     return Exported({"": "\n".join(lines) + "\n"}, held, lost)
 
 
-def _comments(wanted: Wanted, model: KalibrModel, lost: tuple[str, ...]) -> list[str]:
+def _comments(request: ExportRequest, model: KalibrModel, lost: tuple[str, ...]) -> list[str]:
     biases = [", ".join(f"{x:.9g}" for x in bias) for bias in (model.bias_w, model.bias_a)]
     return [
         "By kreisel. Tw, Ta: true to measured. Frame i: x along the sensitive axis of accelerometer x, y in the plane",
         "of those of x and y; origin at accelerometer x. Tg multiplies the specific force in i.",
         f"Biases, which OpenVINS estimates itself: gyroscope [{biases[0]}] rad/s, accelerometer [{biases[1]}] m/s^2.",
-        *(f"{name}: {source}" for name, source in wanted.noise.sources.items()),
+        *(f"{name}: {source}" for name, source in request.noise.sources.items()),
         *(f"Not held: {text}" for text in lost),
     ]
 

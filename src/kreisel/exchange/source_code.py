@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ import numpy as np
 from kreisel._version import __version__
 from kreisel.calibration.device_axes import AXES
 from kreisel.errors import SettingsError
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import EFFECTS, follows_temperature
+from kreisel.inertial.effect_formulas import ArrayLanguage, AxisLanguage, of_arrays, of_axis
+from kreisel.inertial.effects import EFFECTS, Factor, follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LONGEST_GAP
 
@@ -27,33 +29,63 @@ _RESERVED = frozenset({
 
 @dataclass(frozen=True)
 class Language:
-    """What differs between languages.
-
-    Attributes
-    ----------
-    template
-        Name of the template.
-    real
-        Returns a number as the language writes it.
-    absolute
-        Returns the absolute value of an expression.
-    """
+    """What differs between languages: the name of the template, and how sums are written axis by axis."""
 
     template: str
-    real: Callable[[float], str]
-    absolute: Callable[[str], str]
+    axis: AxisLanguage
 
 
 def _plain(x: float) -> str:
     return repr(float(x))
 
 
-C = Language("imu.h", lambda x: f"(real){_plain(x)}", lambda x: f"({x} < 0 ? -{x} : {x})")
-RUST = Language("imu.rs", _plain, lambda x: f"(if {x} < 0.0 {{ -{x} }} else {{ {x} }})")
-MATLAB = Language("imu.m", _plain, lambda x: f"abs({x})")
+def _factor(factor: Factor, own: str, axis: int, absolute: Callable[[str], str]) -> str:
+    """Return a factor over arrays w, a, da, dda and `temperature_difference`."""
+    return {
+        Factor.READING: f"{own}[{axis}]",
+        Factor.MAGNITUDE: absolute(f"{own}[{axis}]"),
+        Factor.FORCE: f"a[{axis}]",
+        Factor.SLOPE: f"da[{axis}]",
+        Factor.CURVATURE: f"(-dda[{axis}])",
+        Factor.TEMPERATURE: "temperature_difference",
+    }[factor]
 
 
-def export_c(wanted: Wanted) -> Exported:
+C = Language(
+    "imu.h",
+    AxisLanguage(partial(_factor, absolute=lambda x: f"({x} < 0 ? -{x} : {x})"), lambda x: f"(real){_plain(x)}"),
+)
+RUST = Language(
+    "imu.rs", AxisLanguage(partial(_factor, absolute=lambda x: f"(if {x} < 0.0 {{ -{x} }} else {{ {x} }})"), _plain)
+)
+
+
+def _matrix(values: Array) -> str:
+    return f"[{'; '.join(', '.join(map(_plain, row)) for row in np.atleast_2d(values).tolist())}]"
+
+
+MATLAB = ArrayLanguage(
+    factors=lambda factor, own: {
+        Factor.READING: own,
+        Factor.MAGNITUDE: f"abs({own})",
+        Factor.FORCE: "a",
+        Factor.SLOPE: "slope(a)",
+        Factor.CURVATURE: "(-curvature(a))",
+        Factor.TEMPERATURE: "temperature_difference",
+    }[factor],
+    product=" .* ".join,
+    power=lambda text, n: f"{text} .^ {n}",
+    by_matrix=lambda text, matrix: f"({text}) * {matrix}'",
+    array=_matrix,
+    number=_plain,
+)
+
+
+_IN_MATLAB = Language("imu.m", C.axis)
+"""Its template uses sums over whole arrays."""
+
+
+def export_c(request: ExportRequest) -> Exported:
     """Return a header for C99 and C++, in double or single precision.
 
     Raises
@@ -61,24 +93,24 @@ def export_c(wanted: Wanted) -> Exported:
     SettingsError
         For a name that cannot be one, or the printed form of the size effect.
     """
-    return _exported(wanted, C)
+    return _exported(request, C)
 
 
-def export_rust(wanted: Wanted) -> Exported:
+def export_rust(request: ExportRequest) -> Exported:
     """Return a module for Rust, without std; errors as for `export_c`."""
-    return _exported(wanted, RUST)
+    return _exported(request, RUST)
 
 
-def export_matlab(wanted: Wanted) -> Exported:
+def export_matlab(request: ExportRequest) -> Exported:
     """Return a function for MATLAB and Octave; errors as for `export_c`. Its file must have the function's name."""
-    done = _exported(wanted, MATLAB)
-    return Exported(done.files, done.held, notes=(f"save it as {wanted.name}.m",))
+    done = _exported(request, _IN_MATLAB)
+    return Exported(done.files, done.held, notes=(f"save it as {request.name}.m",))
 
 
-def _exported(wanted: Wanted, language: Language) -> Exported:
+def _exported(request: ExportRequest, language: Language) -> Exported:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    name, calibration = wanted.name, wanted.calibration
+    name, calibration = request.name, request.calibration
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name) or name in _RESERVED:
         raise SettingsError(
             f"--name {name}: expected a name of small letters, digits and underscores, such as imu_left"
@@ -90,23 +122,23 @@ def _exported(wanted: Wanted, language: Language) -> Exported:
     environment = Environment(
         loader=PackageLoader("kreisel.exchange"), undefined=StrictUndefined, keep_trailing_newline=True
     )
-    context = _context(wanted, language)
+    context = _context(request, language)
     return Exported({"": environment.get_template(language.template).render(context)}, calibration.sensors)
 
 
-def _context(wanted: Wanted, language: Language) -> dict[str, Any]:
-    calibration = wanted.calibration
-    p, facts, real = calibration.sensors, calibration.recording, language.real
+def _context(request: ExportRequest, language: Language) -> dict[str, Any]:
+    calibration = request.calibration
+    p, facts, real = calibration.sensors, calibration.recording, language.axis.number
     temperature = 0.0 if facts is None or facts.temperature_c is None else facts.temperature_c
-    rate = wanted.rate_hz or (facts.imu_rate_hz if facts is not None else 0.0)
-    gyro, accel = _terms(p, language, "gyroscope"), _terms(p, language, "accelerometer")
+    rate = request.rate_hz or (facts.imu_rate_hz if facts is not None else 0.0)
+    gyro, accel = _terms(p, language.axis, "gyroscope"), _terms(p, language.axis, "accelerometer")
     return {
-        "name": wanted.name,
-        "NAME": wanted.name.upper(),
+        "name": request.name,
+        "NAME": request.name.upper(),
         "device": _one_line("IMU" if facts is None else facts.title),
         "version": __version__,
         "axes": f"{calibration.axes}, {AXES[calibration.axes]}",
-        "notes": [_one_line(note) for note in _notes(wanted)],
+        "notes": [_one_line(note) for note in _notes(request)],
         "real": real,
         "temperature": temperature,
         "temperature_c": temperature,
@@ -122,8 +154,8 @@ def _context(wanted: Wanted, language: Language) -> dict[str, Any]:
     }
 
 
-def _notes(wanted: Wanted) -> list[str]:
-    facts, lost = wanted.calibration.recording, wanted.calibration.verdict.unobservable
+def _notes(request: ExportRequest) -> list[str]:
+    facts, lost = request.calibration.recording, request.calibration.verdict.unobservable
     notes = [] if facts is None or facts.digest is None else [f"Data: SHA-256 {facts.digest}."]
     return notes + ([f"Not observable, do not rely on: {', '.join(lost)}."] if lost else [])
 
@@ -138,79 +170,38 @@ def _products(K: Array, real: Callable[[float], str]) -> list[str]:
     return [" + ".join(f"{real(value)} * x[{j}]" for j, value in enumerate(row)) for row in K.tolist()]
 
 
-def _terms(p: SensorParameters, language: Language, sensor: str) -> list[str]:
-    """Return for each axis the sum of raw reading, effects and offset.
-
-    Over arrays w, a, da, dda and `temperature_difference`.
-    """
+def _terms(p: SensorParameters, language: AxisLanguage, sensor: str) -> list[str]:
+    """Return for each axis the sum of raw reading, effects and offset."""
     own, offset = ("w", p.k_w[0]) if sensor == "gyroscope" else ("a", p.k_a[0])
-    sums = [[f"{own}[{j}]"] for j in range(3)]
-    for group, value in p.effects.items():
-        flat = np.asarray(value, dtype=float).ravel()
-        if EFFECTS[group].sensor != sensor or not np.any(flat):
-            continue
-        for j in range(3):
-            sums[j] += _effect(group, flat, j, own, language)
-    for j in range(3):
-        sums[j].append(language.real(float(offset[j])))
-    return [" + ".join(one) for one in sums]
-
-
-def _effect(group: str, value: Array, j: int, own: str, language: Language) -> list[str]:
-    """Return what an effect adds to the reading of axis j; see `inertial.effects`."""
-    real, kind = language.real, group.split("_", 1)[1]
-    x = f"{own}[{j}]"
-    if kind == "polynomial":
-        return [f"{real(c)} * {' * '.join([x] * (i + 2))}" for i, c in enumerate(value.reshape(-1, 3)[:, j])]
-    if kind == "g_sensitivity":
-        return [f"{real(c)} * a[{k}]" for k, c in enumerate(value.reshape(3, 3)[j])]
-    if kind == "g_squared":
-        return [f"{real(c)} * a[{k}] * a[{k}]" for k, c in enumerate(value.reshape(3, 3)[j])]
-    one = {
-        "asymmetry": lambda: f"{real(value[j])} * {language.absolute(x)}",
-        "temperature": lambda: f"{real(value[j])} * temperature_difference",
-        "scale_temperature": lambda: f"{real(value[j])} * {x} * temperature_difference",
-        "delay": lambda: f"{real(value[0])} * da[{j}]",
-        "smoothing": lambda: f"{real(-value[0])} * dda[{j}]",
-    }
-    if kind not in one:
-        raise SettingsError(f"{group} is a part of the noise, and not of a calibration")
-    return [one[kind]()]
+    groups = _effects_of(p, sensor)
+    return [
+        " + ".join([
+            f"{own}[{j}]",
+            *(term for group, value in groups.items() for term in of_axis(group, value, j, own, language)),
+            language.number(float(offset[j])),
+        ])
+        for j in range(3)
+    ]  # fmt: skip
 
 
 def _matlab(p: SensorParameters) -> dict[str, str]:
     """Return matrices and sums over whole columns, as MATLAB writes them."""
-
-    def matrix(values: Array) -> str:
-        return "; ".join(", ".join(map(_plain, row)) for row in values.tolist())
-
-    sums = {"gyroscope": ["w", f"[{matrix(p.k_w[:1])}]"], "accelerometer": ["a", f"[{matrix(p.k_a[:1])}]"]}
-    for group, value in p.effects.items():
-        flat = np.asarray(value, dtype=float).ravel()
-        if np.any(flat):
-            sensor = EFFECTS[group].sensor
-            own = "w" if sensor == "gyroscope" else "a"
-            sums[sensor] += _matlab_effect(group.split("_", 1)[1], flat, own, matrix)
+    sums = {
+        sensor: " + ".join([
+            own, _matrix(offset),
+            *(term for group, value in _effects_of(p, sensor).items() for term in of_arrays(group, value, own, MATLAB)),
+        ])
+        for sensor, own, offset in (("gyroscope", "w", p.k_w[0]), ("accelerometer", "a", p.k_a[0]))
+    }  # fmt: skip
     return {
-        "K_omega": matrix(p.K_omega),
-        "K_a": matrix(p.K_a),
-        "places": matrix(p.lever_arms),
-        "gyro": " + ".join(sums["gyroscope"]),
-        "accel": " + ".join(sums["accelerometer"]),
+        "K_omega": _matrix(p.K_omega)[1:-1],
+        "K_a": _matrix(p.K_a)[1:-1],
+        "places": _matrix(p.lever_arms)[1:-1],
+        "gyro": sums["gyroscope"],
+        "accel": sums["accelerometer"],
     }
 
 
-def _matlab_effect(kind: str, value: Array, own: str, matrix: Callable[[Array], str]) -> list[str]:
-    if kind == "polynomial":
-        return [f"[{matrix(row[None])}] .* {own} .^ {i + 2}" for i, row in enumerate(value.reshape(-1, 3))]
-    if kind in ("g_sensitivity", "g_squared"):
-        power = " .^ 2" if kind == "g_squared" else ""
-        return [f"(a{power}) * [{matrix(value.reshape(3, 3))}]'"]
-    row = f"[{matrix(value[None])}]"
-    return [{
-        "asymmetry": f"{row} .* abs({own})",
-        "temperature": f"temperature_difference * {row}",
-        "scale_temperature": f"{row} .* {own} .* temperature_difference",
-        "delay": f"{_plain(value[0])} * slope(a)",
-        "smoothing": f"{_plain(-value[0])} * curvature(a)",
-    }[kind]]  # fmt: skip
+def _effects_of(p: SensorParameters, sensor: str) -> dict[str, Array]:
+    """Return the effects of a sensor that are not zero."""
+    return {g: value for g, value in p.effects.items() if EFFECTS[g].sensor == sensor and np.any(value)}

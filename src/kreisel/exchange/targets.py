@@ -9,7 +9,7 @@ from pathlib import Path
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.exchange import autopilots, kalibr, number_files, openvins, source_code
-from kreisel.exchange.exported import Exported, Wanted
+from kreisel.exchange.exported import Exported, ExportRequest
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Target:
 
     what: str
     suffix: str
-    export: Callable[[Wanted], Exported]
+    export: Callable[[ExportRequest], Exported]
     noise: bool = False
 
 

@@ -15,7 +15,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 
 MIN_INFLATION, MAX_INFLATION = 0.3, 10.0
-"""Least and largest factor between the start deviations of a further run and those of the result before it.
+"""Minimum and maximum factor between the start deviations of a further run and those of the result before it.
 
 The factor is chosen so that the model is linear over the start deviations. In a curved model the estimates must hardly
 move during the run. Otherwise the model is linearised at different points, and parameters that are not observable seem

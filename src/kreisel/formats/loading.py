@@ -78,7 +78,7 @@ def mapped_recording(
     Raises
     ------
     UnknownColumnsError
-        If nobody says which columns hold what.
+        If the columns are not assigned.
     """
     if isinstance(columns, Mapping):
         given: list[str] | dict[str, str] = dict(columns)

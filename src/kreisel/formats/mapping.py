@@ -23,7 +23,7 @@ from kreisel.recording.recording_settings import ColumnsTable
 
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
 _RANGE = re.compile(r"^#(\d+)\s*-\s*#?(\d+)$")
-_MOST = 1000
+_MAX = 1000
 _HERTZ = re.compile(r"^([0-9.eE+]+)\s*Hz$")
 
 
@@ -71,8 +71,8 @@ def parse_terms(text: str, quantity: str) -> tuple[Term, ...]:
         if not name or name.startswith(("+", "-")):
             raise SettingsError(f"'{text}': a column has no name, or two signs; name columns, divided by commas")
         between = _RANGE.match(name)
-        if between and not 0 <= int(between[2]) - int(between[1]) < _MOST:
-            raise SettingsError(f"'{text}': {name} is no range of up to {_MOST} columns, from the first to the last")
+        if between and not 0 <= int(between[2]) - int(between[1]) < _MAX:
+            raise SettingsError(f"'{text}': {name} is no range of up to {_MAX} columns, from the first to the last")
         names = [f"#{k}" for k in range(int(between[1]), int(between[2]) + 1)] if between else [name]
         terms += [Term(one, sign, unit) for one in names]
     stated = {term.unit for term in terms if term.unit is not None}

@@ -22,7 +22,7 @@ from kreisel.synchronization.rate_fit import fit_linear_rates
 _IMU_STEP, _POSE_STEP = 0.01, 0.03
 """Seconds; more densely nothing more is learned of a mapping."""
 
-_MOST_SAMPLES, _MOST_POSES = 40_000, 15_000
+_MAX_SAMPLES, _MAX_POSES = 40_000, 15_000
 _LONG = 300.0
 """Seconds of poses that are compared."""
 
@@ -74,7 +74,7 @@ def thinned_imu(sheet: Sheet, time: str, rate: tuple[int, ...], force: tuple[int
         return None
     stamps, values = found
     step = float(np.median(np.diff(stamps))) * 1e-9
-    size = max(1, int(_IMU_STEP / step), -(-stamps.size // _MOST_SAMPLES))
+    size = max(1, int(_IMU_STEP / step), -(-stamps.size // _MAX_SAMPLES))
     n = stamps.size // size * size
     mean = values[:n].reshape(-1, size, 6).mean(axis=1)
     middle = stamps[:n].reshape(-1, size)
@@ -97,7 +97,7 @@ def thinned_poses(
     if stamps.size < 20:
         return None
     step = float(np.median(np.diff(stamps))) * 1e-9
-    some = slice(None, None, max(1, int(_POSE_STEP / step), -(-stamps.size // _MOST_POSES)))
+    some = slice(None, None, max(1, int(_POSE_STEP / step), -(-stamps.size // _MAX_POSES)))
     stamps, values = stamps[some], values[some]
     width = 0 if orientation is None else orientation[1].shape[1]
     q = None

@@ -50,7 +50,7 @@ _FOLLOWS = 0.3
 _FASTEST_TURN = 60.0
 """rad/s; larger numbers are no rates in rad/s."""
 
-_MOST_TRIES = 40
+_MAX_TRIES = 40
 _RATE_UNITS = ("rad/s", "deg/s", "mdps")
 
 
@@ -81,7 +81,7 @@ def unknown_columns(path: Path, progress: Progress | None = None) -> UnknownColu
         text = proposal(path, progress)
     except RecordingError as error:
         return UnknownColumnsError(
-            f"which columns hold what is not said, and the data suggest no mapping ({error.message}); write [columns] "
+            f"the columns are not assigned, and the data suggest no mapping ({error.message}); write [columns] "
             "into recording.toml, or give --map",
             "",
             file=path,
@@ -200,12 +200,12 @@ class _Work:
         """Return the comparisons of pairs, not too many."""
         out = []
         for device, attitude in pairs:
-            if self._done >= _MOST_TRIES:
+            if self._done >= _MAX_TRIES:
                 break
             found = self._compared(device, attitude)
             self._done += 1.0 if found.fit.explained > 0.3 or found.fit.explained < 0.0 else 0.2
             if self._progress is not None:
-                self._progress("compare motion", min(self._done / _MOST_TRIES, 1.0))
+                self._progress("compare motion", min(self._done / _MAX_TRIES, 1.0))
             out.append(found)
         return out
 

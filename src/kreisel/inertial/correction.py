@@ -84,7 +84,7 @@ class Correction:
     Notes
     -----
     A sample is returned when the three after it have come; the first ones of a run, when seven have. Nothing is
-    returned until `slopes.USUAL` intervals have told the usual one.
+    returned until `slopes.USUAL` intervals have shown the usual one.
     """
 
     def __init__(self, sensors: SensorParameters, form: SizeEffect) -> None:

@@ -1,14 +1,15 @@
 """Effects of sensors beyond offset and matrix: what each adds to the raw readings, as a function of them.
 
 An effect is linear in its parameters. What it adds to the reading of an axis is the sum of features of the raw readings
-times those of its parameters that `places` names. The filter estimates the parameters by the same description; nothing
-else in the program has to know an effect.
+times those of its parameters that `places` names. The filter estimates the parameters by the same description, and
+`effect_formulas` writes it in other languages; nothing else in the program has to know an effect.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from typing import Literal
 
@@ -51,80 +52,118 @@ class RawReadings:
         return self.second_derivative(self.accelerations)
 
 
+class Factor(Enum):
+    """A quantity by which an effect multiplies a parameter; those of `scalar` are common to the axes."""
+
+    READING = "the sensor's own reading"
+    MAGNITUDE = "absolute value of the sensor's own reading"
+    FORCE = "reading of the accelerometers"
+    SLOPE = "derivative of the accelerometers' readings"
+    CURVATURE = "negative second derivative of the accelerometers' readings"
+    TEMPERATURE = "temperature difference"
+
+    @property
+    def scalar(self) -> bool:
+        """Whether it is one number for all axes."""
+        return self is Factor.TEMPERATURE
+
+    def of(self, raw: RawReadings, own: Array) -> Array:
+        """Return its values (3, n), or (1, n) where it is common to the axes; `own`: readings (n, 3) of the sensor."""
+        values: dict[Factor, Callable[[], Array]] = {
+            Factor.READING: lambda: own.T,
+            Factor.MAGNITUDE: lambda: np.abs(own.T),
+            Factor.FORCE: lambda: raw.accelerations.T,
+            Factor.SLOPE: lambda: raw.accel_slopes.T,
+            Factor.CURVATURE: lambda: -raw.accel_curvatures.T,
+            Factor.TEMPERATURE: lambda: raw.temperature_difference[None],
+        }
+        return values[self]()
+
+
+class Arrangement(Enum):
+    """How the parameters of an effect belong to the axes."""
+
+    EACH_AXIS = "one for each axis"
+    ALL_AXES = "one for all axes"
+    MATRIX = "a matrix, row by row"
+
+
 @dataclass(frozen=True)
 class SensorEffect:
-    """One effect.
+    """One effect: a sum of parameters times a product of factors.
 
     Attributes
     ----------
     sensor
         Whose readings it changes.
-    features
-        Returns the features (E, n) of raw readings, for so many parameters.
-    places
-        Returns, for so many parameters, which of them each feature is multiplied by in each axis, -1 for none, (E, 3).
+    factors
+        What each parameter is multiplied by; a factor that occurs twice is squared. None: the parameter is added as it
+        is.
+    arrangement
+        Of the parameters among the axes.
+    powers
+        Whether three parameters follow for each further power of the reading, from the second on.
     """
 
     sensor: Literal["gyroscope", "accelerometer"]
-    features: Callable[[RawReadings, int], Array]
-    places: Callable[[int], Indices]
+    factors: tuple[Factor, ...] = ()
+    arrangement: Arrangement = Arrangement.EACH_AXIS
+    powers: bool = False
+
+    def products(self, count: int) -> list[tuple[Factor, ...]]:
+        """Return the products of factors that so many parameters are multiplied by, three or nine of them each."""
+        if not self.powers:
+            return [self.factors]
+        return [self.factors * (2 + i) for i in range(count // 3)]
+
+    @property
+    def scalar(self) -> bool:
+        """Whether its features are the same for all axes."""
+        return all(factor.scalar for factor in self.factors)
+
+    def features(self, raw: RawReadings, count: int) -> Array:
+        """Return what the parameters are multiplied by, (E, n), for so many parameters."""
+        own = raw.rates if self.sensor == "gyroscope" else raw.accelerations
+        return np.concatenate([_product(factors, raw, own) for factors in self.products(count)])
+
+    def places(self, count: int) -> Indices:
+        """Return which of so many parameters each feature is multiplied by in each axis, -1 for none, (E, 3)."""
+        if self.arrangement is Arrangement.MATRIX:
+            return np.arange(count).reshape(3, 3).T
+        if self.arrangement is Arrangement.ALL_AXES:
+            return np.where(np.eye(3, dtype=bool), 0, -1)
+        if self.scalar:
+            return np.arange(count).reshape(1, 3)
+        out = np.full((count, 3), -1)
+        out[np.arange(count), np.arange(count) % 3] = np.arange(count)
+        return out
 
 
-def _of_each_axis(count: int) -> Indices:
-    """Return the places of features of one axis each, with parameters of their own: power by power, axis by axis."""
-    out = np.full((count, 3), -1)
-    out[np.arange(count), np.arange(count) % 3] = np.arange(count)
+def _product(factors: tuple[Factor, ...], raw: RawReadings, own: Array) -> Array:
+    """Return a product of factors, (3, n) or (1, n)."""
+    out = np.ones((1, raw.stamps.size))
+    for i, factor in enumerate(dict.fromkeys(factors)):
+        count = factors.count(factor)
+        values = factor.of(raw, own) if count == 1 else factor.of(raw, own) ** count
+        out = values if i == 0 else out * values
     return out
 
 
-def _common(_count: int) -> Indices:
-    """Return the places of three features, one for each axis, with a parameter that is common to all."""
-    return np.where(np.eye(3, dtype=bool), 0, -1)
-
-
-def _offset(count: int) -> Indices:
-    """Return the places of one feature that enters each axis with a parameter of its own."""
-    return np.arange(count).reshape(1, 3)
-
-
-def _matrix(count: int) -> Indices:
-    """Return the places of three features that enter all axes, through a matrix, row by row."""
-    return np.arange(count).reshape(3, 3).T
-
-
-def _powers(values: Array, count: int) -> Array:
-    return np.concatenate([values.T ** (2 + i) for i in range(count // 3)])
-
-
-def _one(raw: RawReadings, _count: int) -> Array:
-    return np.ones((1, raw.stamps.size))
-
-
-def _temperature_difference(raw: RawReadings, _count: int) -> Array:
-    return raw.temperature_difference[None]
-
-
 EFFECTS: dict[str, SensorEffect] = {
-    "gyro_polynomial": SensorEffect("gyroscope", lambda raw, count: _powers(raw.rates, count), _of_each_axis),
-    "gyro_g_sensitivity": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T, _matrix),
-    "gyro_g_squared": SensorEffect("gyroscope", lambda raw, _: raw.accelerations.T**2, _matrix),
-    "gyro_asymmetry": SensorEffect("gyroscope", lambda raw, _: np.abs(raw.rates.T), _of_each_axis),
-    "gyro_temperature": SensorEffect("gyroscope", _temperature_difference, _offset),
-    "gyro_scale_temperature": SensorEffect(
-        "gyroscope", lambda raw, _: raw.rates.T * raw.temperature_difference, _of_each_axis
-    ),
-    "gyro_drift": SensorEffect("gyroscope", _one, _offset),
-    "accel_polynomial": SensorEffect(
-        "accelerometer", lambda raw, count: _powers(raw.accelerations, count), _of_each_axis
-    ),
-    "accel_asymmetry": SensorEffect("accelerometer", lambda raw, _: np.abs(raw.accelerations.T), _of_each_axis),
-    "accel_delay": SensorEffect("accelerometer", lambda raw, _: raw.accel_slopes.T, _common),
-    "accel_smoothing": SensorEffect("accelerometer", lambda raw, _: -raw.accel_curvatures.T, _common),
-    "accel_temperature": SensorEffect("accelerometer", _temperature_difference, _offset),
-    "accel_scale_temperature": SensorEffect(
-        "accelerometer", lambda raw, _: raw.accelerations.T * raw.temperature_difference, _of_each_axis
-    ),
-    "accel_drift": SensorEffect("accelerometer", _one, _offset),
+    "gyro_polynomial": SensorEffect("gyroscope", (Factor.READING,), powers=True),
+    "gyro_g_sensitivity": SensorEffect("gyroscope", (Factor.FORCE,), Arrangement.MATRIX),
+    "gyro_g_squared": SensorEffect("gyroscope", (Factor.FORCE, Factor.FORCE), Arrangement.MATRIX),
+    "gyro_asymmetry": SensorEffect("gyroscope", (Factor.MAGNITUDE,)),
+    "gyro_temperature": SensorEffect("gyroscope", (Factor.TEMPERATURE,)),
+    "gyro_scale_temperature": SensorEffect("gyroscope", (Factor.READING, Factor.TEMPERATURE)),
+    "gyro_gauss_markov": SensorEffect("gyroscope"),
+    "accel_polynomial": SensorEffect("accelerometer", (Factor.READING,), powers=True),
+    "accel_asymmetry": SensorEffect("accelerometer", (Factor.MAGNITUDE,)),
+    "accel_delay": SensorEffect("accelerometer", (Factor.SLOPE,), Arrangement.ALL_AXES),
+    "accel_smoothing": SensorEffect("accelerometer", (Factor.CURVATURE,), Arrangement.ALL_AXES),
+    "accel_temperature": SensorEffect("accelerometer", (Factor.TEMPERATURE,)),
+    "accel_scale_temperature": SensorEffect("accelerometer", (Factor.READING, Factor.TEMPERATURE)),
+    "accel_gauss_markov": SensorEffect("accelerometer"),
 }
 """All effects, by the names of their groups of parameters."""
 

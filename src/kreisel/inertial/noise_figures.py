@@ -175,11 +175,11 @@ def equivalent_walk(bias_instability: float, random_walk: float) -> float:
     return float(np.hypot(bias_instability * np.sqrt(change / _CALIBRATION), random_walk))
 
 
-DRIFT_TIME = 7.7
-"""s: time constant of the Gauss-Markov process of `drift_size`."""
+GAUSS_MARKOV_TIME = 7.7
+"""s: time constant of the Gauss-Markov process of `gauss_markov_size`."""
 
 
-def drift_size(bias_instability: float) -> float:
+def gauss_markov_size(bias_instability: float) -> float:
     """Return the deviation of the Gauss-Markov process that represents flicker noise beside `equivalent_walk`.
 
     Together their Allan deviation is within 20 % of the floor of the flicker noise, 0.664 B, from 3 to 300 s.

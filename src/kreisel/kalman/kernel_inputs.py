@@ -77,7 +77,7 @@ def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Mo
     return filter_arguments.Model(
         parts=layout.table,
         tail=layout.tail(problem.changing).table,
-        drawn=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
+        sampled=np.array([row for row, part in zip(layout.table, layout, strict=True) if part.name not in POSE_GROUPS]),
         weights=np.array([getattr(w, figure) for figure in filter_arguments.WEIGHTS]),
         gyro=rows([*_but_effects(filter_arguments.GYRO), *gyro]),
         accel=rows([*_but_effects(filter_arguments.ACCEL), *accel]),
@@ -114,7 +114,7 @@ def _walks(problem: Problem) -> Array:
     noise = problem.noise
     of_groups = [(group, density, 0.0) for group, density in noise.offset_walk.items() if density > 0.0]
     of_groups += [
-        (group, drift.size * (2.0 / drift.time) ** 0.5, 1.0 / drift.time) for group, drift in noise.drifts.items()
+        (group, drift.size * (2.0 / drift.time) ** 0.5, 1.0 / drift.time) for group, drift in noise.gauss_markov.items()
     ]
     rows = [
         (i, density, rate)

@@ -78,10 +78,10 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     information = I_run - I_begun + I_prior
     fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
     noise = _information_of_noise(problem, run, scale)
-    damped = _at_most(0.5, noise, information)
+    damped = _limited(0.5, noise, information)
     # equation (21)
     step = np.linalg.solve(information - damped, I_prior @ to_prior - (I_begun + damped) @ to_begun)
-    noise = _at_most(0.9, noise, information)
+    noise = _limited(0.9, noise, information)
     P_new = np.linalg.inv(information - noise)
     moved = result_moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
     return replace(moved, fitted=fitted)
@@ -104,7 +104,7 @@ def _information_of_noise(problem: Problem, run: Fit, scale: Array) -> Array:
     return out
 
 
-def _at_most(share: float, part: Array, information: Array) -> Array:
+def _limited(share: float, part: Array, information: Array) -> Array:
     """Return a part of an information matrix, one number on its diagonal, limited to a share of the whole."""
     i = int(np.argmax(np.diag(part)))
     most = share / float(np.linalg.inv(information)[i, i])

@@ -75,7 +75,7 @@ class ColouredNoise:
 
 
 @dataclass(frozen=True)
-class Drift:
+class GaussMarkov:
     """A passing change of offsets, a Gauss-Markov process: its deviation, SI, and its time constant, s."""
 
     size: float
@@ -96,7 +96,7 @@ class AssumedNoise:
         Least and largest noise density of the gyros, and of the accelerometers, to which the data may change them.
     offset_walk
         Density of the random walk of each group of offsets.
-    drifts
+    gauss_markov
         Passing changes of the offsets beside it, by the groups that stand for them.
     rate_scatter
         Standard deviation of the noise in a single reading of a gyro, rad/s.
@@ -123,7 +123,7 @@ class AssumedNoise:
     min_reference: tuple[float, float]
     imu_bounds: tuple[tuple[float, float], tuple[float, float]]
     offset_walk: dict[str, float]
-    drifts: Mapping[str, Drift] = field(default_factory=dict)
+    gauss_markov: Mapping[str, GaussMarkov] = field(default_factory=dict)
     rate_scatter: float = 0.0
     observed: Array = field(default_factory=lambda: np.full((2, 3), np.inf))
     misstated: Mapping[str, float] = field(default_factory=dict)

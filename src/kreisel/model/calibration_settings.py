@@ -50,7 +50,7 @@ class CalibrationSettings:
         in SI and in the shape they have in the result file: (3, 3) for cross couplings and lever arms, (3,) for
         offsets, (order - 1, 3) for polynomials, a number for `gravity` (its magnitude), `time_offset`, `time_skew` and
         single parameters. What has no value, or None, is held at its start value.
-    held_at
+    fixed_values
         Values of groups in `fixed`, as flat tuples.
     priors
         What is known of single parameters: name, value and standard deviation; single parameters that are fixed have
@@ -92,7 +92,7 @@ class CalibrationSettings:
     only: str | None
     use: str | None
     partial: bool
-    held_at: tuple[tuple[str, tuple[float, ...]], ...]
+    fixed_values: tuple[tuple[str, tuple[float, ...]], ...]
     priors: tuple[Known, ...]
 
     def __init__(
@@ -109,7 +109,7 @@ class CalibrationSettings:
         only: str | None = None,
         use: str | None = None,
         partial: bool = False,
-        held_at: Sequence[tuple[str, Sequence[float]]] = (),
+        fixed_values: Sequence[tuple[str, Sequence[float]]] = (),
         priors: Mapping[str, Any] | tuple[Known, ...] = (),
     ) -> None:
         _check_choices(estimator, sigma_points, size_effect, only, use)
@@ -120,13 +120,13 @@ class CalibrationSettings:
         of = dict.fromkeys(place_of(name, polynomial_order)[0] for name in known)
         if twice := [group for group in of if group in groups]:
             raise SettingsError(f"{twice[0]} is fixed; a prior or a value for a part of it contradicts that")
-        values = {name: shaped(name, value, polynomial_order) for name, value in held_at}
+        values = {name: shaped(name, value, polynomial_order) for name, value in fixed_values}
         values |= {name: value for name, value in groups.items() if value is not None}
         names = _names(groups if isinstance(fixed, Iterable) else fixed, "fixed", "group", GROUPS)
         wanted = (estimated,) if isinstance(estimated, str) else estimated
         if isinstance(wanted, Iterable):
             wanted = (*wanted, *(group for group in of if group in BY_CHOICE))
-        held = {name: held_value(name, values[name], polynomial_order) for name in names if name in values}
+        held = {name: fixed_value(name, values[name], polynomial_order) for name in names if name in values}
         vars(self).update(
             estimator=estimator,
             sigma_points=sigma_points,
@@ -140,7 +140,7 @@ class CalibrationSettings:
             only=only,
             use=use,
             partial=partial,
-            held_at=tuple((name, tuple(value.tolist())) for name, value in held.items()),
+            fixed_values=tuple((name, tuple(value.tolist())) for name, value in held.items()),
             priors=tuple(known.values()),
         )
 
@@ -160,7 +160,7 @@ class CalibrationSettings:
         if not fixed and not prior:
             return self
         own = {name for name, _, _ in self.priors} | set(self.fixed)
-        groups = {g: shaped(g, value, self.polynomial_order) for g, value in self.held_at}
+        groups = {g: shaped(g, value, self.polynomial_order) for g, value in self.fixed_values}
         stated = {n: parse_value(text, f"recording.toml: fixed.{n}") for n, text in fixed.items() if n not in own}
         known = {n: parse_prior(text, f"recording.toml: prior.{n}") for n, text in prior.items() if n not in own}
         try:
@@ -178,7 +178,7 @@ class CalibrationSettings:
 
     def value_of(self, group: str) -> Array | None:
         """Return the value a group is held at, as a flat array; None where none was given."""
-        value = dict(self.held_at).get(group)
+        value = dict(self.fixed_values).get(group)
         return None if value is None else np.array(value)
 
 
@@ -239,7 +239,7 @@ def shaped(group: str, value: Sequence[float], order: int) -> Array:
     return flat.reshape(shape) if flat.size == math.prod(shape) else flat
 
 
-def held_value(group: str, value: object, order: int) -> Array:
+def fixed_value(group: str, value: object, order: int) -> Array:
     """Return a value that a group is to be held at as it is stored, flat.
 
     Parameters

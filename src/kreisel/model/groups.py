@@ -168,8 +168,8 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         known_before=True, by_choice=True, shape=lambda _: (3,),
     ),
     ParameterGroup(
-        "gyro_drift", "bias instability of the gyros: what passes within seconds", "d<sub>ω</sub>",
-        "gyroscope", "gyroscope.drift", _axes, "deg/h", DEG_PER_HOUR, known_before=True, passing=True,
+        "gyro_gauss_markov", "bias instability of the gyros: what passes within seconds", "d<sub>ω</sub>",
+        "gyroscope", "gyroscope.gauss_markov", _axes, "deg/h", DEG_PER_HOUR, known_before=True, passing=True,
     ),
     ParameterGroup(
         "accel_cross_coupling", "K_a: scale, misalignment and mounting of the accelerometers", "K<sub>a</sub>",
@@ -211,8 +211,8 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         known_before=True, by_choice=True, shape=lambda _: (3,),
     ),
     ParameterGroup(
-        "accel_drift", "bias instability of the accelerometers: what passes within seconds", "d<sub>a</sub>",
-        "accelerometer", "accelerometer.drift", _axes, "mg", MG, known_before=True, passing=True,
+        "accel_gauss_markov", "bias instability of the accelerometers: what passes within seconds", "d<sub>a</sub>",
+        "accelerometer", "accelerometer.gauss_markov", _axes, "mg", MG, known_before=True, passing=True,
     ),
     ParameterGroup(
         "lever_arms", "r_j: positions of the accelerometers in b, m", "r",

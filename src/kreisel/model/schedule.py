@@ -9,7 +9,7 @@ from kreisel.model.standstill import ImuStillness, Standstill
 from kreisel.synchronization.clock import Clock
 
 MIN_UPDATES = 20
-"""Least number of updates for an estimate."""
+"""Minimum number of updates for an estimate."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ Known = tuple[str, float | None, float]
 _JOINTS = 9
 """Joints of an arm whose parameters can be named."""
 
-_LEAST = 1e-12
+_MIN = 1e-12
 _PAIR = re.compile(r"^(?P<value>.*\S)\s*(?:\+-|±|\+/-)\s*(?P<sd>\S.*)$", re.S)
 
 
@@ -203,8 +203,8 @@ def _spread(
 
 def _checked(name: str, value: float | None, deviation: float, order: int, table: str) -> Known:
     group = group_named(place_of(name, order)[0])
-    if deviation != 0.0 and not (math.isfinite(deviation) and deviation >= _LEAST):
-        raise SettingsError(f"{table}['{name}']: standard deviation {deviation!r}; expected {_LEAST:g} or more, in SI")
+    if deviation != 0.0 and not (math.isfinite(deviation) and deviation >= _MIN):
+        raise SettingsError(f"{table}['{name}']: standard deviation {deviation!r}; expected {_MIN:g} or more, in SI")
     if value is None:
         return name, None, deviation
     low, high = group.limits

@@ -88,7 +88,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
     return AccelerationFit(
         K_a=x[:9].reshape(3, 3),
         K_a_sd=sd[:9].reshape(3, 3),
-        scale=(_least_scale(regressor, reference, weight, gravity), high),
+        scale=(_min_scale(regressor, reference, weight, gravity), high),
         explained=fit.explained,
         agreement=agreement,
         size=amplitude,
@@ -127,7 +127,7 @@ def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
     return _Homogeneous(x, deviation, left, explained, variance**0.5)
 
 
-def _least_scale(regressor: Array, reference: Array, weight: Array, gravity: float) -> float:
+def _min_scale(regressor: Array, reference: Array, weight: Array, gravity: float) -> float:
     """Return gravity in the positions' unit over true gravity, fitted to the positions."""
     root = np.sqrt(weight)[:, None, None]
     A = (np.concatenate([regressor, np.broadcast_to(np.eye(3), (len(reference), 3, 3))], axis=2) * root).reshape(-1, 18)

@@ -11,8 +11,8 @@ from kreisel.errors import SettingsError, SynchronizationError
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import OF_TEMPERATURE
-from kreisel.inertial.noise_figures import DRIFT_TIME
-from kreisel.model.assumed_noise import AssumedNoise, Drift, PoseError
+from kreisel.inertial.noise_figures import GAUSS_MARKOV_TIME
+from kreisel.model.assumed_noise import AssumedNoise, GaussMarkov, PoseError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.model.parameters import GROUPS, PASSING_GROUPS, ROBOT_GROUPS, CellParameters
@@ -23,8 +23,8 @@ from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.robot_errors import ANGLE_SD, LENGTH_SD
 from kreisel.preparation.scheduling import schedule_updates
 from kreisel.preparation.start_values import (
-    drift_sizes,
     expected_effects,
+    gauss_markov_sizes,
     likely_effects,
     nominal_parameters,
     starting_point,
@@ -72,7 +72,7 @@ def _frame_sd(preparation: Preparation) -> tuple[float, float]:
 
 def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
     """Return the start values, with the values the user gave for fixed groups."""
-    if not settings.held_at:
+    if not settings.fixed_values:
         return start
     stored = {group: start.stored(group) for group in GROUPS}
     for group in settings.fixed:
@@ -151,7 +151,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
             noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
         ),
         joints=preparation.joints,
-        drifts=tuple(noise.drifts),
+        gauss_markov=tuple(noise.gauss_markov),
     )
     prior = _prior(preparation, settings.polynomial_order, layout, start, start_covariance)
     return Problem(
@@ -190,7 +190,9 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         min_reference=(_MIN_NOISE * reference.position, _MIN_NOISE * reference.orientation),
         imu_bounds=(imu.gyro_bounds, imu.accel_bounds),
         offset_walk={"gyro_offset": imu.gyro_walk, "accel_offset": imu.accel_walk, **_placed(preparation)},
-        drifts={group: Drift(size, DRIFT_TIME) for group, size in drift_sizes(imu).items() if size > 0.0},
+        gauss_markov={
+            group: GaussMarkov(size, GAUSS_MARKOV_TIME) for group, size in gauss_markov_sizes(imu).items() if size > 0.0
+        },
         rate_scatter=imu.gyro_scatter,
         observed=imu.observed,
         misstated=imu.misstated,

@@ -42,12 +42,12 @@ def without_losses(before: Comparison) -> Comparison | None:
         missing = find_lost_samples(imu, found.readings, reference, found.fit)
         if missing is None:
             break
-        if missing.most_within(_BURST) > _MAX_IN_BURST:
+        if missing.max_within(_BURST) > _MAX_IN_BURST:
             return None
         if round_number == 0:
             found = found.with_warning(missing.warning(imu))
         certain &= missing.sure_poses(reference)
-        found = found.of(replace(recording, imu=missing.put_back(imu)))
+        found = found.of(replace(recording, imu=missing.restored(imu)))
     if found is before or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
         return None
     imu = found.recording.imu

@@ -12,11 +12,11 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise_figures import (
-    DRIFT_TIME,
+    GAUSS_MARKOV_TIME,
     GRADES,
     coarse_step,
-    drift_size,
     equivalent_walk,
+    gauss_markov_size,
     high_frequency_density,
     white_density,
 )
@@ -99,8 +99,8 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         gyro_offset_sd=gyro.offset_sd,
         accel_offset_sd=accel.offset_sd,
         gyro_scatter=min(gyro.density or np.inf, _size(shaken["gyro"])) * imu.interval**-0.5,
-        gyro_drift=_drift(imu.rates, gyro),
-        accel_drift=_drift(imu.accelerations, accel),
+        gyro_gauss_markov=_drift(imu.rates, gyro),
+        accel_gauss_markov=_drift(imu.accelerations, accel),
         observed=np.array([observed["gyro"], observed["accel"]]),
         misstated={_SENSORS[name]: ratios[name] for name in misstated},
         doubtful={_SENSORS[name]: ratio for name, ratio in doubtful.items()},
@@ -176,8 +176,8 @@ def _rests(values: Array, density: float, interval: float) -> bool:
 
 def _drift(values: Array, stated: _Stated) -> float:
     """Return the deviation of what passes within seconds: flicker noise, and the error of coarse rounding."""
-    flicker = drift_size(stated.bias_instability)
-    if flicker * (2.0 * DRIFT_TIME) ** 0.5 < _HIDDEN * (stated.density or 0.0):
+    flicker = gauss_markov_size(stated.bias_instability)
+    if flicker * (2.0 * GAUSS_MARKOV_TIME) ** 0.5 < _HIDDEN * (stated.density or 0.0):
         flicker = 0.0
     rounding = max(coarse_step(part) for part in excerpt(values)) / 12.0**0.5
     return math.hypot(flicker, rounding)

@@ -18,7 +18,7 @@ MAX_SENSITIVITY_SD = 0.15
 """Standard deviation of a gyro's sensitivity above which the motion is too poor."""
 
 MIN_SENSITIVITY = 0.02
-"""Least singular value of the gyros' cross-coupling matrix; zero means an axis without rotation."""
+"""Minimum singular value of the gyros' cross-coupling matrix; zero means an axis without rotation."""
 
 LITTLE_ROTATION = 0.1
 """Rotation about one axis, in that about the others, at which noise may hide the sensitivity of a gyro."""
@@ -110,8 +110,8 @@ def _check_turned(reference: ReferencePoses, K_omega: Array) -> None:
     if size[2] < LITTLE_ROTATION * size.max():
         axis = "xyz"[int(np.argmax(np.abs(axes[-1])))]
         raise ExcitationError(
-            f"{reference.source}: the motion is too poor: about the axis of the gyro w_{axis} the body turned by "
-            f"{100 * size[2] / size.max():.1f} % of what it turned about others, which does not show its sensitivity. "
+            f"{reference.source}: the motion is too poor: about the axis of the gyro w_{axis} the body rotated by "
+            f"{100 * size[2] / size.max():.1f} % of what it rotated about others, which does not show its sensitivity. "
             "Turn about all three axes"
         )
 
@@ -190,7 +190,7 @@ def _disorder(preparation: Preparation, F: Array) -> RecordingError:
         )
     else:
         what = (
-            f"the accelerometers' axes are turned by {_angle(F):.0f} deg against the gyros' ({_order(F)}); write the "
+            f"the accelerometers' axes are rotated by {_angle(F):.0f} deg against the gyros' ({_order(F)}); write the "
             "columns of both in the same order, with the same signs"
         )
     return RecordingError(what, file=source, line=1 if is_table(source) else None)

@@ -23,7 +23,7 @@ class ImuNoise:
 
     `gyro_bounds` and `accel_bounds` are the densities between which the data may change it: from the maker's figure
     to well above the readings' own scatter, because some errors grow with the motion. `gyro_scatter` is the noise of
-    a single reading, rad/s. `gyro_drift` and `accel_drift` are deviations of what
+    a single reading, rad/s. `gyro_gauss_markov` and `accel_gauss_markov` are deviations of what
     passes within seconds, `observed` the densities (2, 3) of gyros and accelerometers that the readings show. Of
     the sensors in `misstated` nothing that is stated is used: at rest they are so many times as noisy; those in
     `doubtful` are noisier than stated, too, but less so.
@@ -39,8 +39,8 @@ class ImuNoise:
     gyro_offset_sd: float | None
     accel_offset_sd: float | None
     gyro_scatter: float
-    gyro_drift: float = 0.0
-    accel_drift: float = 0.0
+    gyro_gauss_markov: float = 0.0
+    accel_gauss_markov: float = 0.0
     observed: Array = field(default_factory=lambda: np.full((2, 3), np.inf))
     misstated: Mapping[str, float] = field(default_factory=dict)
     doubtful: Mapping[str, float] = field(default_factory=dict)

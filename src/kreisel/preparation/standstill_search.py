@@ -13,7 +13,7 @@ from kreisel.synchronization.clock import Clock
 from kreisel.validation.stamp_checks import runs
 
 MIN_SECONDS = 0.2
-"""Least duration of a standstill without the margins, s."""
+"""Minimum duration of a standstill without the margins, s."""
 
 MARGIN = 0.15
 """Seconds left out at either end, where the arm still swings and its reported pose still settles."""

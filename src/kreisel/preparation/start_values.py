@@ -40,7 +40,7 @@ _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 _MEMS = 1e-5
 """rad/s/sqrt(Hz): gyros with more noise are micromechanical."""
 
-_UNKNOWN_G_SENSITIVITY, _LEAST_G_SENSITIVITY = 2e-4, 1e-6
+_UNKNOWN_G_SENSITIVITY, _MIN_G_SENSITIVITY = 2e-4, 1e-6
 """rad/s per m/s^2; deviation for gyros without a grade, and least one by grade."""
 
 _LEVER_ARM_SD, _TILT_SD, _CLOCK_SD = 0.2, 0.3, 1.0
@@ -176,13 +176,13 @@ def _deviations_without_fit(preparation: Preparation, order: int) -> dict[str, A
         "earth_down": np.array([EARTH_SD]),
         "gravity": np.array([max(site.gravity_sd, 1e-9)]),
         "gyro_g_sensitivity": np.full(9, _g_sensitivity(preparation)),
-        **{group: np.full(3, size) for group, size in drift_sizes(preparation.imu_noise).items() if size > 0.0},
+        **{group: np.full(3, size) for group, size in gauss_markov_sizes(preparation.imu_noise).items() if size > 0.0},
     }
 
 
-def drift_sizes(noise: ImuNoise) -> dict[str, float]:
+def gauss_markov_sizes(noise: ImuNoise) -> dict[str, float]:
     """Return the deviations of the offsets' passing changes, by their groups."""
-    return {"gyro_drift": noise.gyro_drift, "accel_drift": noise.accel_drift}
+    return {"gyro_gauss_markov": noise.gyro_gauss_markov, "accel_gauss_markov": noise.accel_gauss_markov}
 
 
 def expected_effects(preparation: Preparation) -> tuple[str, ...]:
@@ -204,7 +204,7 @@ def likely_effects(preparation: Preparation) -> tuple[str, ...]:
 def _g_sensitivity(preparation: Preparation) -> float:
     """Return the deviation of the gyros' sensitivity to acceleration, rad/s per m/s^2, by grade."""
     grade = GRADES.get(preparation.recording.settings.imu.grade or "")
-    return _UNKNOWN_G_SENSITIVITY if grade is None else max(grade.g_sensitivity, _LEAST_G_SENSITIVITY)
+    return _UNKNOWN_G_SENSITIVITY if grade is None else max(grade.g_sensitivity, _MIN_G_SENSITIVITY)
 
 
 def _of_robot(preparation: Preparation) -> dict[str, Array]:

@@ -17,7 +17,7 @@ def build_layout(
     standstill_error: bool,
     path_error: tuple[bool, bool] = (False, False),
     joints: int = 0,
-    drifts: tuple[str, ...] = (),
+    gauss_markov: tuple[str, ...] = (),
 ) -> StateLayout:
     """Return the layout: sensor parameters, cell parameters, the robot's errors, errors of the reference, navigation.
 
@@ -33,10 +33,12 @@ def build_layout(
         Whether there is coloured noise in position and in orientation.
     joints
         Of the robot whose errors are estimated; 0 without one.
-    drifts
+    gauss_markov
         Groups of passing changes of offsets.
     """
-    absent = set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated)) | (set(PASSING_GROUPS) - set(drifts))
+    absent = (
+        set(settings.fixed) | (set(BY_CHOICE) - set(settings.estimated)) | (set(PASSING_GROUPS) - set(gauss_markov))
+    )
     if latitude or "north" in absent:
         absent.add("earth_down")
     if not skew:

@@ -14,7 +14,7 @@ from kreisel.recording.recording import ReferencePoses
 _SECONDS, _MIN_TURNS = 0.5, 40
 """s over which rotations are compared, and how many of them there must be."""
 
-_LARGE, _CONE, _MOST = 0.3, np.radians(8.0), 3
+_LARGE, _CONE, _MAX = 0.3, np.radians(8.0), 3
 """Share of the larger rotations that counts, half angle of the rotations about one axis (rad), and number of axes."""
 
 _NEARLY_ALL = 0.9
@@ -39,12 +39,12 @@ def turning_axes(reference: ReferencePoses) -> Array:
     vectors = vectors[angle > _LARGE * np.percentile(angle, 95.0)]
     weight = np.linalg.norm(vectors, axis=1)
     directions, left, axes = vectors / weight[:, None], weight.copy(), []
-    for _ in range(_MOST):
+    for _ in range(_MAX):
         near = np.abs(directions @ directions[int(np.argmax(left))]) > np.cos(_CONE)
         axis = np.linalg.svd(directions[near] * left[near, None])[2][0]
         left[np.abs(directions @ axis) > np.cos(_CONE)] = 0.0
         axes.append(axis)
         if not left.any():
             break
-    independent = len(axes) == _MOST and abs(np.linalg.det(np.array(axes))) > np.sin(_CONE)
+    independent = len(axes) == _MAX and abs(np.linalg.det(np.array(axes))) > np.sin(_CONE)
     return np.array(axes) if independent and left.sum() < (1.0 - _NEARLY_ALL) * weight.sum() else none

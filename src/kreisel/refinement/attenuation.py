@@ -26,7 +26,7 @@ from kreisel.tasks import Executor, sequential
 _NEGLIGIBLE = 0.15
 """Standard deviations; smaller shifts are not worth the passes by which they are computed."""
 
-_MOST = 0.5
+_MAX = 0.5
 """Largest share of the information about a parameter that is taken for false."""
 
 _HOW_WELL = 0.25
@@ -96,8 +96,8 @@ def without_attenuation(problem: Problem, run: Fit, change: Array) -> tuple[Fit,
     F = _false_information(problem, run, pull := -(information @ change + F * change))
     root = np.sqrt(F)
     share = float(np.linalg.eigvalsh(root[:, None] * P * root)[-1])
-    if share > _MOST:
-        F, pull = (_MOST / share * part for part in (F, pull))
+    if share > _MAX:
+        F, pull = (_MAX / share * part for part in (F, pull))
     cleaned = np.linalg.solve(np.eye(n) - P * F, P)  # (I - F)^-1 with I = P^-1
     step = cleaned @ pull
     added = P * F @ cleaned + (cleaned * F) @ cleaned  # (I - F)^-1 - I^-1, and the pull's own variance

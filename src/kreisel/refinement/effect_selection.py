@@ -28,7 +28,7 @@ from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 
 MIN_GAIN = 6.0
-"""Least logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
+"""Minimum logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
 
 USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 1.0, 20.0
 """Odds, before any look at the data, that a device has an effect, one that is common in devices like it, and one that
@@ -263,7 +263,7 @@ def survey(problem: Problem, run: Fit, estimator: Estimator, progress: StepProgr
     groups = candidates(problem)
     if not groups:
         return None
-    # A grade may state that there is hardly such an effect. Here its prior is wide: the data must be seen behind it.
+    # A grade may state that there is hardly such an effect. Here its prior is wide: it must not hide what the data say.
     wide = {g: usual_covariance(g, problem) for g in groups if group_named(g).usual_sd is not None}
     larger = with_groups(problem, groups, {g: P for g, P in wide.items() if len(P)})
     n, before, after = len(problem.parameter_names), problem.layout, larger.layout

@@ -60,18 +60,18 @@ _LASTING, _HARDLY_NOISE = 3.0, 3.0
 """Factors for correlated innovations, and between noise found and given, above which the noise found may stand for
 parameters that walk."""
 
-_LEAST_SHARE = 0.1
+_MIN_SHARE = 0.1
 """Of the change by a pass, for the start of the next one."""
 
 MAX_CORRELATION_TIME = 40.0
 """Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
 
 MIN_LIKELIHOOD_GAIN = 5.0
-"""Least gain of log-likelihood with which coloured noise is assumed."""
+"""Minimum gain of log-likelihood with which coloured noise is assumed."""
 
 
 @dataclass(frozen=True)
-class Given:
+class StatedNoise:
     """Whose noise figures the user gave; they are changed only if the data contradict them."""
 
     reference: bool
@@ -82,7 +82,7 @@ class Given:
 class _Work:
     """What every step needs: whose noise figures were given, the estimator, progress, and how tasks run together."""
 
-    given: Given
+    given: StatedNoise
     estimator: Estimator
     progress: Progress | None
     executor: Executor
@@ -123,7 +123,7 @@ class _Passes:
 
 def estimate(
     problem: Problem,
-    given: Given,
+    given: StatedNoise,
     estimator: Estimator,
     progress: Progress | None = None,
     executor: Executor = sequential,
@@ -189,7 +189,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     estimate = estimate.adding([
         *(replace(one, columns=factor * errors @ one.columns) for one in attenuation),
         scaling("correlated innovations", Source.PATH, run.belief.factor, factor),
-        *(() if last is None else [Contribution("effects that may be there", Source.EFFECTS, last.undecided())]),
+        *(() if last is None else [Contribution("undecided error terms", Source.EFFECTS, last.undecided())]),
     ])  # fmt: skip
     effects = considered(last, found, replace(run, belief=estimate.belief), included)
     return replace(estimate, considered=effects, warnings=(*warnings, *_found(effects, walks), *_wider(contradicted)))
@@ -270,7 +270,7 @@ def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
     return [DataWarning("whiteness", message) for message in messages]
 
 
-def _contradiction(before: Problem, after: Problem, given: Given) -> float:
+def _contradiction(before: Problem, after: Problem, given: StatedNoise) -> float:
     """Return the largest factor between noise finally assumed, on the path and of the IMU, and what the user gave."""
     ratios = [1.0]
     if given.reference:
@@ -379,7 +379,7 @@ def _relaxation(share: float, before: Array, after: Array) -> float:
     if before.size == 0:
         return 1.0
     turned = after - before
-    return float(np.clip(-share * (before @ turned) / max(float(turned @ turned), 1e-300), _LEAST_SHARE, 1.0))
+    return float(np.clip(-share * (before @ turned) / max(float(turned @ turned), 1e-300), _MIN_SHARE, 1.0))
 
 
 def _between(problem: Problem, a: Fit, b: Fit, share: float) -> Fit:

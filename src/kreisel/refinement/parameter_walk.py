@@ -35,20 +35,20 @@ def found_walks(
         return None
     seconds = float(problem.sensor.readings.stamps[problem.schedule.updates[-1].last])
     deviation = run.belief.standard_deviation
-    least_densities = {g: _FIRST * float(np.median(deviation[problem.layout[g]])) * seconds**-0.5 for g in groups}
+    min_densities = {g: _FIRST * float(np.median(deviation[problem.layout[g]])) * seconds**-0.5 for g in groups}
 
     def likelihood(walks: dict[str, float]) -> float:
         own = {g: max(walks.get(g, 0.0), density) for g, density in (problem.noise.offset_walk | walks).items()}
         return bounded_likelihood(estimator.repeat(with_walks(problem, own), run, progress))
 
     base = bounded_likelihood(run)
-    if likelihood(least_densities) < base + least:
+    if likelihood(min_densities) < base + least:
         return None
     walks: dict[str, float] = {}
     gains: dict[str, float] = {}
     best = base
     for group in groups:
-        density = max(least_densities[group], problem.noise.offset_walk.get(group, 0.0))
+        density = max(min_densities[group], problem.noise.offset_walk.get(group, 0.0))
         for _ in range(_MAX_STEPS):
             now = likelihood(walks | {group: density})
             if now < best + (least if group not in walks else 0.0):

@@ -17,7 +17,7 @@ MAX_SCORE = 4.5
 _WIDER = 2.0
 """Deviations of the wider prior that the data then lie from its centre."""
 
-_LEAST_SHARE = 0.02
+_MIN_SHARE = 0.02
 """Share of the information about a parameter that the data must give to be compared with its prior."""
 
 OFFSETS = {"gyro_offset": "gyro", "accel_offset": "accelerometer"}
@@ -42,7 +42,7 @@ def prior_scores(problem: Problem, parameters: CellParameters, deviation: Array,
         return np.asarray(moved / np.sqrt(prior))
     share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
     score = moved / share / np.sqrt(own / share + prior)
-    return np.asarray(np.where(share > _LEAST_SHARE, score, moved / np.sqrt(prior)))
+    return np.asarray(np.where(share > _MIN_SHARE, score, moved / np.sqrt(prior)))
 
 
 def largest_score(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> float:

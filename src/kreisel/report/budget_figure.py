@@ -37,7 +37,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class BudgetPicture:
-    """All bars, the sources that they show, and the table behind them."""
+    """All bars, the sources that they show, and their table."""
 
     bars: tuple[Bar, ...]
     legend: tuple[Segment, ...]

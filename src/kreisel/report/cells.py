@@ -15,7 +15,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 class Row:
     """Cells of a row, the first its title; `weak` where the numbers are not observable or not good.
 
-    `bar` is a share from 0 to 1 drawn behind the last cell.
+    `bar` is a share from 0 to 1 drawn beneath the last cell.
     """
 
     cells: tuple[str, ...]
@@ -58,9 +58,9 @@ def pair(value: float | None, deviation: float | None) -> str:
     return f"{with_minus(f'{value:.{places}f}')} ± {deviation:.{places}f}"
 
 
-def held(value: float | None) -> str:
+def user_fixed(value: float | None) -> str:
     """Return a value that was not estimated."""
-    return NOTHING if value is None or not math.isfinite(value) else f"held at {number(value, 4)}"
+    return NOTHING if value is None or not math.isfinite(value) else f"user-fixed at {number(value, 4)}"
 
 
 def with_minus(text: str) -> str:

@@ -34,7 +34,7 @@ Envelopes = tuple[Envelope, ...]
 
 @dataclass(frozen=True)
 class Spread:
-    """Least and greatest value and rms over the recording, (3,) each."""
+    """Minimum and maximum value and rms over the recording, (3,) each."""
 
     least: Array
     greatest: Array
@@ -436,11 +436,11 @@ def _parts(raw: Array, clean: Array, K: Array, k_0: Array, mount: Array, correct
     parts = {
         "offset": np.broadcast_to(K @ k_0, raw.shape),
         "scale, cross-coupling and mount": raw @ (K - mount).T,
-        "further effects": (clean - raw) @ K.T,
+        "further error terms": (clean - raw) @ K.T,
         "lever arms": corrected - (clean + k_0) @ K.T,
     }
     if not np.any(clean != raw):
-        del parts["further effects"]
+        del parts["further error terms"]
     return parts
 
 

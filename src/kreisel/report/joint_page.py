@@ -8,7 +8,7 @@ from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import JointRecording, Measured
-from kreisel.report.cells import Row, Table, by_group, held, pair
+from kreisel.report.cells import Row, Table, by_group, pair, user_fixed
 from kreisel.report.repeatability_page import figure_of, table_of
 from kreisel.report.result_tables import device_tables
 from kreisel.report.snippet import snippet
@@ -57,7 +57,7 @@ def own_rows(one: JointRecording) -> list[list[str]]:
     out = []
     for title, unit, found, size in rows:
         values = zip((found.value / size).tolist(), (found.deviation / abs(size)).tolist(), strict=True)
-        out.append(["", title, unit, *(pair(v, s) if s > 0.0 else held(v) for v, s in values)])
+        out.append(["", title, unit, *(pair(v, s) if s > 0.0 else user_fixed(v) for v, s in values)])
     timing = one.timing
     out.append(["", "time offset", "ms", pair(timing.offset / MS, (timing.offset_sd or 0.0) / MS), "", ""])
     out[0][0] = one.name

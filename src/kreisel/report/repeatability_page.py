@@ -55,7 +55,7 @@ def cells_of(one: Repeated, runs: Sequence[str]) -> list[str]:
     else:
         largest, run = "-", "-"
     pairs = zip(one.mean.tolist(), (one.mean_sd * one.factor).tolist(), strict=True)
-    mean = [pair(value, sd) if np.isfinite(sd) else "held" for value, sd in pairs]
+    mean = [pair(value, sd) if np.isfinite(sd) else "user-fixed" for value, sd in pairs]
     title = f"{one.title}, {one.unit}{' (may change)' if one.name in MAY_CHANGE else ''}"
     return [title, f"{one.chi_square:.2f}", f"{one.band[0]:.2f} to {one.band[1]:.2f}", largest, run, *mean]
 

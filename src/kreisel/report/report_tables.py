@@ -75,7 +75,7 @@ def excitation_table(excitation: Excitation) -> Table:
             rows.append(Row((f"{title} {axis}", unit, *(number(float(v), 4) for v in values))))
     return Table(
         "Raw readings over the whole recording",
-        ("Axis", "Unit", "rms", "peak", "least", "greatest"),
+        ("Axis", "Unit", "rms", "peak", "minimum", "maximum"),
         tuple(rows),
         2,
     )
@@ -176,8 +176,8 @@ def considered_table(outcome: Outcome) -> Table | None:
         rows.insert(0, Row((name, "SI/√s", density, f"{gain:.1f}", "yes", "")))
     if not rows:
         return None
-    columns = ("Effect", "Unit", "Estimate", "Gain", "Estimated", "Largest shift")
-    return Table("Effects beyond the usual model", columns, tuple(rows), 2, broad=True)
+    columns = ("Error term", "Unit", "Estimate", "Gain", "Estimated", "Largest shift")
+    return Table("Error terms beyond the usual model", columns, tuple(rows), 2, broad=True)
 
 
 def parameter_table(data: ReportData) -> Table:
@@ -258,7 +258,7 @@ def robot_tables(outcome: Outcome) -> tuple[Table, Table] | None:
 def not_estimated(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the groups that were not estimated, each with why."""
     settings = outcome.problem.settings
-    at = dict(settings.held_at)
+    at = dict(settings.fixed_values)
     return [(g, f"fixed by the user{', at the value given' if g in at else ''}") for g in GROUPS if g in settings.fixed]
 
 
@@ -276,8 +276,8 @@ def drift_table(unseen: Unseen) -> Table:
         "rms nominal",
         "rms calibrated",
         "Ratio of rms",
-        "Greatest nominal",
-        "Greatest calibrated",
+        "Maximum nominal",
+        "Maximum calibrated",
     )
     return Table("Drift between updates on unseen data", columns, tuple(rows), 2, broad=True)
 

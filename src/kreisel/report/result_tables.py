@@ -12,7 +12,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Measured, Timing
 from kreisel.model.parameters import parameter_names
-from kreisel.report.cells import Row, Table, held, number, pair
+from kreisel.report.cells import Row, Table, number, pair, user_fixed
 from kreisel.units import DEG, MM, MS, PPM
 
 
@@ -39,7 +39,7 @@ class Support:
     def word(self, groups: Sequence[str], part: slice = slice(None)) -> str:
         """Return whether a quantity that depends on groups, or on a part of one, is observable."""
         for group in (g for g in groups if g in self.fixed):
-            return "no: fixed" if len(groups) == 1 else f"no: {group.split('_')[0]} fixed"
+            return "no: user-fixed" if len(groups) == 1 else f"no: {group.split('_')[0]} user-fixed"
         names = [name for group in groups for name in parameter_names(group, self.order)[part]]
         observable = sum(name not in self.unobservable for name in names)
         if observable == len(names):
@@ -65,7 +65,7 @@ def key_tables(outcome: Outcome) -> list[Table]:
     for j, axis in enumerate("xyz"):
         word = support.word(("lever_arms",), slice(3 * j, 3 * j + 3))
         rows["axes"].append(_key_row(f"Position of accelerometer {axis} in b", "mm", Measured(arms[j], sd[j]), word))
-    word = "yes" if "alignment" in outcome.problem.groups else "no: fixed"
+    word = "yes" if "alignment" in outcome.problem.groups else "no: user-fixed"
     rows["axes"].append(_key_row("Gravity in r", "m/s²", calibration.alignment.gravity, word))
     head = ("Error of the sensor", "Unit")
     return [
@@ -108,22 +108,22 @@ def device_tables(calibration: Calibration) -> list[Table]:
 
 
 def _key_row(title: str, unit: str, found: Measured, word: str) -> Row:
-    bare = word == "no: fixed"  # of several groups one may be estimated
+    bare = word == "no: user-fixed"  # of several groups one may be estimated
     pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
-    cells = [held(v) if bare or s == 0.0 else pair(v, s) for v, s in pairs]
+    cells = [user_fixed(v) if bare or s == 0.0 else pair(v, s) for v, s in pairs]
     return Row((title, unit, *cells, word), weak=word != "yes")
 
 
 def _timing_rows(timing: Timing, support: Support) -> list[Row]:
     word = support.word(("time_offset",))
     size = timing.offset / MS
-    offset = held(size) if word.startswith("no: ") else pair(size, (timing.offset_sd or 0.0) / MS)
+    offset = user_fixed(size) if word.startswith("no: ") else pair(size, (timing.offset_sd or 0.0) / MS)
     rows = [Row(("Time offset of the reference", "ms", offset, word), weak=word != "yes")]
     if timing.skew_sd:
         word = support.word(("time_skew",))
         skew = pair(timing.skew / PPM, timing.skew_sd / PPM)
         rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, word), weak=word != "yes"))
     elif timing.skew:
-        skew, word = held(timing.skew / PPM), "no: fixed"
+        skew, word = user_fixed(timing.skew / PPM), "no: user-fixed"
         rows.append(Row(("Ratio of the clocks, less one", "ppm", skew, word), weak=True))
     return rows

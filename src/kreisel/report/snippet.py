@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import EFFECTS, follows_temperature
+from kreisel.inertial.effect_formulas import ArrayLanguage, of_arrays
+from kreisel.inertial.effects import EFFECTS, Factor, follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 
 
@@ -57,32 +58,32 @@ _DERIVATIVE = (
 )
 """As `inertial.slopes`, for orders 1 and 2."""
 
-_EFFECT_FORMULAS = {
-    "gyro_g_sensitivity": "accelerations @ {matrix}.T",
-    "gyro_g_squared": "accelerations**2 @ {matrix}.T",
-    "gyro_asymmetry": "{value} * np.abs(rates)",
-    "gyro_temperature": "{value} * temperature_difference",
-    "gyro_scale_temperature": "{value} * rates * temperature_difference",
-    "accel_asymmetry": "{value} * np.abs(accelerations)",
-    "accel_delay": "{value} * derivative(accelerations, 1)",
-    "accel_smoothing": "-{value} * derivative(accelerations, 2)",
-    "accel_temperature": "{value} * temperature_difference",
-    "accel_scale_temperature": "{value} * accelerations * temperature_difference",
-}
-"""What each effect adds to the readings, as NumPy; see `inertial.effects`."""
+_NUMPY = ArrayLanguage(
+    factors=lambda factor, own: {
+        Factor.READING: own,
+        Factor.MAGNITUDE: f"np.abs({own})",
+        Factor.FORCE: "accelerations",
+        Factor.SLOPE: "derivative(accelerations, 1)",
+        Factor.CURVATURE: "-derivative(accelerations, 2)",
+        Factor.TEMPERATURE: "temperature_difference",
+    }[factor],
+    product=" * ".join,
+    power=lambda text, n: f"{text}**{n}",
+    by_matrix=lambda text, matrix: f"{text} @ {matrix}.T",
+    array=lambda values: _values(values),
+    number=lambda value: _values([value]),
+)
 
 
 def _without_effects(sensors: SensorParameters) -> list[str]:
     """Return rates and accelerations corrected for effects beyond offset and matrix, as NumPy."""
-    terms: dict[str, list[str]] = {"gyroscope": ["rates"], "accelerometer": ["accelerations"]}
-    for raw, k in (("rates", sensors.k_w), ("accelerations", sensors.k_a)):
-        powers = [f"{_values(k[i])} * {raw}**{i + 1}" for i in range(1, k.shape[0]) if k[i].any()]
-        terms["gyroscope" if raw == "rates" else "accelerometer"] += powers
-    for group, value in sensors.others.items():
+    own = {"gyroscope": "rates", "accelerometer": "accelerations"}
+    terms = {sensor: [raw] for sensor, raw in own.items()}
+    for group, value in sensors.effects.items():
         if np.any(value):
-            matrix = _values(value.reshape(3, 3)) if value.size == 9 else ""
-            terms[EFFECTS[group].sensor].append(_EFFECT_FORMULAS[group].format(value=_values(value), matrix=matrix))
-    return [" + ".join(own) for own in terms.values()]
+            sensor = EFFECTS[group].sensor
+            terms[sensor] += of_arrays(group, value, own[sensor], _NUMPY)
+    return [" + ".join(one) for one in terms.values()]
 
 
 def _values(array: Array | Sequence[float]) -> str:

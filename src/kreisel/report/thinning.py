@@ -30,7 +30,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Least and greatest value around each x, (n,) each; nan interrupts it."""
+    """Minimum and maximum value around each x, (n,) each; nan interrupts it."""
 
     x: Single
     low: Single

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels.joint_chain import MOST_JOINTS, Chain
+from kreisel._kernels.joint_chain import MAX_JOINTS, Chain
 from kreisel.errors import RobotError, unknown_name
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array, matrix
@@ -108,8 +108,8 @@ def parse_arm(urdf: str, tcp: str | None = None, source: str = "robot.urdf") -> 
     if several := [joint for joint in moving if joint.kind in _SEVERAL]:
         kind = several[0].kind
         raise RobotError(f"{source}: each joint must have one angle; {several[0].name}, which moves {tcp}, is {kind}")
-    if len(moving) > MOST_JOINTS:
-        raise RobotError(f"{source}: {len(moving)} joints move '{tcp}'; expected {MOST_JOINTS} at most")
+    if len(moving) > MAX_JOINTS:
+        raise RobotError(f"{source}: {len(moving)} joints move '{tcp}'; expected {MAX_JOINTS} at most")
     lower, upper, velocity = np.array([joint.limits for joint in moving]).T.copy()
     names = tuple(joint.name for joint in moving)
     chain = _chain(path, _carried(bodies, above, order, moving))

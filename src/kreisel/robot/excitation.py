@@ -1,4 +1,4 @@
-"""Motions that make an IMU's parameters observable: all six sensors are excited between any two rests."""
+"""Motions that make an IMU's parameters observable: all six sensors are excited between any two standstills."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def random_plan(
     range_share: float = 0.7,
     smoothing: float = 0.012,
 ) -> Plan:
-    """Return random moves and rests that fill `seconds`.
+    """Return random moves and standstills that fill `seconds`.
 
     Each target is the best of a dozen drawn from the middle `range_share` of the joints' ranges: the one with
     the largest rotation about the axes, and the largest change of gravity along the axes, that had least so far.

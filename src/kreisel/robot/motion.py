@@ -53,30 +53,30 @@ class Move:
 
 @dataclass(frozen=True)
 class Timeline:
-    """When a motion rests.
+    """When a motion standstills.
 
     Attributes
     ----------
-    rests : (k, 2)
+    standstills : (k, 2)
         Begin and end of every rest, s; the first begins, and the last ends, with the motion.
     smoothing
         Time over which the motion's set points are averaged, s.
     """
 
-    rests: Array
+    standstills: Array
     smoothing: float
 
     @property
     def seconds(self) -> float:
         """Length of the motion, s."""
-        return float(self.rests[-1, 1])
+        return float(self.standstills[-1, 1])
 
     def at_rest(self, t: Array, margin: float = 0.0) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Return whether times (n,) lie in a rest, `margin` or more from its ends."""
-        k = np.clip(np.searchsorted(self.rests[:, 0], t, side="right") - 1, 0, len(self.rests) - 1)
-        begin, end = self.rests[k].T
+        k = np.clip(np.searchsorted(self.standstills[:, 0], t, side="right") - 1, 0, len(self.standstills) - 1)
+        begin, end = self.standstills[k].T
         begin = np.where(k == 0, -np.inf, begin + margin)
-        end = np.where(k == len(self.rests) - 1, np.inf, end - margin)
+        end = np.where(k == len(self.standstills) - 1, np.inf, end - margin)
         return np.asarray((t >= begin) & (t <= end))
 
 

@@ -1,4 +1,4 @@
-"""Programs: files of poses and rests that an operator writes."""
+"""Programs: files of poses and standstills that an operator writes."""
 
 from __future__ import annotations
 

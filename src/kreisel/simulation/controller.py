@@ -167,10 +167,10 @@ def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Ar
 def _repeatability(rng: np.random.Generator, plan: Timeline, t: Array, errors: Errors) -> Array:
     """Return one draw for each rest, and a smooth transition from one to the next, (n, 6)."""
     sd = np.repeat([errors.repeatability_position_sd, errors.repeatability_orientation_sd], 3)
-    draws = rng.normal(size=(len(plan.rests), 6)) * sd
-    k = np.clip(np.searchsorted(plan.rests[:, 0], t, side="right") - 1, 0, len(draws) - 1)
+    draws = rng.normal(size=(len(plan.standstills), 6)) * sd
+    k = np.clip(np.searchsorted(plan.standstills[:, 0], t, side="right") - 1, 0, len(draws) - 1)
     after = np.minimum(k + 1, len(draws) - 1)
-    begin, end = plan.rests[k, 1], plan.rests[after, 0]
+    begin, end = plan.standstills[k, 1], plan.standstills[after, 0]
     share = smooth_step((t - begin) / np.where(end > begin, end - begin, 1.0))[0][:, None]
     return np.asarray((1.0 - share) * draws[k] + share * draws[after])
 

@@ -188,7 +188,7 @@ def envelope(planned: Timeline, t: Array) -> tuple[Array, Array, Array]:
 
     It is 0 at standstill and 1 within moves; it rises and falls with two continuous derivatives.
     """
-    begin, end = planned.rests[:-1, 1], planned.rests[1:, 0]
+    begin, end = planned.standstills[:-1, 1], planned.standstills[1:, 0]
     if not begin.size:
         zero = np.zeros_like(t)
         return zero, zero, zero
@@ -233,7 +233,9 @@ def _propellers(rng: np.random.Generator, imu: Imu, planned: Timeline, t: Array)
     the size follows the thrust, which changes within seconds. Rates have `_RATE_OF_PROPELLERS` for each m/s^2.
     """
     step = np.sqrt(np.diff(t, prepend=t[0]))
-    size = imu.propellers * (envelope(planned, t)[0] if len(planned.rests) > 1 and np.ptp(planned.rests[0]) else 1.0)
+    size = imu.propellers * (
+        envelope(planned, t)[0] if len(planned.standstills) > 1 and np.ptp(planned.standstills[0]) else 1.0
+    )
     size = size * np.exp(_THRUST * np.sin(2.0 * np.pi * rng.uniform(0.02, 0.1) * t + rng.uniform(0.0, 2.0 * np.pi)))
     axes = np.array([1.0, 0.4, 0.9])
     out = []

@@ -69,15 +69,15 @@ class FreePath(Timeline):
         angle = self.frequency[:, :, None] * t + self.phase[:, :, None]
         a, w = self.amplitude[:, :, None], self.frequency[:, :, None]
         x, dx, ddx = ((a * part).sum(axis=1) for part in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
-        share, slope, bend = _share(self.rests, t)
+        share, slope, bend = _share(self.standstills, t)
         return share * x, slope * x + share * dx, bend * x + 2.0 * slope * dx + share * ddx
 
 
-def _share(rests: Array, t: Array) -> tuple[Array, Array, Array]:
-    """Return the share of the motion (n,): 0 at rest, 1 between, with its derivatives; 1 always without rests."""
-    if np.ptp(rests[0]) == 0.0:
+def _share(standstills: Array, t: Array) -> tuple[Array, Array, Array]:
+    """Return the share of the motion (n,): 0 at rest, 1 between, with its derivatives; 1 always without standstills."""
+    if np.ptp(standstills[0]) == 0.0:
         return np.ones_like(t), np.zeros_like(t), np.zeros_like(t)
-    rise, fall = smooth_step((t - rests[0, 1]) / _RAMP), smooth_step((rests[1, 0] - t) / _RAMP)
+    rise, fall = smooth_step((t - standstills[0, 1]) / _RAMP), smooth_step((standstills[1, 0] - t) / _RAMP)
     return (
         rise[0] * fall[0],
         (rise[1] * fall[0] - rise[0] * fall[1]) / _RAMP,
@@ -88,17 +88,17 @@ def _share(rests: Array, t: Array) -> tuple[Array, Array, Array]:
 def free_path(
     rng: np.random.Generator, kind: Literal["flight", "hand"], seconds: float, first_rest: float, share: float
 ) -> FreePath:
-    """Return a random path: a flight with rests before and after, or a motion by hand without any.
+    """Return a random path: a flight with standstills before and after, or a motion by hand without any.
 
     Parameters
     ----------
     share
         Size of the angles and lengths, in usual ones.
     """
-    rests = np.array([[0.0, first_rest], [seconds - _ON_GROUND, seconds]])
+    standstills = np.array([[0.0, first_rest], [seconds - _ON_GROUND, seconds]])
     if kind == "hand":
-        rests = np.array([[0.0, 0.0], [seconds, seconds]])
+        standstills = np.array([[0.0, 0.0], [seconds, seconds]])
     size = share * np.array([*_ANGLES[kind], *_LENGTHS[kind]])
     amplitude = size[:, None] * rng.uniform(0.4, 1.0, (6, _SINES)) * (2.0 / _SINES) ** 0.5
     frequency = 2.0 * np.pi * rng.uniform(0.05, _FASTEST[kind], (6, _SINES))
-    return FreePath(rests, 0.0, amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, (6, _SINES)))
+    return FreePath(standstills, 0.0, amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, (6, _SINES)))

@@ -84,7 +84,7 @@ def _reference(cell: Cell) -> ReferenceTable:
 
     return ReferenceTable(
         kind=cell.reference.kind,
-        # between two rests the error passes from that of the first to that of the second
+        # between two standstills the error passes from that of the first to that of the second
         position_sd=sd(np.hypot(errors.path_position_sd, errors.repeatability_position_sd)),
         orientation_sd=sd(np.hypot(errors.path_orientation_sd, errors.repeatability_orientation_sd)),
         standstill_position_sd=sd(errors.repeatability_position_sd),

@@ -2,7 +2,7 @@
 
 Rules for the truth, where an effect leaves it open:
 
-- Judged are the sensors' matrices, offsets and lever arms, by the model's own definition: omega = K (w' + k_0 + …),
+- Assessment are the sensors' matrices, offsets and lever arms, by the model's own definition: omega = K (w' + k_0 + …),
   with all terms that the device has. Time offset, alignment and further terms are not judged: a low-pass of both
   sensors, or a late reference, belongs to the time offset.
 - Where the result lists a parameter as not observable, or holds it, it is not judged.
@@ -179,7 +179,7 @@ def numbers(seeds: int, only: Sequence[str], seconds: float) -> list[int]:
     names = list(dict.fromkeys(s.name for s in everything))
     for name in only:
         if name not in names:
-            raise SettingsError(f"unknown effect '{name}'; known are: {', '.join(names)}")
+            raise SettingsError(f"unknown situation '{name}'; known are: {', '.join(names)}")
     chosen = [i for i, s in enumerate(everything) if not only or s.name in only]
     # seed by seed, so that an early end has seen every situation
     return [i * _SEEDS + seed for seed in range(1, seeds + 1) for i in chosen]

@@ -13,7 +13,7 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.rate_fit import turn_errors
 
-LEAST = 4e-3
+MIN = 4e-3
 """s; smaller jumps are found by the filter, as a clock that walks."""
 
 _MIN_PARTS, _BETTER = 3, 0.15
@@ -93,7 +93,7 @@ def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit)
     even, _, _ = _fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
     best = min(range(_MIN_PARTS, tau.size - _MIN_PARTS + 1), key=lambda k: _with_step(tau, shift, sd, k)[0])
     left, x, deviation = _with_step(tau, shift, sd, best)
-    if left > _BETTER * even or abs(x[2]) < LEAST or abs(x[2]) < 10.0 * deviation[2]:
+    if left > _BETTER * even or abs(x[2]) < MIN or abs(x[2]) < 10.0 * deviation[2]:
         return None
     before = Clock(fit.clock.start + x[0], fit.clock.skew + x[1])
     after = replace(before, start=before.start + x[2])

@@ -22,7 +22,7 @@ _EVEN, _EVEN_SHARE = 2e-3, 0.999
 """Deviation of steps, in intervals, and share of all steps, by which stamps count as counted."""
 
 _STEP = 0.04
-"""Least time between two poses that are used, s."""
+"""Minimum time between two poses that are used, s."""
 
 _PER_PLACE, _PER_SAMPLE, _PER_DRIFT = 8.0, 8.0, 12.0
 """Price in chi-square of a place with lost samples, of each sample lost there, and of a small change of the clocks."""
@@ -30,11 +30,11 @@ _PER_PLACE, _PER_SAMPLE, _PER_DRIFT = 8.0, 8.0, 12.0
 _PARTS = 4
 """Of the interval, in steps of which shifts are tried."""
 
-_MOST_AT_ONCE = 3
+_MAX_AT_ONCE = 3
 """Samples lost between two poses that are used."""
 
-_LEAST_GAIN, _ALIKE = 50.0, 10.0
-_MOST_WORK = 50_000_000
+_MIN_GAIN, _ALIKE = 50.0, 10.0
+_MAX_WORK = 50_000_000
 
 _SURE = 80.0
 """Chi-square by which another place of lost samples is excluded."""
@@ -88,13 +88,13 @@ class LostSamples:
                 moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
         return np.asarray(~(inside & moving))
 
-    def most_within(self, seconds: float) -> int:
+    def max_within(self, seconds: float) -> int:
         """Return the largest number of samples lost within some seconds."""
         total = np.concatenate([[0], np.cumsum(self.counts)])
         ends = np.searchsorted(self.places, self.places + seconds / (1e-9 * self.interval_ns), side="right")
         return int(np.max(total[ends] - total[:-1]))
 
-    def put_back(self, imu: ImuSamples) -> ImuSamples:
+    def restored(self, imu: ImuSamples) -> ImuSamples:
         """Return the readings with later stamps after lost samples."""
         late = np.zeros(imu.stamps_ns.size, dtype=np.int64)
         np.add.at(late, self.places, self.counts)
@@ -130,7 +130,7 @@ def find_lost_samples(
         return None
     T = 1e-9 * interval
     seen = _difference(readings, reference, fit)
-    if seen.tau.size < 50 or seen.tau.size * _states(seen, T, -fit.clock.skew) > _MOST_WORK:
+    if seen.tau.size < 50 or seen.tau.size * _states(seen, T, -fit.clock.skew) > _MAX_WORK:
         return None
     for _ in range(_ROUNDS):
         found = _survivors(seen, T, -fit.clock.skew, losses=True)
@@ -142,7 +142,7 @@ def find_lost_samples(
     if lost[-1] == lost[0]:
         return None
     slower = replace(_difference(readings, reference, fit, losses=False), noise=seen.noise)
-    if found.cost > _survivors(slower, T, 0.0, losses=False).cost - _LEAST_GAIN:
+    if found.cost > _survivors(slower, T, 0.0, losses=False).cost - _MIN_GAIN:
         return None
     jumps = _survivors(seen, T, -fit.clock.skew, losses=True, turned_on=False)
     if found.cost > jumps.cost + _ALIKE:  # at rest the two are the same
@@ -280,7 +280,7 @@ def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool, turned
     scores = np.zeros((n, states, 3), dtype=np.float32)
     moves = [(0, 0.0, 0), (1, _PER_DRIFT, 0), (-1, _PER_DRIFT, 0)]
     if losses:
-        moves += [(_PARTS * m, _PER_PLACE + _PER_SAMPLE * m, m) for m in range(1, _MOST_AT_ONCE + 1)]
+        moves += [(_PARTS * m, _PER_PLACE + _PER_SAMPLE * m, m) for m in range(1, _MAX_AT_ONCE + 1)]
     step = np.diff(seen.tau, prepend=seen.tau[0])
     for i in range(n):
         w = seen.rate[i]

@@ -22,7 +22,7 @@ from kreisel.recording.recording import (
 from kreisel.validation.masking import CHANNELS, part_of
 from kreisel.validation.stamp_checks import Rows, runs
 
-MOST_SAMPLES, MOST_POSES = 0.2, 0.5
+MAX_SAMPLES, MAX_POSES = 0.2, 0.5
 """Shares of the IMU's samples, and of poses or joint angles, that may be missing."""
 
 POSITION, QUATERNION = ("p_x", "p_y", "p_z"), ("q_w", "q_x", "q_y", "q_z")
@@ -57,7 +57,7 @@ def without_missing(recording: Recording) -> Recording:
     if joints is not None:
         names = tuple(f"q_{k + 1}" for k in range(joints.angles.shape[1]))
         lost = _unreadable(joints, [(joints.angles, names)])
-        keep = _kept(joints, lost, "rows of joint angles", MOST_POSES)
+        keep = _kept(joints, lost, "rows of joint angles", MAX_POSES)
         found += _warnings(joints, lost, "rows of joint angles")
         joints = joints if keep is None else joints.part(keep)
     return replace(recording, imu=imu, reference=poses, joints=joints).with_warnings(*found) if found else recording
@@ -70,7 +70,7 @@ def _imu_without(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     # gravity is always measured; where no sample shows it, the check of units says so
     if zeros.any() and not zeros[known].all():
         lost.append(_Lost(zeros & known, "of which all accelerations are exactly zero"))
-    keep = _kept(imu, lost, "samples", MOST_SAMPLES)
+    keep = _kept(imu, lost, "samples", MAX_SAMPLES)
     found = _warnings(imu, lost, "samples")
     imu, warm = _with_temperatures(imu if keep is None else part_of(imu, keep))
     return imu, found + warm
@@ -101,7 +101,7 @@ def _poses_without(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
     filled = _filled(poses, gone)
     if filled.any():
         lost.append(_Lost(filled, "with a position of zeros without rotation, to which the pose jumps"))
-    keep = _kept(poses, lost, "poses", MOST_POSES)
+    keep = _kept(poses, lost, "poses", MAX_POSES)
     return poses if keep is None else poses.part(keep), _warnings(poses, lost, "poses")
 
 

@@ -174,7 +174,7 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
     Parameters
     ----------
     moved
-        Whether the IMU was moved. If not, they are only told.
+        Whether the IMU was moved. If not, they are only reported.
 
     Raises
     ------

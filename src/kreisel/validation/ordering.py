@@ -19,7 +19,7 @@ from kreisel.validation.stamp_checks import Rows, runs
 _FARTHEST = 64
 """Rows by which a row may be displaced; packets hold several samples."""
 
-_MOST = 0.1
+_MAX = 0.1
 """Share of rows that may be displaced."""
 
 _RESTART = 100.0
@@ -78,7 +78,7 @@ def order_of(stamps: Stamps) -> Indices | None:
     edges = [0, *(np.flatnonzero(steps < -_RESTART * usual) + 1).tolist(), stamps.size]
     order = np.concatenate([begin + np.argsort(stamps[begin:end], kind="stable") for begin, end in pairwise(edges)])
     shift = np.abs(order - np.arange(order.size))
-    if not shift.any() or shift.max() > _FARTHEST or np.mean(shift > 0) > _MOST:
+    if not shift.any() or shift.max() > _FARTHEST or np.mean(shift > 0) > _MAX:
         return None
     ascending = stamps[order]
     for first, last in zip(*runs(shift > 0), strict=True):

@@ -36,7 +36,7 @@ _COARSE_NS = 50_000
 
 _MAX_SEARCHED = 2_000_000
 
-_MAX_RESTARTS, _LEAST_PART_NS = 3, 8_000_000_000
+_MAX_RESTARTS, _MIN_PART_NS = 3, 8_000_000_000
 """Places at which a clock may be set, and the least length of the parts between them."""
 
 _SET_BACK, _SET_NS, _FAR_NS = 100.0, 600e9, 4e18
@@ -78,7 +78,7 @@ def with_restarts(imu: ImuSamples, *, moved: bool) -> ImuSamples:
     places = np.flatnonzero((steps < -_SET_BACK * usual) | (steps > max(_SET_NS, 1e4 * usual))) + 1
     edges = np.array([0, *places.tolist(), stamps.size])
     lengths = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(edges.tolist())])
-    if not places.size or places.size > _MAX_RESTARTS or lengths.min() < _LEAST_PART_NS:
+    if not places.size or places.size > _MAX_RESTARTS or lengths.min() < _MIN_PART_NS:
         return imu
     moved_by = np.zeros(stamps.size, dtype=np.int64)
     moved_by[places] = 1_000_000_000 - steps[places - 1]

@@ -75,16 +75,16 @@ def test_the_due_date_is_when_value_and_uncertainty_reach_the_limit():
     assert found.due.day is not None
     assert abs((found.due.day - DAY).days - 5 * 365.25) < 5
     assert "Accelerometer bias x may reach its limit of 20 mg" in found.due.reason
-    course = next(one for one in found.courses if one.quantity.name == "accel_bias_mg")
-    assert course.ageing[0].significant
-    assert not course.ageing[1].significant
+    trend = next(one for one in found.trends if one.quantity.name == "accel_bias_mg")
+    assert trend.ageing[0].significant
+    assert not trend.ageing[1].significant
 
 
 def test_without_limits_it_is_due_when_the_uncertainty_has_doubled():
     days = [DAY - timedelta(days=round(365.25 * k)) for k in (3, 2, 1, 0)]
     runs = [run(k, day, 10.0 - 2.0 * k) for k, day in zip((3, 2, 1, 0), days, strict=True)]
     found = history_of("0042", runs, None)
-    ageing = next(one for one in found.courses if one.quantity.name == "accel_bias_mg").ageing[0]
+    ageing = next(one for one in found.trends if one.quantity.name == "accel_bias_mg").ageing[0]
     years = np.sqrt(3.0) * 2.0 * 0.5 / (ageing.rate + 2.0 * ageing.rate_sd)
     assert found.due.day is not None
     assert abs((found.due.day - DAY).days - years * 365.25) < 5

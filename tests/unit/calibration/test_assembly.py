@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration import assembly
-from kreisel.calibration.assembly import Judged, assemble, earth_rate_r, gravity_r, north_r
+from kreisel.calibration.assembly import Assessment, assemble, earth_rate_r, gravity_r, north_r
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.kalman.sigma_point_filter import first_pass
@@ -25,7 +25,7 @@ DRAWS = 1000
 
 def assembled(found, *warnings):
     outcome = calibrated()
-    judged = Judged(observability(found.problem, found.deviation), outcome.consistency, outcome.verdict, 1.25)
+    judged = Assessment(observability(found.problem, found.deviation), outcome.consistency, outcome.verdict, 1.25)
     return assemble(recorded()[1], found, judged, warnings)
 
 

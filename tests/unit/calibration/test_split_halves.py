@@ -12,12 +12,12 @@ from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
-from kreisel.model.assumed_noise import Drift
+from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.refinement.estimate import without_passing
 
-from ...small_problem import Given, camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
+from ...small_problem import StatedNoise, camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
 
 OFFSETS = ("gyro_offset", "accel_offset")
 
@@ -56,7 +56,7 @@ def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
 
 def compared(**made):
     found, runs, exact = linear_halves(**made)
-    return split_halves(replace(found, estimator=Given(runs))), runs, exact
+    return split_halves(replace(found, estimator=StatedNoise(runs))), runs, exact
 
 
 @pytest.mark.parametrize("weak", [1.0, 0.1, 1e-2])
@@ -73,7 +73,7 @@ def test_the_prior_holds_halves_together_that_see_nothing():
     found, runs, _ = linear_halves()
     prior = first_belief(found.problem, found.problem.prior.value, found.problem.prior.covariance)
     blind = [replace(run, belief=replace(run.belief, factor=prior.factor)) for run in runs]
-    halves = split_halves(replace(found, estimator=Given(blind)))
+    halves = split_halves(replace(found, estimator=StatedNoise(blind)))
     own = prior.standard_deviation[:6]
     assert np.all(halves.deviation > 0.0)
     assert np.all(halves.deviation < 0.02 * own)
@@ -195,7 +195,7 @@ def test_halves_that_agree_or_were_not_compared_change_nothing():
 
 def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
     """Halves have no drifts: scores belong to the groups of the estimate of what lasts."""
-    problem = with_drifts(camera_problem(), Drift(1e-4, 8.0))
+    problem = with_drifts(camera_problem(), GaussMarkov(1e-4, 8.0))
     found = without_passing(estimate_of(problem, first_pass(problem)))
     score = np.zeros(len(found.problem.parameter_names))
     score[found.problem.layout["accel_offset"]] = 5.0

@@ -72,8 +72,8 @@ def test_what_is_held_is_not_printed_as_estimated(outcome: Outcome, capsys: pyte
         ("time offset of the reference", 1),
     ):
         at = next(k for k, cell in enumerate(lines) if title in cell)
-        said = "not determined" if title == "gyro bias" else "held at "  # nobody stated a value
+        said = "not determined" if title == "gyro bias" else "user-fixed at "  # nobody stated a value
         assert all(said in cell for cell in lines[at + 2 : at + 2 + cells]), title
-    assert "held at 3 " in lines[next(k for k, cell in enumerate(lines) if "ratio of the clocks" in cell) + 2]
+    assert "user-fixed at 3 " in lines[next(k for k, cell in enumerate(lines) if "ratio of the clocks" in cell) + 2]
     at = next(k for k, cell in enumerate(lines) if "gyro scale-factor error" in cell)
     assert all("±" in cell for cell in lines[at + 2 : at + 5])

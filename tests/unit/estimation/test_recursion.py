@@ -32,7 +32,7 @@ def test_linear_problems_give_the_kalman_filter(name, gate):
     w = weights(name, n)
     figures = np.array([w.spread, w.mean, w.second, w.shift, w.centre])
     mean, upper = belief = Gaussian(x.copy(), np.linalg.cholesky(P).T.copy())
-    points = F @ sigma_points.draw(layout.table, belief, w.spread)
+    points = F @ sigma_points.sample(layout.table, belief, w.spread)
     seen, seen_noise = H @ (points - points[:, :1]), np.hstack([H @ Q, -H @ Q])
     used, nis, factor, whitened, gain = sigma_points.update(
         layout.table, layout.tail(changing).table, figures, belief, points, noise, seen, seen_noise,
@@ -84,7 +84,7 @@ def test_layout_names_slices():
 def test_sigma_points_have_the_beliefs_spread():
     rng = np.random.default_rng(0)
     mean, factor = rng.normal(size=4), np.tril(rng.normal(size=(4, 4)))
-    points = sigma_points.draw(StateLayout([Part("x", 4)]).table, Gaussian(mean, factor.T.copy()), 2.0)
+    points = sigma_points.sample(StateLayout([Part("x", 4)]).table, Gaussian(mean, factor.T.copy()), 2.0)
     spread = points[:, 1:] - mean[:, None]
     np.testing.assert_allclose(spread @ spread.T / (2 * 2.0**2), factor @ factor.T, atol=1e-12)
 

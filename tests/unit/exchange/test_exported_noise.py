@@ -8,7 +8,7 @@ import pytest
 
 from kreisel.calibration.result_sections import StatedNoise
 from kreisel.errors import SettingsError
-from kreisel.exchange.exported import Wanted
+from kreisel.exchange.exported import ExportRequest
 from kreisel.exchange.exported_noise import noise_of
 from kreisel.exchange.targets import TARGETS
 from kreisel.inertial.noise_figures import noise
@@ -38,9 +38,9 @@ def test_missing_walks_are_named_and_never_taken_from_the_filter():
     with pytest.raises(
         SettingsError, match=r"states the random walk of the gyros' offsets, random walk of the acc.*--at-rest"
     ):
-        TARGETS["kalibr"].export(Wanted(stated(), noise_of(stated())))
+        TARGETS["kalibr"].export(ExportRequest(stated(), noise_of(stated())))
     with pytest.raises(SettingsError, match="states the gyros' noise density"):
-        TARGETS["openvins"].export(Wanted(calibration(), noise_of(calibration())))
+        TARGETS["openvins"].export(ExportRequest(calibration(), noise_of(calibration())))
 
 
 def test_what_is_stated_then_the_grade_then_the_rest():

@@ -13,7 +13,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from kreisel.calibration.result import Calibration
-from kreisel.exchange.exported import Wanted
+from kreisel.exchange.exported import ExportRequest
 from kreisel.exchange.exported_noise import NAMES, ExportNoise
 from kreisel.exchange.targets import TARGETS, read_from
 from kreisel.geometry.rotation import exp, matrix
@@ -45,7 +45,7 @@ def device(*, arms: bool = False, sensitive: bool = False, biased: bool = True) 
 
 
 def exported(target: str, what: Calibration) -> tuple[dict[str, str], tuple[str, ...]]:
-    done = TARGETS[target].export(Wanted(what, NOISE, rate_hz=400.0))
+    done = TARGETS[target].export(ExportRequest(what, NOISE, rate_hz=400.0))
     return done.files, done.lost
 
 

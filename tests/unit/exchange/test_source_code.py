@@ -10,7 +10,7 @@ import pytest
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError
-from kreisel.exchange.exported import Wanted
+from kreisel.exchange.exported import ExportRequest
 from kreisel.exchange.targets import TARGETS
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SizeEffect
@@ -47,7 +47,7 @@ def everything() -> Calibration:
 
 
 def text(target: str, what: Calibration, name: str = "imu") -> str:
-    return TARGETS[target].export(Wanted(what, name=name)).files[""]
+    return TARGETS[target].export(ExportRequest(what, name=name)).files[""]
 
 
 def wanted(what: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

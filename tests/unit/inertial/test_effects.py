@@ -11,8 +11,8 @@ W = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T + 0.5), 0.7 * np.sin(5.0 * 
 A = np.column_stack([4.0 * np.cos(2.0 * T), 9.8 + 2.0 * np.sin(3.0 * T), 3.0 * np.sin(4.0 * T + 1.0)])
 A_SLOPE = np.column_stack([-8.0 * np.sin(2.0 * T), 6.0 * np.cos(3.0 * T), 12.0 * np.cos(4.0 * T + 1.0)])
 A_CURVATURE = np.column_stack([-16.0 * np.cos(2.0 * T), -18.0 * np.sin(3.0 * T), -48.0 * np.sin(4.0 * T + 1.0)])
-WARMTH = 3.0 * T - 1.0
-RAW = raw_readings(T, W, A, temperature_difference=WARMTH)
+TEMPERATURE_CHANGE = 3.0 * T - 1.0
+RAW = raw_readings(T, W, A, temperature_difference=TEMPERATURE_CHANGE)
 
 G = np.arange(9.0) - 4.0
 B = np.array([1.0, -2.0, 3.0])
@@ -21,16 +21,16 @@ WRITTEN_OUT = {
     "gyro_g_sensitivity": (G, A @ G.reshape(3, 3).T, 0.0),
     "gyro_g_squared": (G, A**2 @ G.reshape(3, 3).T, 0.0),
     "gyro_asymmetry": (B, B * np.abs(W), 0.0),
-    "gyro_temperature": (B, B * WARMTH[:, None], 0.0),
-    "gyro_scale_temperature": (B, B * W * WARMTH[:, None], 0.0),
-    "gyro_drift": (B, B, 0.0),
+    "gyro_temperature": (B, B * TEMPERATURE_CHANGE[:, None], 0.0),
+    "gyro_scale_temperature": (B, B * W * TEMPERATURE_CHANGE[:, None], 0.0),
+    "gyro_gauss_markov": (B, B, 0.0),
     "accel_polynomial": (B, 0.0, B * A**2),
     "accel_asymmetry": (B, 0.0, B * np.abs(A)),
     "accel_delay": (np.array([2.0]), 0.0, 2.0 * A_SLOPE),
     "accel_smoothing": (np.array([2.0]), 0.0, -2.0 * A_CURVATURE),
-    "accel_temperature": (B, 0.0, B * WARMTH[:, None]),
-    "accel_scale_temperature": (B, 0.0, B * A * WARMTH[:, None]),
-    "accel_drift": (B, 0.0, B),
+    "accel_temperature": (B, 0.0, B * TEMPERATURE_CHANGE[:, None]),
+    "accel_scale_temperature": (B, 0.0, B * A * TEMPERATURE_CHANGE[:, None]),
+    "accel_gauss_markov": (B, 0.0, B),
 }
 
 

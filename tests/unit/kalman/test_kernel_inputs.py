@@ -10,7 +10,7 @@ from kreisel.fitting.stored_state import stored_state
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.inertial.effects import EFFECTS
 from kreisel.kalman.kernel_inputs import filter_model, filter_record, filter_steps
-from kreisel.model.assumed_noise import Drift, PoseError
+from kreisel.model.assumed_noise import GaussMarkov, PoseError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, REFERENCE_GROUPS
 from kreisel.model.problem import with_correlation_time, without_groups
@@ -113,9 +113,9 @@ def test_offsets_that_are_in_the_state_and_walk_are_named_by_degree_of_freedom()
 
 def test_drifts_fade_and_keep_their_size():
     """Density and rate of fading of a Gauss-Markov process: sqrt(2 / tau) sigma and 1 / tau."""
-    problem = with_drifts(small_problem(), Drift(3e-5, 8.0))
+    problem = with_drifts(small_problem(), GaussMarkov(3e-5, 8.0))
     model = filter_model(problem, problem.prior.start)
-    assert list(model.walking) == list(range(*problem.layout["gyro_drift"].indices(10**6)))
+    assert list(model.walking) == list(range(*problem.layout["gyro_gauss_markov"].indices(10**6)))
     np.testing.assert_allclose(model.walk, 1.5e-5, rtol=1e-12)
     np.testing.assert_array_equal(model.fading, 0.125)
 

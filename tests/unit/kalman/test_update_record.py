@@ -11,7 +11,7 @@ from kreisel.fitting.update_history import History
 from kreisel.kalman.kernel_inputs import filter_record
 from kreisel.kalman.update_record import history_of, joined
 
-from ...kernel_parts.note import note
+from ...kernel_parts.record_update import record_update
 from ...oracle import quaternions as quat
 from ...small_problem import plain_run, small_problem
 
@@ -33,7 +33,7 @@ def made_up(problem, updates, rng, present):
         Pzz, z = H @ P @ H.T + R, rng.normal(size=m)
         S, gain = np.linalg.cholesky(Pzz), np.full((20, m), 7.0)
         gain[[11, 12, 13, 17, 18, 19]] = P @ H.T @ np.linalg.inv(S).T
-        note(record, i, z, root, S, np.linalg.solve(S, z), gain, place, used=bool(record.used[i]))
+        record_update(record, i, z, root, S, np.linalg.solve(S, z), gain, place, used=bool(record.used[i]))
         exact.append((H, P, R, Pzz, z))
     return record, exact
 

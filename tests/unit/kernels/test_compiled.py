@@ -1,4 +1,4 @@
-"""The compiled library itself: of these sources, both sets of instructions, in threads, with numbers that are none."""
+"""The compiled library itself: of these sources, both sets of instructions, in threads, with NaN."""
 
 import importlib.util
 import os

@@ -9,7 +9,7 @@ from kreisel.fitting.stored_state import stored_state
 from kreisel.kalman.kernel_inputs import filter_model
 
 from ...kernel_parts.measurement_model import Motion, predict_poses, robot_motion
-from ...kernel_parts.sigma_points import draw
+from ...kernel_parts.sigma_points import sample
 from ...small_problem import small_problem
 
 BEFORE, AFTER = 0.010, 0.014
@@ -120,7 +120,7 @@ def test_the_reference_shows_its_own_error_and_not_the_robots(at_standstill):
 
 
 def test_the_robots_errors_move_the_pose_by_its_regressor():
-    """Two errors from rows of the state and two that are known, of points drawn from a belief."""
+    """Two errors from rows of the state and two that are known, of points sampled from a belief."""
     rng = np.random.default_rng(5)
     problem = small_problem()
     layout, model = problem.layout, filter_model(problem, problem.prior.start)
@@ -130,7 +130,7 @@ def test_the_robots_errors_move_the_pose_by_its_regressor():
     )
     mean = layout.plus(stored_state(problem, problem.prior.start), rng.normal(0, 0.1, (layout.degrees, 1)))[:, 0].copy()
     belief = Gaussian(mean, np.linalg.qr(rng.normal(size=(layout.degrees, layout.degrees)))[1])
-    points = draw(layout.table, belief, model.weights[0], model.gyro_degrees, model.sensor_degrees)
+    points = sample(layout.table, belief, model.weights[0], model.gyro_degrees, model.sensor_degrees)
     own = np.vstack(
         [points[rows.start], np.full(points.shape[1], 0.03), points[rows.start + 1], np.full(points.shape[1], -0.02)]
     )

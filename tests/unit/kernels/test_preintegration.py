@@ -61,14 +61,14 @@ def test_sets_beside_the_centre_agree_with_each_alone(effects, form, spread, une
     w, a = readings()
     t = T + (RNG.uniform(-5e-5, 5e-5, T.size) if uneven else 0.0)
 
-    def drawn():
+    def sampled():
         p = parameters(1)
         return replace(with_effects(p), lever_arms=np.zeros((3, 3))) if effects else p
 
-    centre = drawn()
+    centre = sampled()
 
     def near(p, size):
-        moved = drawn()
+        moved = sampled()
         names = ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
         fields = {n: getattr(p, n) + 20.0 * size * (getattr(moved, n) - getattr(p, n)) for n in names}
         return SensorParameters(**fields, others={g: v + 20.0 * size * moved.others[g] for g, v in p.others.items()})

@@ -35,8 +35,8 @@ def test_a_mapping_gives_values() -> None:
         CalibrationSettings(fixed={"lever_arms": np.array(ARMS), "gravity": 9.81, "time_skew": None})
     )
     again = replace(settings, sigma_points="unscented")
-    assert again.held_at == settings.held_at
-    assert replace(settings, fixed=("gravity",)).held_at == (("gravity", (9.81,)),)
+    assert again.fixed_values == settings.fixed_values
+    assert replace(settings, fixed=("gravity",)).fixed_values == (("gravity", (9.81,)),)
     assert CalibrationSettings(**asdict(settings)) == settings
 
 

@@ -30,7 +30,7 @@ def test_a_groups_part_has_one_degree_of_freedom_for_each_name(order, joints):
         "gyro_g_sensitivity": 9, "gyro_g_squared": 9,
         "gyro_asymmetry": 3, "accel_asymmetry": 3, "accel_delay": 1, "accel_smoothing": 1,
         "gyro_temperature": 3, "gyro_scale_temperature": 3, "accel_temperature": 3, "accel_scale_temperature": 3,
-        "gyro_drift": 3, "accel_drift": 3,
+        "gyro_gauss_markov": 3, "accel_gauss_markov": 3,
         "position_scale": 1, "reference_smoothing": 1,
         "robot_placement": 6 * (joints + 1) if joints else 0, "robot_gears": 2 * joints, "robot_compliance": joints,
     }  # fmt: skip

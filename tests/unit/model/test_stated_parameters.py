@@ -32,7 +32,7 @@ def test_names_are_paths_of_the_result_file_or_groups():
     [
         ({"gyroscope.offset[3]": (0, 1)}, "those of gyro_offset are gyroscope.offset[0]"),
         ({"gyroscope.bias": (0, 1)}, "unknown parameter 'gyroscope.bias'; give a path of calibration.yaml"),
-        ({"gyro_drift": (0, 1)}, "unknown parameter 'gyro_drift'"),
+        ({"gyro_gauss_markov": (0, 1)}, "unknown parameter 'gyro_gauss_markov'"),
         ({"alignment.tilt[0]": (0, 1)}, "unknown parameter 'alignment.tilt[0]'"),
         ({"gyroscope.polynomial.2[0]": (0, 1)}, "needs polynomial_order 2 or more"),
         ({"gyro_polynomial": (0, 1)}, "needs polynomial_order 2 or more"),
@@ -114,7 +114,7 @@ def test_what_a_recording_states_counts_where_the_settings_say_nothing():
         {"time_offset": "0.2", "lever_arms": "true", "timing.skew": "0"},
         {"gyroscope.offset[0]": "2 +- 1", "gyroscope.offset[1]": "3 +- 1"},
     )
-    assert dict(merged.held_at) == {"time_offset": (0.1,)}
+    assert dict(merged.fixed_values) == {"time_offset": (0.1,)}
     assert set(merged.fixed) == {"time_offset", "lever_arms"}
     known = {name: (value, sd) for name, value, sd in merged.priors}
     assert known == {"gyroscope.offset[0]": (1.0, 0.5), "gyroscope.offset[1]": (3.0, 1.0), "timing.skew": (0.0, 0.0)}

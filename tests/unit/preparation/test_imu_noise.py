@@ -213,7 +213,12 @@ def test_a_grade_is_of_both_sensors(resting):
     """These accelerometers are a little noisier than the grade's, these gyros twenty times."""
     noise = imu_noise_of(recording_of(resting, grade="ring-laser"))
     assert set(noise.misstated) == {"gyros", "accelerometers"}
-    assert (noise.gyro_offset_sd, noise.accel_offset_sd, noise.gyro_walk, noise.gyro_drift) == (None, None, 0.0, 0.0)
+    assert (noise.gyro_offset_sd, noise.accel_offset_sd, noise.gyro_walk, noise.gyro_gauss_markov) == (
+        None,
+        None,
+        0.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize(("step", "coarse"), [(1e-2, True), (1e-4, False)])
@@ -223,4 +228,4 @@ def test_coarse_rounding_is_an_error_that_passes(imu, step, coarse):
     t = np.arange(COUNT)[:, None] * STEP
     rates += np.where(t % 4.0 < 2.0, np.sin(np.pi * t), 0.0)  # two seconds of motion, two of rest
     noise = imu_noise_of(recording_of(replace(imu, rates=np.round(rates / step) * step)))
-    assert noise.gyro_drift == pytest.approx(step / 12.0**0.5 if coarse else 0.0, rel=1e-9)
+    assert noise.gyro_gauss_markov == pytest.approx(step / 12.0**0.5 if coarse else 0.0, rel=1e-9)

@@ -35,7 +35,7 @@ def test_the_order_is_sensors_cell_robot_reference_navigation():
     settings = CalibrationSettings(estimated=BY_CHOICE, polynomial_order=2)
     layout = build_layout(
         settings, latitude=False, skew=True, standstill_error=True, path_error=(True, True), joints=6,
-        drifts=("gyro_drift", "accel_drift"),
+        gauss_markov=("gyro_gauss_markov", "accel_gauss_markov"),
     )  # fmt: skip
     names = [part.name for part in layout]
     assert names == [

@@ -9,7 +9,7 @@ from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import first_pass, further_pass
-from kreisel.model.assumed_noise import Drift
+from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import without_groups
 from kreisel.refinement.estimate import without_passing
 
@@ -25,12 +25,12 @@ def moving(drift):
 @pytest.mark.parametrize("begun", [0.0, 0.5, 1.0])
 def test_without_measurements_the_deviation_approaches_its_size(begun):
     """sigma^2 + (s^2 - sigma^2) exp(-2 t / tau), with every update rejected."""
-    problem = moving(Drift(SIZE, 8.0))
+    problem = moving(GaussMarkov(SIZE, 8.0))
     belief = first_belief(problem, problem.prior.start)
-    d = problem.layout["gyro_drift"]
+    d = problem.layout["gyro_gauss_markov"]
     mean, factor = belief.mean.copy(), belief.factor.copy()
     factor[d, d] = max(begun * SIZE, 1e-12) * np.eye(3)
-    mean[problem.layout.stored("gyro_drift")] = 2.0 * SIZE
+    mean[problem.layout.stored("gyro_gauss_markov")] = 2.0 * SIZE
     history = run_filter(problem, problem.prior.start, belief=Belief(mean, factor), gate=0.0).history
     assert not history.used.any()
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
@@ -41,46 +41,46 @@ def test_without_measurements_the_deviation_approaches_its_size(begun):
 
 
 def test_one_that_lasts_is_a_part_of_the_offset():
-    """Drift and offset together are an offset whose prior has both variances."""
-    problem = with_noise(moving(Drift(SIZE, 1e9)), rate_scatter=0.0)
+    """GaussMarkov and offset together are an offset whose prior has both variances."""
+    problem = with_noise(moving(GaussMarkov(SIZE, 1e9)), rate_scatter=0.0)
     apart = first_pass(problem)
     covariance = dict(problem.prior.start_covariance)
     covariance["gyro_offset"] = covariance["gyro_offset"] + SIZE**2 * np.eye(3)
     stated = dict(problem.prior.covariance)
     stated["gyro_offset"] = stated["gyro_offset"] + SIZE**2 * np.eye(3)
     prior = replace(problem.prior, start_covariance=covariance, covariance=stated)
-    one = first_pass(replace(without_groups(problem, ("gyro_drift",)), prior=prior))
-    offset, drift = problem.layout["gyro_offset"], problem.layout["gyro_drift"]
+    one = first_pass(replace(without_groups(problem, ("gyro_gauss_markov",)), prior=prior))
+    offset, drift = problem.layout["gyro_offset"], problem.layout["gyro_gauss_markov"]
     P = apart.belief.covariance
     summed = P[offset, offset] + P[offset, drift] + P[drift, offset] + P[drift, drift]
     own = one.belief.covariance[offset, offset]
     np.testing.assert_allclose(np.sqrt(np.diag(summed)), np.sqrt(np.diag(own)), rtol=1e-3)
     x, y = (belief.mean[problem.layout.stored("gyro_offset")] for belief in (apart.belief, one.belief))
-    x = x + apart.belief.mean[problem.layout.stored("gyro_drift")]
+    x = x + apart.belief.mean[problem.layout.stored("gyro_gauss_markov")]
     np.testing.assert_allclose(x, y, rtol=0, atol=5e-3 * np.sqrt(own.max()))
 
 
 def test_a_further_pass_begins_without_what_has_passed():
-    problem = moving(Drift(SIZE, 8.0))
+    problem = moving(GaussMarkov(SIZE, 8.0))
     first = first_pass(problem)
-    assert np.abs(first.parameters.stored("gyro_drift")).max() > 0.0
+    assert np.abs(first.parameters.stored("gyro_gauss_markov")).max() > 0.0
     again = further_pass(problem, first)
-    np.testing.assert_array_equal(again.start.stored("gyro_drift"), 0.0)
+    np.testing.assert_array_equal(again.start.stored("gyro_gauss_markov"), 0.0)
     sd = first.belief.standard_deviation[problem.lasting]
     change = problem.layout.minus(again.belief.mean[:, None], first.belief.mean)[problem.lasting, 0]
     assert np.abs(change / sd).max() < 0.3
 
 
 def test_the_result_is_the_marginal_distribution_of_what_lasts():
-    problem = moving(Drift(SIZE, 8.0))
+    problem = moving(GaussMarkov(SIZE, 8.0))
     run = first_pass(problem)
     found = without_passing(estimate_of(problem, run))
     assert found.problem.parameter_names == tuple(problem.parameter_names[i] for i in problem.lasting)
     P = run.belief.covariance
     n = problem.layout.degrees
-    kept = np.setdiff1d(np.arange(n), np.r_[problem.layout["gyro_drift"]])
+    kept = np.setdiff1d(np.arange(n), np.r_[problem.layout["gyro_gauss_markov"]])
     np.testing.assert_allclose(found.run.belief.covariance, P[np.ix_(kept, kept)], rtol=0, atol=1e-12 * P.max())
     assert found.run.history.parameters.shape[1] == problem.lasting.size
-    np.testing.assert_array_equal(found.run.parameters.stored("gyro_drift"), 0.0)
+    np.testing.assert_array_equal(found.run.parameters.stored("gyro_gauss_markov"), 0.0)
     plain = estimate_of(small_problem(), run)
     assert without_passing(plain) is plain

@@ -162,9 +162,9 @@ def test_what_is_held_or_fixed_carries_no_deviation(recording: Recording, tmp_pa
     fixed = run_calibration(recording, CalibrationSettings(fixed=("lever_arms",)))
     own = written(fixed, tmp_path)
     row = next(line for line in own.splitlines() if ">Position of accelerometer x in b<" in line)
-    assert "no: fixed" in row
+    assert "no: user-fixed" in row
     assert "±" not in row
-    assert row.count("held at ") == 3
+    assert row.count("user-fixed at ") == 3
     assert "<code>lever_arms</code> (fixed by the user)" in own
 
 

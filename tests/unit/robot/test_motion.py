@@ -84,7 +84,7 @@ def test_slow_moves_are_the_same_slowed_down(arm):
     """Half the speed: twice the time, and a quarter of the acceleration, on the same way."""
     full, half = (two_moves(arm, 0.0, speed, tool_speed=20.0, tool_acceleration=100.0) for speed in (1.0, 0.5))
     for k in range(2):
-        (a, b), (c, d) = ((one.rests[k, 1], one.rests[k + 1, 0]) for one in (full, half))
+        (a, b), (c, d) = ((one.standstills[k, 1], one.standstills[k + 1, 0]) for one in (full, half))
         assert d - c == pytest.approx(2.0 * (b - a), rel=1e-9)
         share = np.linspace(0.0, 1.0, 100)
         at_full, at_half = full.at(a + share * (b - a)), half.at(c + share * (d - c))
@@ -102,11 +102,11 @@ def test_tool_limits_are_shared_too(arm):
 @pytest.mark.parametrize("smoothing", [0.0, 0.012, 0.1])
 def test_rests_are_at_rest(arm, smoothing):
     one = two_moves(arm, smoothing)
-    assert one.rests.shape == (3, 2)
-    assert one.rests[0, 0] == 0.0
-    assert np.diff(one.rests, axis=1).ravel() == pytest.approx([2.0, 1.0, 1.0])
-    assert one.seconds == one.rests[-1, 1]
-    for (begin, end), where in zip(one.rests, (HOME, *TARGETS), strict=True):
+    assert one.standstills.shape == (3, 2)
+    assert one.standstills[0, 0] == 0.0
+    assert np.diff(one.standstills, axis=1).ravel() == pytest.approx([2.0, 1.0, 1.0])
+    assert one.seconds == one.standstills[-1, 1]
+    for (begin, end), where in zip(one.standstills, (HOME, *TARGETS), strict=True):
         # the interpolator's window reaches half its length into a rest, but not into the first and the last
         t = np.linspace(max(begin + smoothing / 2, 0.0) + 1e-9, end - smoothing / 2 - 1e-9, 50)
         q, dq, ddq = one.at(t)
@@ -168,11 +168,11 @@ def test_smoothing_is_the_mean_over_a_window(arm, smoothing):
 def test_moves_to_where_the_arm_is_prolong_the_rest(arm):
     limits = limits_of(arm)
     still = plan(arm, HOME, 2.0, [Move(HOME, 1.5)], limits)
-    np.testing.assert_allclose(still.rests, [[0.0, 3.5]])
+    np.testing.assert_allclose(still.standstills, [[0.0, 3.5]])
     assert np.all(still.at(np.linspace(0.0, 3.5, 20))[0] == HOME)
     direct = plan(arm, HOME, 2.0, [Move(TARGETS[0], 2.5)], limits)
     twice = plan(arm, HOME, 1.5, [Move(HOME, 0.5), Move(TARGETS[0], 1.0), Move(TARGETS[0], 1.5)], limits)
-    np.testing.assert_allclose(twice.rests, direct.rests, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(twice.standstills, direct.standstills, rtol=0, atol=1e-9)
     t = moments(direct)
     np.testing.assert_allclose(twice.at(t)[0], direct.at(t)[0], rtol=0, atol=1e-11)
 
@@ -188,8 +188,8 @@ def test_one_joint_alone_may_move(arm):
 def test_a_rest_outlasts_the_smoothing(arm):
     """Else the arm would never stand."""
     one = plan(arm, HOME, 1.0, [Move(target, 0.0) for target in TARGETS], limits_of(arm), 0.1)
-    assert np.all(np.diff(one.rests, axis=1) >= 0.1 - 1e-12)
-    _, dq, _ = one.at(one.rests[1:].mean(axis=1))
+    assert np.all(np.diff(one.standstills, axis=1) >= 0.1 - 1e-12)
+    _, dq, _ = one.at(one.standstills[1:].mean(axis=1))
     np.testing.assert_allclose(dq, 0.0, atol=1e-12)
 
 
@@ -224,7 +224,7 @@ def test_random_motion_shows_all_six_sensors(model, seed):
     up = Rotation.from_quat(motion.quaternions, scalar_first=True).as_matrix()[:, 2, :]  # the base's z in the tool
     assert np.all(np.ptp(up, axis=0) > 1.0)  # of 2
     # between any two rests something turns, and gravity moves
-    for (_, begin), (end, _) in zip(one.rests[:-1], one.rests[1:], strict=True):
+    for (_, begin), (end, _) in zip(one.standstills[:-1], one.standstills[1:], strict=True):
         moving = (t > begin) & (t < end)
         if np.any(moving):
             assert np.degrees(np.sqrt(np.mean(motion.rates[moving] ** 2, axis=0)).max()) > 10.0
@@ -242,11 +242,11 @@ def test_random_motion_keeps_ranges_and_rests(model):
     middle, half = (lower + upper) / 2, share * (upper - lower) / 2
     q, _, _ = one.at(moments(one))
     assert np.all(np.abs(q - middle) <= half + 1e-9)
-    lengths = np.diff(one.rests, axis=1).ravel()
+    lengths = np.diff(one.standstills, axis=1).ravel()
     assert lengths[0] == pytest.approx(3.0)
     assert np.all((lengths[1:] >= 0.8 * rest - 1e-9) & (lengths[1:] <= 1.2 * rest + 1e-9))
     assert lengths.size > 8
-    stops, _ = kinematics.poses(arm, one.at(one.rests[1:].mean(axis=1))[0])
+    stops, _ = kinematics.poses(arm, one.at(one.standstills[1:].mean(axis=1))[0])
     far = np.linalg.norm(stops, axis=1)
     assert np.all(stops[:, 2] > 0.1 * far)  # above the floor
     assert np.all(np.hypot(stops[:, 0], stops[:, 1]) > 0.3 * far)  # beside the base

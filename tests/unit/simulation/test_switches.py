@@ -350,17 +350,17 @@ def test_the_base_sways(plain):
 
 
 def test_the_envelope_has_the_derivatives_it_says():
-    class Rests:
-        rests = np.array([[0.0, 1.0], [3.0, 4.0], [4.3, 6.0]])
+    class Planned:
+        standstills = np.array([[0.0, 1.0], [3.0, 4.0], [4.3, 6.0]])
 
     t = np.linspace(0.0, 6.0, 60_001)
-    share, slope, bend = envelope(Rests, t)
+    share, slope, bend = envelope(Planned, t)
     assert share.min() == 0.0
     assert share.max() == 1.0
     assert not share[(t < 1.0) | (t > 4.3) | ((t > 3.0) & (t < 4.0))].any()
     np.testing.assert_allclose(np.gradient(share, t), slope, rtol=0, atol=1e-3)
     np.testing.assert_allclose(np.gradient(slope, t), bend, rtol=0, atol=1.0)  # 30 h / ramp^3 at its ends
-    position, velocity, acceleration = Sway(1e-3, 4.0, np.array([0.3, 2.0])).at(Rests, t)
+    position, velocity, acceleration = Sway(1e-3, 4.0, np.array([0.3, 2.0])).at(Planned, t)
     np.testing.assert_allclose(np.gradient(position, t, axis=0), velocity, rtol=0, atol=1e-6)
     np.testing.assert_allclose(np.gradient(velocity, t, axis=0), acceleration, rtol=0, atol=1e-3)
 

@@ -85,7 +85,7 @@ def test_recordings_are_written(tmp_path):
 def test_effects_are_chosen_by_name():
     assert len(numbers(2, ["clean"], 150.0)) == 2 * 15
     assert {n % 10_000 for n in numbers(3, [], 150.0)} == {1, 2, 3}
-    with pytest.raises(SettingsError, match="unknown effect 'magic'; known are: clean, "):
+    with pytest.raises(SettingsError, match="unknown situation 'magic'; known are: clean, "):
         numbers(1, ["magic"], 150.0)
 
 

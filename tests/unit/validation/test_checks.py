@@ -205,7 +205,7 @@ def test_stamps_of_other_units_are_recognised(stream: str, factor: int, unit: st
 
 SIZES = UNITS["time"]
 CONFUSED = [(a, b) for a in SIZES for b in SIZES if a != b and 1e-6 <= SIZES[a] / SIZES[b] <= 1e3]
-"""Units stated and true; of others stamps repeat, or leap, and that is said first."""
+"""Units stated and true; of others stamps repeat, or jump, and that is said first."""
 
 
 @pytest.mark.parametrize("every", [1, 2, 5])

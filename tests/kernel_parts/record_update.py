@@ -12,7 +12,7 @@ from .compiled_parts import function
 
 
 class MeasuredArrays(NamedTuple):
-    """What `note` is given of an update."""
+    """What `record_update` is given of an update."""
 
     innovation: Numbers
     noise: Table
@@ -22,10 +22,12 @@ class MeasuredArrays(NamedTuple):
     place: Indices
 
 
-_note = function("note", Pointer(Record), ctypes.c_int64, Pointer(MeasuredArrays), ctypes.c_int64, ctypes.c_int64)
+_record_update = function(
+    "record_update", Pointer(Record), ctypes.c_int64, Pointer(MeasuredArrays), ctypes.c_int64, ctypes.c_int64
+)
 
 
-def note(
+def record_update(
     record: Record, i: int, innovation: Array, noise: Array, factor: Array, whitened: Array, gain: Array,
     place: Indices, *, used: bool,
 ) -> None:  # fmt: skip
@@ -42,4 +44,4 @@ def note(
         Where the numbers stand among position, orientation and velocity.
     """
     of = MeasuredArrays(innovation, noise, factor, whitened, padded(gain.T), place)
-    _note(record, i, of, len(gain), int(used))
+    _record_update(record, i, of, len(gain), int(used))
