@@ -26,4 +26,3 @@ PPM = 1e-6
 MRAD = 1e-3
 MM = 1e-3
 MS = 1e-3
-NS = 1e-9

@@ -27,8 +27,8 @@ _FLOAT = 9
 ARDUPILOT_SCALES, ARDUPILOT_OFFSET = (0.8, 1.2), 3.5
 """Ranges of INS_ACCSCAL and INS_ACCOFFS."""
 
-PX4_SCALES, PX4_MIN = (0.1, 3.0), 0.01
-"""Range of CAL_ACC_XSCALE; the smallest change that some versions take."""
+PX4_SCALES = (0.1, 3.0)
+"""Range of CAL_ACC_XSCALE."""
 
 
 def _held(full: SensorParameters) -> SensorParameters:
