@@ -1,4 +1,4 @@
-"""What each effect costs where there is none: ``python -m benchmarks.effects``.
+"""What each effect costs where there is none: ``python -m benchmarks.effects -o docs/data/effects.csv``.
 
 A device without any effect, 150 s of the virtual cell with joint angles. One pass with the effect in the state is
 compared with one without it: states, duration, and by how much the deviations of other groups grow. This is the price
@@ -7,7 +7,11 @@ of estimating an effect always; a calibration estimates it only if the data show
 
 from __future__ import annotations
 
+import argparse
+import csv
+import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,25 +57,31 @@ def _timed(problem: Problem, run: Fit) -> tuple[float, Fit]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, help="a CSV file; printed if not given")
+    arguments = parser.parse_args()
     problem = _problem()
     first = first_pass(problem)
     usual, base = _timed(
         problem, replace(first, belief=first_belief(problem, first.parameters, problem.prior.covariance))
     )
-    print(f"without: {problem.layout.degrees} states, {1e3 * usual:.0f} ms")
-    print("| effect | states | time of a pass | " + " | ".join(OTHERS) + " |")
-    for group in (*BY_CHOICE, *POLYNOMIALS):
-        larger, begun = _with(problem, first, (group,))
-        added = larger.layout.degrees - problem.layout.degrees
-        seconds, found = _timed(larger, begun)
-        ratios = [
-            np.median(found.belief.standard_deviation[larger.layout[g]])
-            / np.median(base.belief.standard_deviation[problem.layout[g]])
-            for g in OTHERS
-        ]
-        cells = " | ".join(f"{ratio - 1.0:+.1%}" for ratio in ratios)
-        print(f"| {group} | +{added} | {seconds / usual - 1.0:+.0%} | {cells} |")
+    print(f"without: {problem.layout.degrees} states, {1e3 * usual:.0f} ms", file=sys.stderr)
+    opened = arguments.output.open("w", encoding="utf-8", newline="") if arguments.output else nullcontext(sys.stdout)
+    with opened as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["error term", "states", "time of a pass", *OTHERS])
+        for group in (*BY_CHOICE, *POLYNOMIALS):
+            larger, begun = _with(problem, first, (group,))
+            added = larger.layout.degrees - problem.layout.degrees
+            seconds, found = _timed(larger, begun)
+            ratios = [
+                np.median(found.belief.standard_deviation[larger.layout[g]])
+                / np.median(base.belief.standard_deviation[problem.layout[g]])
+                for g in OTHERS
+            ]
+            growth = [f"{ratio - 1.0:+.1%}" for ratio in ratios]
+            table.writerow([group, f"+{added}", f"{seconds / usual - 1.0:+.0%}", *growth])
 
 
 if __name__ == "__main__":

@@ -19,7 +19,15 @@ def run(*arguments, **environment):
     return subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("arguments", [("passes.py", "1", "30"), ("error_budget.py", "fog", "1", "30")])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("passes.py", "1", "30"),
+        ("error_budget.py", "fog", "1", "30"),
+        ("accuracy_budget.py", "--seeds", "1", "--durations", "60", "--grades", "fog-mems"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
 def test_design_scripts_run(arguments):
     ended = run(f"design/{arguments[0]}", *arguments[1:])
     assert ended.returncode == 0, ended.stderr

@@ -35,6 +35,17 @@ def test_every_page_is_there_and_loads_nothing_from_other_hosts(site):
         assert not re.search(r'<link[^>]*rel="(stylesheet|preconnect)"[^>]*href="https?:', text), page.name
 
 
+def test_equations_are_typeset_without_scripts(site):
+    source = (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
+    page = (site / "explanation" / "model.html").read_text(encoding="utf-8")
+    for number in re.findall(r"\\tag\{(\d+)\}", source):
+        assert re.search(rf'<div class="equation" id="equation-{number}">.*<span class="number">\({number}\)', page)
+    assert page.count("<math") > 100
+    article = re.search(r"<article.*?</article>", page, re.S)[0]
+    assert "$" not in article
+    assert "\\" not in article
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 @pytest.mark.parametrize("width", [1400, 390])
@@ -47,7 +58,7 @@ def test_pages_read_offline_on_any_screen(site, width):
         heard: list[str] = []
         page.on("console", lambda message: heard.append(message.text))
         page.on("pageerror", lambda error: heard.append(str(error)))
-        for name in ("index", "how-to/export", "explanation/accuracy", "reference/options"):
+        for name in ("index", "how-to/export", "explanation/accuracy", "explanation/model", "reference/options"):
             page.goto((site / f"{name}.html").as_uri())
             assert page.evaluate("document.documentElement.scrollWidth - window.innerWidth") <= 0, name
         page.keyboard.press("/")

@@ -1,0 +1,50 @@
+"""What the site's build makes of pages: formulas, and tables of measurements from docs/data."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("mkdocs")
+markdown = pytest.importorskip("markdown")
+pytest.importorskip("latex2mathml")
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+CONFIG = SimpleNamespace(docs_dir=str(DOCS))
+
+
+@pytest.fixture(scope="module")
+def hooks():
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "the trace ($TRACE) of `$AXIS_ACT` or `$a$`",
+        "it costs 5 $ or 6 $",
+        "between $a and b$c",
+        "```sh\n$ kreisel calibrate run\n$$x$$\n```",
+        "    $$x$$",
+    ],
+)
+def test_dollar_signs_that_are_no_formulas_stay(hooks, text):
+    page = markdown.markdown(text, extensions=["pymdownx.superfences", hooks.Equations()])
+    assert "<math" not in page
+    assert re.sub("<.*?>", "", page).count("$") == text.count("$")
+
+
+def test_formulas_become_mathml(hooks):
+    text = "with $K_\\omega$, and\n\n$$x < y_1 * z_1 * u_1 \\tag{7}$$\n\nafter"
+    page = markdown.markdown(text, extensions=[hooks.Equations()])
+    assert page.count("<math") == 2
+    assert "<em>" not in page
+    assert '<div class="equation" id="equation-7">' in page
+    assert "(7)</span>" in page
+    assert "&lt;" in page or "&#x0003C;" in page
+    assert "$" not in page
