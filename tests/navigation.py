@@ -59,7 +59,7 @@ class SensorColumns:
         parts = []
         for turns, chosen in ((rate, slice(0, turning)), (rate[..., :1], slice(turning, None))):
             accel = [part[..., chosen] for part in (K_a, k_a[0], arms, a)]
-            parts.append(coefficients.force_coefficients(turns, *accel, form.products, form.inside))
+            parts.append(coefficients.force_coefficients(turns, *accel, printed=form is SizeEffect.FOX2005))
         return cls(rate, *parts, K_omega[..., 0].copy(), K_a[..., 0].copy())
 
     @classmethod

@@ -22,8 +22,7 @@ struct Model {
     Indices stored;          // (7,): where the parts below lie in the stored state, -1 where they are not in it
     IndexTable gyro_effects, accel_effects;  // (E, 3): see `effects_of` in process_model.hpp
     ConstNumbers gyro_applied, accel_applied;     // (e,)
-    double products;         // see coefficients.hpp, SizeEffect
-    Index inside;
+    Index printed;           // the size effect as the paper prints it: see coefficients.hpp
     double level, down;      // Earth rate that a unit of north, and of its downward part, stands for, rad/s
     ConstNumbers noise;           // (6,): standard deviations
     ConstNumbers standstill;      // (2,): deviations of the reference's error at a standstill, position and orientation

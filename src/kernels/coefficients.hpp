@@ -52,17 +52,11 @@ inline void rate_coefficients(Columns K_omega, Columns k_w0, Columns effects, Co
     }
 }
 
-/// How the eccentricities enter equation (2): see `force_coefficients`.
-struct SizeEffect {
-    double products;  // 1, or 0 to leave out the products of two rates, as the printed equation (2) does
-    bool inside;      // whether e stands inside the parentheses
-};
-
 /// The matrix F with (K_a e)_row = sum_ij F_ij ([alpha x] + [omega x]^2)_ij: equation (3).
 inline Matrix<Lanes> size_effect_field(
-    Index row, const Matrix<Lanes> &K_a, const Matrix<Lanes> &axes, const Matrix<Lanes> &arms, bool inside
+    Index row, const Matrix<Lanes> &K_a, const Matrix<Lanes> &axes, const Matrix<Lanes> &arms, bool printed
 ) {
-    if (!inside) {
+    if (printed) {
         Matrix<Lanes> field = {{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}}};
         field.row[row] = arms.row[row];
         return field;
@@ -79,19 +73,20 @@ inline Matrix<Lanes> size_effect_field(
 /// Write what equation (2) multiplies the features by, (3 features, m).
 ///
 /// rate (3 P, m), or its first column for all where it is `common`; K_a and arms (9, m), k_a0 (3, m); effects (3 E, m):
-/// see `rate_coefficients`.
+/// see `rate_coefficients`. printed: as the paper prints equation (2), without products of two rates and with e outside the
+/// parentheses.
 inline void force_coefficients(
-    Columns rate, bool common, Columns K_a, Columns k_a0, Columns arms, Columns effects, SizeEffect form, Columns out
+    Columns rate, bool common, Columns K_a, Columns k_a0, Columns arms, Columns effects, bool printed, Columns out
 ) {
     for (Index s = 0; s < out.columns; s += LANES) {
         const Matrix<Lanes> K = matrix(K_a, 0, s), e = matrix(arms, 0, s);
-        const Matrix<Lanes> axes = form.inside ? inverse(K) : K;
+        const Matrix<Lanes> axes = printed ? K : inverse(K);
         const auto W = [&](Index f) {
             return common ? in_all_lanes(rate.rows_from(3 * f, 3).vector_at(0)) : rate.vector(3 * f, s);
         };
         for (Index row = 0; row < 3; row++) {
-            const Matrix<Lanes> F = size_effect_field(row, K, axes, e, form.inside);
-            const Lanes xx = F.row[0].x, yy = F.row[1].y, zz = F.row[2].z, half = -0.5 * form.products;
+            const Matrix<Lanes> F = size_effect_field(row, K, axes, e, printed);
+            const Lanes xx = F.row[0].x, yy = F.row[1].y, zz = F.row[2].z, half = printed ? 0.0 : -0.5;
             const Lanes xy = half * (F.row[0].y + F.row[1].x), xz = half * (F.row[0].z + F.row[2].x);
             const Lanes yz = half * (F.row[1].z + F.row[2].y);
             const Matrix<Lanes> symmetric = {{{yy + zz, xy, xz}, {xy, xx + zz, yz}, {xz, yz, xx + yy}}};

@@ -53,7 +53,7 @@ inline void cell_layout(Layout &layout) {
         BEGIN(Model);
         FIELD(parts); FIELD(tail); FIELD(sampled); FIELD(weights); FIELD(gyro); FIELD(accel); FIELD(around); FIELD(robot);
         FIELD(gyro_degrees); FIELD(sensor_degrees); FIELD(stored); FIELD(gyro_effects); FIELD(accel_effects);
-        FIELD(gyro_applied); FIELD(accel_applied); FIELD(products); FIELD(inside); FIELD(level); FIELD(down); FIELD(noise);
+        FIELD(gyro_applied); FIELD(accel_applied); FIELD(printed); FIELD(level); FIELD(down); FIELD(noise);
         FIELD(standstill); FIELD(coloured); FIELD(walking); FIELD(walk); FIELD(fading); FIELD(noise_step);
         layout.end();
     }

@@ -50,7 +50,7 @@ inline Columns effects_of(IndexTable places, ConstNumbers applied, Columns param
 inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &order, Columns points, Workspace &memory) {
     const Index turning = 1 + 2 * order.group[0].degrees, sharing = 2 * order.group[1].degrees;
     const Index P = RATES + model.gyro_effects.rows, features = FEATURES + model.accel_effects.rows;
-    const SizeEffect form = {model.products, model.inside != 0};
+    const bool printed = model.printed != 0;
     const Columns gyro = rows_of(model.gyro, points, 0, turning, memory);
     const Columns own = rows_of(model.accel, points, 0, turning, memory);
     const Columns others = rows_of(model.accel, points, turning, sharing, memory);
@@ -61,7 +61,7 @@ inline Coefficients sensor_coefficients(const Model &model, const SigmaOrder &or
     const auto force = [&](Columns accel, bool common, Columns to) {
         const Columns effects = effects_of(model.accel_effects, model.accel_applied, accel.rows_from(ACCEL_EFFECTS, accel.rows - ACCEL_EFFECTS), memory);
         force_coefficients(
-            out.rate, common, accel.rows_from(ACCEL_CROSS_COUPLING, 9), accel.rows_from(ACCEL_OFFSET, 3), accel.rows_from(LEVER_ARMS, 9), effects, form, to);
+            out.rate, common, accel.rows_from(ACCEL_CROSS_COUPLING, 9), accel.rows_from(ACCEL_OFFSET, 3), accel.rows_from(LEVER_ARMS, 9), effects, printed, to);
     };
     const Columns effects = effects_of(model.gyro_effects, model.gyro_applied, gyro.rows_from(GYRO_EFFECTS, gyro.rows - GYRO_EFFECTS), memory);
     rate_coefficients(gyro.rows_from(GYRO_CROSS_COUPLING, 9), gyro.rows_from(GYRO_OFFSET, 3), effects, out.rate);

@@ -23,7 +23,7 @@ FEATURES = 16
 
 _rate_coefficients = function("rate_coefficients", StackView, TableView, StackView, StackView)
 _force_coefficients = function(
-    "force_coefficients", StackView, StackView, TableView, StackView, StackView, ctypes.c_double, ctypes.c_int64,
+    "force_coefficients", StackView, StackView, TableView, StackView, StackView, ctypes.c_int64,
     ctypes.c_int64, StackView,
 )  # fmt: skip
 
@@ -41,13 +41,12 @@ def rate_coefficients(K_omega: Array, k_w0: Array, effects: Array) -> Array:
 
 
 def force_coefficients(
-    rate: Array, K_a: Array, k_a0: Array, lever_arms: Array, effects: Array, products: float, inside: bool
+    rate: Array, K_a: Array, k_a0: Array, lever_arms: Array, effects: Array, *, printed: bool
 ) -> Array:
     """Return what equation (2) multiplies the features by, (16 + E, 3, m).
 
-    rate (P, 3, m), or (P, 3, 1) for all columns; K_a and lever_arms (3, 3, m), k_a0 (3, m), effects (E, 3, m). products
-    is 1, or 0 to leave out the products of two rates, as the printed equation (2) does; inside is True where e stands
-    inside the parentheses.
+    rate (P, 3, m), or (P, 3, 1) for all columns; K_a and lever_arms (3, 3, m), k_a0 (3, m), effects (E, 3, m). printed:
+    without the products of two rates, and with e outside the parentheses.
     """
     m = k_a0.shape[1]
     common = rate.shape[2] != m
@@ -57,7 +56,7 @@ def force_coefficients(
     )  # fmt: skip
     out = for_columns(FEATURES + len(effects), 3, m)
     _force_coefficients(
-        padded(rate), padded(K_a), padded(k_a0), padded(lever_arms), padded(effects), products, int(inside),
+        padded(rate), padded(K_a), padded(k_a0), padded(lever_arms), padded(effects), int(printed),
         int(common), out,
     )  # fmt: skip
     return out[..., :m]

@@ -12,11 +12,11 @@ EXPORTED int KREISEL(rate_coefficients)(Stack K_omega, Table k_w0, Stack effects
 }
 
 EXPORTED int KREISEL(force_coefficients)(
-    Stack rate, Stack K_a, Table k_a0, Stack arms, Stack effects, double products, Index inside, Index common, Stack out
+    Stack rate, Stack K_a, Table k_a0, Stack arms, Stack effects, Index printed, Index common, Stack out
 ) {
     force_coefficients(
         columns(rate), common != 0, columns(K_a), columns(k_a0), columns(arms), columns(effects),
-        {products, inside != 0}, columns(out));
+        printed != 0, columns(out));
     return DONE;
 }
 

@@ -89,8 +89,8 @@ class Model(NamedTuple):
         Which of the effects' parameters each feature is multiplied by in each axis; -1 for none.
     gyro_applied, accel_applied : (e,)
         Values of these parameters by which the readings have been corrected before.
-    products, inside
-        Of the size effect; see `coefficients.force_coefficients`.
+    printed
+        Whether the size effect is that of the printed paper.
     level, down
         Earth rate that a unit of north, and of its downward part, stands for, rad/s.
     noise : (6,)
@@ -120,8 +120,7 @@ class Model(NamedTuple):
     accel_effects: IndexTable
     gyro_applied: Numbers
     accel_applied: Numbers
-    products: float
-    inside: bool
+    printed: bool
     level: float
     down: float
     noise: Numbers

@@ -32,20 +32,6 @@ class SizeEffect(StrEnum):
     """e_j = s_j . ([alpha x] + [omega x]^2) r_j, inside the parentheses."""
     FOX2005 = "fox2005"
     """As printed: without products of rates, and added after K_a as if sensor and tool axes were the same."""
-    WITHOUT_PRODUCTS = "without_products"
-    """Only the first fault of the printed form."""
-    AFTER_CROSS_COUPLING = "after_cross_coupling"
-    """Only the second fault of the printed form."""
-
-    @property
-    def products(self) -> float:
-        """1 where the products omega_x omega_y and so on are kept, else 0."""
-        return 1.0 if self in (SizeEffect.COMPLETED, SizeEffect.AFTER_CROSS_COUPLING) else 0.0
-
-    @property
-    def inside(self) -> bool:
-        """Whether e is inside the parentheses, along the sensitive axes."""
-        return self in (SizeEffect.COMPLETED, SizeEffect.WITHOUT_PRODUCTS)
 
 
 @dataclass(frozen=True)
@@ -128,10 +114,10 @@ def size_effect(
     """
     W = skew(omega_b)
     square = W @ W
-    if form.products == 0.0:
+    if form is SizeEffect.FOX2005:
         square = square * np.eye(3)
     field = skew(alpha_b) + square
-    axes = np.linalg.inv(parameters.K_a) if form.inside else np.eye(3)
+    axes = np.eye(3) if form is SizeEffect.FOX2005 else np.linalg.inv(parameters.K_a)
     return np.asarray(np.einsum("jk,nkl,jl->nj", axes, field, parameters.lever_arms))
 
 
@@ -160,6 +146,6 @@ def correct_specific_force(
     """
     y = accelerations + parameters.k_a[0]
     e = size_effect(omega_b, alpha_b, parameters, form)
-    if form.inside:
-        return np.asarray((y - e) @ parameters.K_a.T)
-    return np.asarray(y @ parameters.K_a.T - e)
+    if form is SizeEffect.FOX2005:
+        return np.asarray(y @ parameters.K_a.T - e)
+    return np.asarray((y - e) @ parameters.K_a.T)

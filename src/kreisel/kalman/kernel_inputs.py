@@ -11,6 +11,7 @@ from kreisel._kernels.compiled import check_order
 from kreisel.estimation.sigma_points import weights
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
+from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import NOISE_STEP
 from kreisel.model.assumed_noise import AssumedNoise, ColouredNoise
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR, group_part
@@ -90,8 +91,7 @@ def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Mo
         accel_effects=places_of(sizes, "accelerometer"),
         gyro_applied=applied(gyro),
         accel_applied=applied(accel),
-        products=settings.size_effect.products,
-        inside=settings.size_effect.inside,
+        printed=settings.size_effect is SizeEffect.FOX2005,
         level=level,
         down=down,
         noise=np.array([_NOISE[name](problem.noise) for name in filter_arguments.NOISE]),
