@@ -188,7 +188,7 @@ def two_gyros_swapped(r):
     return imu(r, rates=r.imu.rates[:, [1, 0, 2]])
 
 
-@refused("imu0/data.csv, line 1", "turned by 180 deg", "-a_x lies along w_x", "same order")
+@refused("imu0/data.csv, line 1", "rotated by 180 deg", "-a_x lies along w_x", "same order")
 def two_gyros_with_the_wrong_sign(r):
     return imu(r, rates=r.imu.rates * [-1.0, -1.0, 1.0])
 
@@ -203,7 +203,7 @@ def two_accelerometers_swapped(r):
     return imu(r, accelerations=r.imu.accelerations[:, [1, 0, 2]])
 
 
-@refused("imu0/data.csv, line 1", "turned by 121 deg", "same order")
+@refused("imu0/data.csv, line 1", "rotated by 121 deg", "same order")
 def accelerometers_in_another_order(r):
     return imu(r, accelerations=r.imu.accelerations[:, [1, 2, 0]])
 
