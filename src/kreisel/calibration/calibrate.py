@@ -13,6 +13,7 @@ from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
+from kreisel.calibration.lack_of_fit import lack_of_fit, lack_of_fit_disagreement, larger_deviations
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -29,7 +30,7 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress, of_parts
+from kreisel.progress import Progress, of_parts, of_step
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
 from kreisel.refinement.iteration import StatedNoise, estimate
@@ -82,7 +83,11 @@ def run_calibration(
     preparation, problem, given = first.preparation, first.problem, first.given
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
-    halves = split_halves(found, progress, executor)
+    larger = larger_deviations(found, lack_of_fit(found, of_step(progress, "fit")))
+    raw_halves = split_halves(found, progress, executor)
+    # they may differ by as much as all parts of the recording do
+    wide = larger[found.problem.lasting]
+    halves = None if raw_halves is None else replace(raw_halves, deviation=wide * raw_halves.deviation)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = executor(
@@ -92,8 +97,10 @@ def run_calibration(
         ]
     )
     parts = filter_parts(found, progress, executor) if budget else None
-    by_halves = halves_disagreement(without_passing(found), halves)
-    found = without_passing(found.adding(by_interval.contributions, by_interval.warnings))
+    by_halves = halves_disagreement(without_passing(found), raw_halves)
+    by_parts = lack_of_fit_disagreement(found, larger)
+    found = found.adding(by_interval.contributions, by_interval.warnings)
+    found = without_passing(found.adding(by_parts.contributions, by_parts.warnings))
     found = found.adding(by_halves.contributions, by_halves.warnings)
     seen = observability(found.problem, found.deviation)
     found = with_doubtful_latitude(with_walked_deviations(found), latitude)

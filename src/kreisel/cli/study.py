@@ -103,15 +103,21 @@ def robustness(
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
     only: list[str] = typer.Option([], help="Name of a situation; may be repeated. All if not given."),
+    random: int = typer.Option(0, help="Instead: so many runs with errors that are on no list, each another.", min=0),
+    first: int = typer.Option(1, help="Number of the first of these.", min=1),
     seconds: float = typer.Option(150.0, help="Length of every recording, s.", min=20.0),
     write: Path | None = typer.Option(None, help="Write the recordings into this folder, and calibrate nothing."),
     json: bool = typer.Option(False, "--json", help="Print totals and rows as one JSON object."),
 ) -> None:
     """Calibrate hundreds of cells with errors outside the model: results must be right, or rejected."""
     from kreisel.cli.output import check_output
-    from kreisel.study.robustness import RowFile, numbers, run_numbered, write_numbered
+    from kreisel.errors import SettingsError
+    from kreisel.study.robustness import RowFile, numbers, random_numbers, run_numbered, write_numbered
+    from kreisel.study.situations import RANDOM
 
-    wanted = numbers(seeds, only, seconds)
+    if random and only:
+        raise SettingsError("--random has situations of its own; leave out --only")
+    wanted = random_numbers(random, first) if random else numbers(seeds, only, seconds)
     how = {"scheduler": scheduler, "workers": workers}
     if write is not None:
         check_output(write)
@@ -122,7 +128,11 @@ def robustness(
     check_output(output)
     file = RowFile(output, seconds)
     _each(partial(run_numbered, seconds), file.missing(wanted, seconds), how, file.add)
-    rows = [row for row in file.rows() if row.seed <= seeds and (not only or row.name in only)]
+    rows = file.rows()
+    if random:
+        rows = [row for row in rows if row.name == RANDOM and first <= row.seed < first + random]
+    else:
+        rows = [row for row in rows if row.name != RANDOM and row.seed <= seeds and (not only or row.name in only)]
     _say_robustness(rows, output, as_json=json)
 
 

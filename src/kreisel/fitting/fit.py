@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from kreisel.estimation.belief import Belief
+from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.update_history import History
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -63,7 +65,7 @@ class Estimator(Protocol):
     Notes
     -----
     The state is that of `problem.layout`: all groups, then errors of the reference, then navigation at the last update;
-    the belief is of all of it. Groups in `problem.noise.drifts` are Gauss-Markov processes, those in
+    the belief is of all of it. Groups in `problem.noise.gauss_markov` are Gauss-Markov processes, those in
     `problem.noise.offset_walk` walk at random: the belief is of their values at the last update. A likelihood is that
     of innovations given all earlier ones and the belief it began with: it compares between fits of `repeat`, and of
     `refit` from one fit. All methods raise an EstimationError where the state does not stay finite.
@@ -84,6 +86,13 @@ class Estimator(Protocol):
 
     def repeat(self, problem: Problem, fit: Fit, progress: StepProgress | None = None) -> Fit:
         """Return the fit of a problem of the same state from the same start: only the likelihoods of both compare."""
+        ...
+
+    def blocks(self, problem: Problem, near: Fit, ends: Sequence[int], progress: StepProgress | None = None) -> Blocks:
+        """Return what each block of updates says about the parameters, linearised about a fit of the problem.
+
+        ends: ascending numbers of the updates before which a block ends; the last is the number of updates.
+        """
         ...
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Container, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,7 @@ def run_filter(
     gate: float = 1.0,
     progress: StepProgress | None = None,
     belief: Belief | None = None,
+    visit: Mapping[int, Callable[[Belief], None]] | None = None,
 ) -> Fit:
     """Return the result of running the filter over all updates of a problem.
 
@@ -49,6 +52,8 @@ def run_filter(
         Factor on the innovation's bound; above 1 where the assumed noise is known to be too small.
     progress
         Called with the share done.
+    visit
+        By number of an update: what is called with the belief after all updates before it.
 
     Raises
     ------
@@ -75,8 +80,8 @@ def run_filter(
             signal, until = readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
             done = begin + run(
-                model, signal.samples, counted, done - begin, _next_event(updates, done, chunk.stop, until) - begin,
-                limit, filtered, record,
+                model, signal.samples, counted, done - begin,
+                _next_event(updates, done, chunk.stop, until, visit or ()) - begin, limit, filtered, record,
             )  # fmt: skip
             belief = Belief(filtered.mean, filtered.upper.T.copy())
             if not np.isfinite(record.nis[done - 1 - begin]):
@@ -85,6 +90,8 @@ def run_filter(
                     f"the filter's state is no longer finite at {seconds:.2f} s; check units and noise figures, or fix "
                     "groups that are not observable"
                 )
+            if visit is not None and done in visit:
+                visit[done](belief)
             if progress is not None:
                 progress(done / len(updates))
         histories.append(history_of(problem, updates[chunk], record))
@@ -117,13 +124,13 @@ def _belief_before(
     return belief
 
 
-def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int) -> int:
-    """Return the next update before which the belief is changed by other means, or progress is reported.
+def _next_event(updates: tuple[Update, ...], at: int, stop: int, until: int, visited: Container[int]) -> int:
+    """Return the next update before which the belief is changed by other means or asked for, or progress is reported.
 
     It is update `stop` at the latest, or the first one after sample `until`, up to which the readings are prepared.
     """
     stop = min(at + _MAX_BETWEEN_REPORTS, stop)
     for i in range(at + 1, stop):
-        if updates[i].new_segment or updates[i].last > until:
+        if updates[i].new_segment or updates[i].last > until or i in visited:
             return i
     return stop

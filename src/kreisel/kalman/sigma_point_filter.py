@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from kreisel.estimation.belief import Belief
+from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import repeated, run_filter
@@ -48,6 +50,18 @@ class SigmaPointFilter:
     def repeat(self, problem: Problem, fit: Fit, progress: StepProgress | None = None) -> Fit:
         """Return the fit of a problem from the belief that another one began with."""
         return repeated(problem, fit, progress)
+
+    def blocks(self, problem: Problem, near: Fit, ends: Sequence[int], progress: StepProgress | None = None) -> Blocks:
+        """Return what each block of updates says about the parameters: the increments of one pass near a fit."""
+        start, begun, constant = start_near(problem, near), narrowed_belief(problem, near), problem.constant
+        found: list[Belief] = [begun]
+        run_filter(
+            problem, start, belief=begun, gate=near.gate, progress=progress, visit=dict.fromkeys(ends, found.append)
+        )
+        means = np.stack([belief.mean for belief in found], axis=1)
+        distance = problem.layout.minus(means, near.belief.mean)[constant].T
+        covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
+        return increments(np.asarray(ends), distance, covariance)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

@@ -144,6 +144,14 @@ class Problem:
         return np.setdiff1d(np.arange(len(self.parameter_names)), np.concatenate([np.zeros(0, dtype=int), *passing]))
 
     @property
+    def constant(self) -> Indices:
+        """Degrees of freedom of the lasting parameters that do not walk during the recording."""
+        walking = [
+            np.r_[self.layout[g]] for g, density in self.noise.offset_walk.items() if density and g in self.layout
+        ]
+        return np.setdiff1d(self.lasting, np.concatenate([np.zeros(0, dtype=int), *walking]))
+
+    @property
     def walked_variance(self) -> Array:
         """Variance of the offsets' random walk from the first update to the last, one for each parameter, (n,)."""
         out = np.zeros(len(self.parameter_names))

@@ -42,6 +42,7 @@ from kreisel.simulation.device_errors import (
 from kreisel.simulation.free_path import FreePath, free_path
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
 from kreisel.simulation.owner_statements import as_stated
+from kreisel.simulation.random_physics import RandomPhysics
 from kreisel.simulation.reference import MARGIN, START_NS, Measure, ReferenceDraws, report_poses
 from kreisel.units import DEG
 
@@ -113,6 +114,7 @@ class _Streams:
     clock: np.random.Generator
     reference: np.random.Generator
     stamps: np.random.Generator
+    physics: np.random.Generator
 
     @classmethod
     def of(cls, cell: Cell, trial: int | None) -> _Streams:
@@ -163,6 +165,7 @@ def simulate(
         drawn if cell.run == 0 else at_mean_temperature(drawn, effects, cell.imu, cell.seconds),
         effects,
         draw_slip(streams.slip, cell.imu, min(cell.seconds, planned.seconds)),
+        RandomPhysics.of(cell.unlisted, streams.physics, partial(_jacobian, nominal)),
     )
     say("move the IMU", 0.2)
     motion = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
@@ -177,13 +180,18 @@ def simulate(
     else:
         measure = partial(measured, nominal, planned, own=own, errors=cell.errors)
     draws = ReferenceDraws(streams.path, streams.jitter, streams.clock, streams.reference)
-    reference, joints = report_poses(cell, planned, measure, draws, path)
+    reference, joints = report_poses(cell, planned, measure, draws, path, device.physics)
     r = cell.reference
     truth = Truth(
         device.sensors, r.clock_offset, r.clock_drift_ppm * 1e-6, gravity, earth, own, actual,
         device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing,
     )  # fmt: skip
     return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
+
+
+def _jacobian(arm: Arm, angles: Array) -> Array:
+    """Return the change of the tool's pose for a unit of each joint's angle, (n, 6, joints)."""
+    return kinematics.derivatives(arm, angles).jacobian
 
 
 def _path(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan | FreePath:
@@ -248,6 +256,7 @@ class _Device:
     sensors: SensorParameters
     effects: DeviceEffects
     slip: Slip | None
+    physics: RandomPhysics
 
 
 def _imu(
@@ -264,6 +273,8 @@ def _imu(
     rates, accelerations = _ideal(motion(t), shake, device, t, temperature_difference)
     if device.effects.accel_delay:
         _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t, temperature_difference)
+    unlisted = device.physics.readings(grade, t, rates, accelerations)
+    rates, accelerations = rates + unlisted[0], accelerations + unlisted[1]
     drift = offset_drift(streams.drift, cell.imu, t)
     noises = draw_noise(streams.imu, cell.imu, grade, n, rate)
     readings = disturbed(cell.imu, grade, rate, (rates, accelerations), drift, noises)

@@ -210,6 +210,17 @@ class Stated(_Table):
     height: bool = _key(True, "false: the height is not given")
 
 
+class Unlisted(_Table):
+    """Errors that are on no list: numbers of random smooth functions of what each goes through, and their size."""
+
+    gyro: int = _key(0, "of rates, forces, their slopes, what was before, time", ge=0, le=5)
+    accel: int = _key(0, "the same for accelerometers", ge=0, le=5)
+    reference: int = _key(0, "of the pose and time", ge=0, le=5)
+    joints: int = _key(0, "of each joint's angle, in the reported poses of an arm", ge=0, le=5)
+    clock: int = _key(0, "of time: by how much poses are late", ge=0, le=5)
+    size: float = _key(1.0, "factor on the sizes, which go up to what data sheets state", ge=0.0, le=10.0)
+
+
 class Cell(_Table):
     """A virtual cell."""
 
@@ -225,6 +236,7 @@ class Cell(_Table):
     imu: Imu = Imu()
     site: Site = Site()
     stated: Stated = Stated()
+    unlisted: Unlisted = Unlisted()
 
 
 def read_cell(path: Path) -> Cell:

@@ -14,6 +14,7 @@ from kreisel.robot.motion import Timeline
 from kreisel.simulation.cell_settings import Cell, Reference
 from kreisel.simulation.controller import Report, reported
 from kreisel.simulation.device_errors import middle
+from kreisel.simulation.random_physics import RandomPhysics
 
 START_NS = 1_000_000_000_000
 """Stamp of the first reading."""
@@ -41,7 +42,7 @@ class ReferenceDraws:
 
 
 def report_poses(
-    cell: Cell, planned: Timeline, measure: Measure, draws: ReferenceDraws, path: Path
+    cell: Cell, planned: Timeline, measure: Measure, draws: ReferenceDraws, path: Path, physics: RandomPhysics
 ) -> tuple[ReferencePoses, JointAngles | None]:
     """Return poses and joint angles on the reference's own clock.
 
@@ -49,6 +50,8 @@ def report_poses(
     ----------
     measure
         From times (n,) to what the reference measures then.
+    physics
+        Errors that are on no list.
     """
     r = cell.reference
     skew = r.clock_drift_ppm * 1e-6
@@ -59,9 +62,10 @@ def report_poses(
     kept[[0, -1]] = True
     tau = tau[kept]
     t = MARGIN + pace * tau
-    late = r.jitter * draws.jitter.normal(size=t.size) + _clock_error(draws.clock, r, t, last)
+    late = r.jitter * draws.jitter.normal(size=t.size) + _clock_error(draws.clock, r, t, last) + physics.lateness(t)
     taken = _interpolated(_averaged(measure, r.smoothing), r.interpolation)
     p, q, angles = reported(draws.path, taken, planned, t, late, cell.errors)
+    p, q = physics.poses(r.kind, t, p, q, angles)
     p, q, angles = _faulty(draws.faults, r, (p, q, angles))
     p, q = _lost_from_view(draws.faults.spawn(1)[0], r, t, p, q)
     stamps = START_NS + np.round((tau + MARGIN - r.clock_offset) * 1e9).astype(np.int64)

@@ -34,7 +34,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import Truth, simulate, write_truth
 from kreisel.simulation.cell_settings import Cell
-from kreisel.study.situations import Situation, situations
+from kreisel.study.situations import Situation, random_situation, situations
 from kreisel.study.stored_trials import whole_rows
 from kreisel.validation.checks import check_streams
 
@@ -167,8 +167,13 @@ def _cell(situation: Situation, seed: int) -> Cell:
 # Runs by number, for the map of a study
 
 
+def random_numbers(count: int, first: int = 1) -> list[int]:
+    """Return the numbers of so many runs with random physics; each is a situation of its own."""
+    return [-number for number in range(first, first + count)]
+
+
 def numbers(seeds: int, only: Sequence[str], seconds: float) -> list[int]:
-    """Return the numbers of all runs, or of those of named effects.
+    """Return the numbers of all runs, or of those of named situations.
 
     Raises
     ------
@@ -187,14 +192,20 @@ def numbers(seeds: int, only: Sequence[str], seconds: float) -> list[int]:
 
 def run_numbered(seconds: float, number: int) -> Row:
     """Return the outcome of a run by its number."""
+    return run_situation(*_numbered(seconds, number))
+
+
+def _numbered(seconds: float, number: int) -> tuple[Situation, int]:
+    """Return the situation and the seed of a run; those of random physics have negative numbers."""
+    if number < 0:
+        return random_situation(-number, seconds), -number
     index, seed = divmod(number, _SEEDS)
-    return run_situation(situations(seconds)[index], seed)
+    return situations(seconds)[index], seed
 
 
 def write_numbered(seconds: float, folder: Path, number: int) -> str:
     """Write the recording of a run by its number, with its truth and cell; return its name."""
-    index, seed = divmod(number, _SEEDS)
-    situation = situations(seconds)[index]
+    situation, seed = _numbered(seconds, number)
     target = folder / folder_name(situation, seed)
     if target.exists():
         return target.name
@@ -237,8 +248,9 @@ class RowFile:
         everything = situations(seconds)
         out = []
         for number in wanted:
-            index, seed = divmod(number, _SEEDS)
-            situation = everything[index]
+            situation, seed = _numbered(seconds, number) if number < 0 else (
+                everything[number // _SEEDS], number % _SEEDS
+            )  # fmt: skip
             if (situation.name, situation.size, situation.basis, seed) not in self._rows:
                 out.append(number)
         return out

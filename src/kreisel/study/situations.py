@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 
@@ -27,6 +29,12 @@ nothing said about the place."""
 
 _ROBOTS = ("joints", "poses")
 _ALL = tuple(BASES)
+
+RANDOM = "random physics"
+"""Name of situations with errors that are on no list."""
+
+_RANDOM = 20_261_123
+"""Beginning of their random numbers."""
 
 _FACTORS = (0.1, 0.3, 3.0, 10.0)
 """On what is stated."""
@@ -93,6 +101,22 @@ def situations(seconds: float = 150.0) -> tuple[Situation, ...]:
         for basis in effect.bases
         for size, change in effect.sizes
     )  # fmt: skip
+
+
+def random_situation(number: int, seconds: float = 150.0) -> Situation:
+    """Return a situation with one to five errors that are on no list, of a device, a cell and a motion drawn for it."""
+    rng = np.random.default_rng([_RANDOM, number])
+    basis = str(rng.choice(_ALL))
+    kinds = ("gyro", "accel", "reference", "clock", *(("joints",) if basis in _ROBOTS else ()))
+    chosen = rng.choice(kinds, size=int(rng.integers(1, 6)))
+    counts = {kind: int(np.sum(chosen == kind)) for kind in kinds if np.any(chosen == kind)}
+    change: dict[str, Content] = {"imu": {"grade": str(rng.choice(list(GRADES)))}, "unlisted": counts}
+    if basis in _ROBOTS and rng.random() < 0.3:
+        change["robot"] = {"model": "ur10e"}
+    if basis == "mocap" and rng.random() < 0.5:
+        change["motion"] = {"kind": str(rng.choice(["flight", "hand"]))}
+    words = ", ".join(f"{count} of {kind}" for kind, count in counts.items())
+    return Situation(RANDOM, str(number), basis, f"random functions: {words}", _cell(basis, seconds, change), ())
 
 
 def _of_grade(causes: tuple[str, ...], basis: str) -> tuple[str, ...]:

@@ -1,0 +1,174 @@
+"""Lack of fit: how much more the parts of a recording differ in what they say than the model lets them differ.
+
+An error that nobody listed changes from move to move, for it depends on something that the moves do not have in
+common. The blocks' scores then scatter more than their information says, whatever the error is, and the covariance
+that follows from their scatter (Huber 1967, White 1980: the sandwich) is that of the estimate under the wrong model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.calibration.disagreement import Disagreement
+from kreisel.estimation.consistency import chi_square_bound
+from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Source
+from kreisel.fitting.blocks import Blocks
+from kreisel.geometry.rotation import Array
+from kreisel.model.parameters import SENSOR_GROUPS
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+from kreisel.recording.recording import DataWarning
+from kreisel.refinement.estimate import Estimate
+
+MIN_SECONDS = 4.0
+"""s; shortest block, longer than errors of a reference on its path are correlated."""
+
+MAX_BLOCKS = 120
+"""Number of blocks at most: of more, each says little, and each costs an inverse."""
+
+MIN_BLOCKS = 8
+"""Number of blocks from which their scatter says something."""
+
+CHANCE = 1e-3
+"""Probability that a group's scatter is as large by chance."""
+
+_MIN_SHARE = 0.01
+"""Share of a parameter's variance that must come from the blocks, not from its prior."""
+
+_LAGS = 2
+"""Blocks after which scores are independent, for sums of their products (Bartlett weights, Newey and West 1987)."""
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Scatter of what the blocks of a recording say.
+
+    Attributes
+    ----------
+    blocks
+        The blocks.
+    influence : (B, n)
+        By how much each block moves the estimate of every constant parameter (`Problem.constant`).
+    expected, found : (n, n)
+        Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
+    degrees
+        Blocks that count, for they say about as much as each other.
+    """
+
+    blocks: Blocks
+    influence: Array
+    expected: Array
+    found: Array
+    degrees: float
+
+
+def block_ends(problem: Problem) -> list[int]:
+    """Return where blocks end: at the beginning of standstills where there are some, else by time."""
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
+    times = stamps[np.array([update.last for update in updates])]
+    shortest = max(MIN_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
+    resting = sum(update.new_standstill for update in updates) >= MIN_BLOCKS
+    ends, begun = [], float(times[0])
+    for i, update in enumerate(updates[1:], start=1):
+        fitting = update.new_standstill if resting else True
+        if (fitting and times[i] - begun >= shortest) or times[i] - begun >= 3.0 * shortest:
+            ends.append(i + 1)
+            begun = float(times[i])
+    if ends and len(updates) - ends[-1] < 3:
+        ends.pop()
+    return [*(end for end in ends if end < len(updates)), len(updates)]
+
+
+def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
+    """Return the scatter of blocks about an estimate; None where there are too few, or the clocks jumped."""
+    ends = block_ends(found.problem)
+    if len(ends) < MIN_BLOCKS or found.run.jumps or found.problem.constant.size == 0:
+        return None
+    factor = found.run.belief.factor[found.problem.constant]
+    return scatter(found.estimator.blocks(found.problem, found.run, ends, progress), factor @ factor.T)
+
+
+def scatter(blocks: Blocks, P: Array) -> LackOfFit:
+    """Return the scatter of blocks, for the covariance P (n, n) of the estimate.
+
+    Notes
+    -----
+    Scores at the estimate have the covariance I_b - I_b P I_b: what the block itself has moved the estimate by is
+    missing in them. Products of neighbours count where they add to the variance.
+    """
+    reduced = P @ (blocks.information - blocks.information @ P @ blocks.information) @ P
+    influence = blocks.score @ P
+    found = influence.T @ influence
+    neighbours = np.zeros_like(found)
+    for lag in range(1, min(_LAGS, len(influence) - 1) + 1):
+        products = (1.0 - lag / (_LAGS + 1)) * influence[lag:].T @ influence[:-lag]
+        neighbours += products + products.T
+    more = np.maximum(np.diag(neighbours), 0.0) / np.maximum(np.diag(found), 1e-300)
+    larger = np.sqrt(1.0 + more)
+    own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
+    degrees = own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)
+    return LackOfFit(
+        blocks, influence, reduced.sum(axis=0), larger[:, None] * found * larger, float(np.median(degrees))
+    )
+
+
+def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
+    """Return factors (degrees,) on the deviations of the sensors' parameters by the scatter of blocks; 1 by chance.
+
+    Notes
+    -----
+    A group is judged as a whole, in units of what is expected of it, so that few blocks say enough; correlated
+    innovations, which have been counted, are the same scatter. In a group that differs, a parameter that scatters more
+    than the others, beyond chance, counts with its own scatter.
+    """
+    problem = found.problem
+    out = np.ones(problem.layout.degrees)
+    if lack is None:
+        return out
+    place = {int(k): i for i, k in enumerate(problem.constant)}
+    prior = np.diag(found.run.belief.covariance)
+    for group in SENSOR_GROUPS:
+        if group not in problem.layout or problem.layout[group].start not in place:
+            continue
+        part = problem.layout[group]
+        shown = [k for k in range(part.start, part.stop) if lack.expected[place[k], place[k]] > _MIN_SHARE * prior[k]]
+        own = [place[k] for k in shown]
+        if not own:
+            continue
+        expected = found.correlation_factor**2 * lack.expected[np.ix_(own, own)]
+        size = np.sqrt(np.diag(expected))
+        values, vectors = np.linalg.eigh(expected / np.outer(size, size))
+        kept = values > _MIN_SHARE
+        white = vectors[:, kept] / np.sqrt(values[kept])
+        scaled = lack.found[np.ix_(own, own)] / np.outer(size, size)
+        degrees = lack.degrees * int(kept.sum())
+        ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())
+        if ratio > chi_square_bound(CHANCE, degrees) / degrees:
+            alone = np.diag(scaled) / (chi_square_bound(0.05, lack.degrees) / lack.degrees)
+            out[shown] = np.sqrt(np.maximum(ratio, alone))
+    return out
+
+
+def lack_of_fit_disagreement(found: Estimate, factor: Array) -> Disagreement:
+    """Return what factors on deviations, from the scatter of blocks, add to the uncertainty."""
+    if not (factor > 1.0).any():
+        return Disagreement()
+    problem, root, columns, differing = found.problem, found.as_noisy, [], []
+    for group in SENSOR_GROUPS:
+        if group in problem.layout and (factor[problem.layout[group]] > 1.0).any():
+            part = problem.layout[group]
+            further = np.zeros_like(root)
+            further[part] = np.sqrt(factor[part, None] ** 2 - 1.0) * root[part]
+            columns.append(further)
+            differing.append(f"{group} {float(np.median(factor[part])):.1f}")
+    words = (
+        "parts of the recording differ in what they say by more than the model lets them; standard deviations were "
+        f"multiplied: {', '.join(differing)}"
+    )
+    return Disagreement(
+        (Contribution("lack of fit: parts of the recording", Source.MISFIT, np.hstack(columns)),),
+        (DataWarning("fit", words),),
+    )

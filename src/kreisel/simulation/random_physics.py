@@ -1,0 +1,187 @@
+"""Errors that are on no list: random smooth functions of what sensors, reference, arm and clock go through.
+
+A function is a sum of random waves over one or several quantities, each in units of its own spread (random Fourier
+features of a smooth Gaussian process, Rahimi and Recht 2007). Everything is taken out of it that the usual model has,
+so that the parameters have one true value: over the recording a sensor's function is orthogonal to a constant, to
+rates, their products and derivatives, and to accelerations, a reference's to what another tool point or frame would do.
+Sizes are spread evenly in their logarithm, up to what data sheets of the grade, and of arms and cameras, state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, exp, matrix, multiply
+from kreisel.inertial.noise_figures import Grade
+from kreisel.simulation.cell_settings import Unlisted
+from kreisel.units import STANDARD_GRAVITY
+
+_WAVES = 12
+"""Waves in a function: enough that it looks like no single one of them."""
+
+_SMALLEST = 0.03
+"""Share of the largest size that a size may have."""
+
+_POSITION = {"robot": 2e-3, "mocap": 1.5e-3}
+"""m; largest rms of a reference's position error on its path (ISO 9283 path accuracy; bent camera volumes)."""
+
+_ORIENTATION = {"robot": 1e-3, "mocap": 3e-3}
+"""rad; the same for orientations."""
+
+_JOINT = 3e-4
+"""rad; largest rms of a joint's transmission error (harmonic and cycloidal gears: one to a few arc minutes peak)."""
+
+_HARMONICS = 60
+"""Highest order of a gear's error in its joint's angle."""
+
+_CLOCK = 2e-3
+"""s; largest rms by which a clock wanders."""
+
+_LAG = (5.0, 60.0)
+"""s; memory of a sensor that depends on what happened before."""
+
+
+@dataclass(frozen=True)
+class RandomPhysics:
+    """Functions of one cell; each is a random stream and is made where its quantities are known.
+
+    Attributes
+    ----------
+    gyro, accel, reference, joints, clock
+        Random streams of the functions, one each.
+    size
+        Factor on all sizes.
+    jacobian
+        From joint angles (n, joints) to the pose's change for a unit of each, (n, 6, joints); see
+        `kinematics.Derivatives`.
+    """
+
+    gyro: tuple[np.random.Generator, ...]
+    accel: tuple[np.random.Generator, ...]
+    reference: tuple[np.random.Generator, ...]
+    joints: tuple[np.random.Generator, ...]
+    clock: tuple[np.random.Generator, ...]
+    size: float
+    jacobian: Callable[[Array], Array]
+
+    @classmethod
+    def of(cls, settings: Unlisted, rng: np.random.Generator, jacobian: Callable[[Array], Array]) -> RandomPhysics:
+        """Return the functions that a cell has."""
+        gyro, accel, reference, joints, clock = (
+            tuple(own.spawn(count))
+            for own, count in zip(
+                rng.spawn(5),
+                (settings.gyro, settings.accel, settings.reference, settings.joints, settings.clock),
+                strict=True,
+            )
+        )
+        return cls(gyro, accel, reference, joints, clock, settings.size, jacobian)
+
+    def readings(self, grade: Grade, t: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
+        """Return what is added to ideal raw rates and accelerations (n, 3) at times t (n,)."""
+        if not self.gyro and not self.accel:
+            return np.zeros_like(rates), np.zeros_like(accelerations)
+        products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
+        linear = _orthogonal(
+            [np.ones((t.size, 1)), rates, accelerations, np.gradient(rates, t, axis=0), products]
+        )  # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
+        out = []
+        for streams, own, size in (
+            (self.gyro, rates, grade.gyro_scale_sd * _rms(rates)),
+            (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY),
+        ):
+            total = np.zeros_like(own)
+            for rng in streams:
+                value = _waves(rng, _of_sensor(rng, t, own, rates, accelerations), own.shape[1])
+                value = value - linear @ (linear.T @ value)
+                total += _sized(rng, value, self.size * size)
+            out.append(total)
+        return out[0], out[1]
+
+    def poses(self, kind: str, t: Array, p: Array, q: Array, angles: Array) -> tuple[Array, Array]:
+        """Return reported positions (n, 3) and quaternions (n, 4) with the errors of reference and joints."""
+        C = matrix(q)
+        frames = _orthogonal([np.ones((t.size, 1)), C.reshape(-1, 9), p])  # as another tool point, frame or scale would
+        for rng in self.reference:
+            quantities = [p, C[:, :, 0], C[:, :, 2], t[:, None]]
+            chosen = np.hstack([quantities[k] for k in _some(rng, len(quantities))])
+            value = _waves(rng, chosen, 6)
+            value = value - frames @ (frames.T @ value)
+            p = p + _sized(rng, value[:, :3], self.size * _POSITION[kind])
+            q = multiply(q, exp(_sized(rng, value[:, 3:], self.size * _ORIENTATION[kind])))
+        for rng in self.joints if angles.shape[1] else ():
+            orders = rng.integers(1, _HARMONICS, (3, angles.shape[1]))
+            waves = np.sin(orders * angles[:, None] + rng.uniform(0.0, 2.0 * np.pi, orders.shape)).sum(axis=1)
+            error = _sized(rng, waves * rng.uniform(0.0, 1.0, angles.shape[1]), self.size * _JOINT)
+            moved = np.einsum("nij,nj->ni", self.jacobian(angles), error)
+            p, q = p + moved[:, :3], multiply(q, exp(moved[:, 3:]))
+        return p, q
+
+    def lateness(self, t: Array) -> Array:
+        """Return by how much later than they say poses are taken, (n,), s."""
+        out = np.zeros(t.size)
+        for rng in self.clock:
+            out += _sized(rng, _waves(rng, t[:, None], 1), self.size * _CLOCK)[:, 0]
+        return out
+
+
+def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array) -> Array:
+    """Return the quantities that a sensor's error depends on, (n, k)."""
+    memory = np.exp(rng.uniform(*np.log(_LAG)))
+    quantities: list[Callable[[], Array]] = [
+        lambda: own,
+        lambda: rates,
+        lambda: accelerations,
+        lambda: np.gradient(own, t, axis=0),
+        lambda: _remembered(np.abs(own), t, memory),
+        lambda: t[:, None],
+    ]
+    return np.hstack([quantities[k]() for k in _some(rng, len(quantities))])
+
+
+def _some(rng: np.random.Generator, count: int) -> list[int]:
+    """Return one of so many numbers, or two."""
+    return list(rng.choice(count, size=int(rng.integers(1, 3)), replace=False))
+
+
+def _waves(rng: np.random.Generator, quantities: Array, columns: int) -> Array:
+    """Return random smooth functions (n, columns) of quantities (n, k)."""
+    spread = np.std(quantities, axis=0)
+    z = (quantities - quantities.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    waves = rng.normal(size=(z.shape[1], _WAVES)) * rng.uniform(0.3, 2.0) / np.sqrt(z.shape[1])
+    carried = np.cos(z @ waves + rng.uniform(0.0, 2.0 * np.pi, _WAVES))
+    return np.asarray(carried @ rng.normal(size=(_WAVES, columns)))
+
+
+def _sized(rng: np.random.Generator, value: Array, largest: float) -> Array:
+    """Return values (n, k) without their mean and with an rms over time and columns that is drawn up to the largest."""
+    value = value - value.mean(axis=0)
+    size = largest * np.exp(rng.uniform(np.log(_SMALLEST), 0.0))
+    rms = _rms(value)
+    return np.asarray(value * (size / rms)) if rms > 0.0 else value
+
+
+def _remembered(values: Array, t: Array, time: float) -> Array:
+    """Return what is left of values (n, k) that fade with a time constant."""
+    block = max(1, round(0.1 * t.size / max(t[-1] - t[0], 1e-9)))
+    ends = np.arange(0, t.size, block)
+    means = np.add.reduceat(values, ends, axis=0) / np.diff(np.append(ends, t.size))[:, None]
+    keep, out = np.exp(-0.1 / time), np.empty_like(means)
+    state = np.zeros(values.shape[1])
+    for i, mean in enumerate(means):
+        state = keep * state + (1.0 - keep) * mean
+        out[i] = state
+    return np.column_stack([np.interp(np.arange(t.size), ends, column) for column in out.T])
+
+
+def _orthogonal(columns: list[Array]) -> Array:
+    """Return an orthonormal basis (n, k) of columns."""
+    A = np.hstack(columns)
+    return np.asarray(np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))[0])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
