@@ -83,10 +83,11 @@ def run_calibration(
     preparation, problem, given = first.preparation, first.problem, first.given
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
-    larger = larger_deviations(found, lack_of_fit(found, of_step(progress, "fit")))
+    lack = lack_of_fit(found, of_step(progress, "fit"))
+    larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
     # they may differ by as much as all parts of the recording do
-    wide = larger[found.problem.lasting]
+    wide, parts = larger[found.problem.lasting], 0 if lack is None else len(lack.influence)
     halves = None if raw_halves is None else replace(raw_halves, deviation=wide * raw_halves.deviation)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
@@ -96,7 +97,7 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    parts = filter_parts(found, progress, executor) if budget else None
+    shares_of_filter = filter_parts(found, progress, executor) if budget else None
     by_halves = halves_disagreement(without_passing(found), raw_halves)
     by_parts = lack_of_fit_disagreement(found, larger)
     found = found.adding(by_interval.contributions, by_interval.warnings)
@@ -107,12 +108,23 @@ def run_calibration(
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude, known))
+    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, parts))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
-    whole = None if parts is None else budget_of(found, parts)
+    whole = None if shares_of_filter is None else budget_of(found, shares_of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)
     return Outcome(
-        recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, *crossed
+        recording,
+        preparation,
+        found.problem,
+        found,
+        seen,
+        facts,
+        halves,
+        verdict,
+        warnings,
+        calibration,
+        lack,
+        *crossed,
     )
 
 

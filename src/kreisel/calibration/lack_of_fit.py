@@ -52,6 +52,8 @@ class LackOfFit:
         The blocks.
     influence : (B, n)
         By how much each block moves the estimate of every constant parameter (`Problem.constant`).
+    variance : (B, n)
+        What the model expects of the square of that.
     expected, found : (n, n)
         Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
     degrees
@@ -60,6 +62,7 @@ class LackOfFit:
 
     blocks: Blocks
     influence: Array
+    variance: Array
     expected: Array
     found: Array
     degrees: float
@@ -83,9 +86,9 @@ def block_ends(problem: Problem) -> list[int]:
 
 
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
-    """Return the scatter of blocks about an estimate; None where there are too few, or the clocks jumped."""
+    """Return the scatter of blocks about an estimate; None where there are too few."""
     ends = block_ends(found.problem)
-    if len(ends) < MIN_BLOCKS or found.run.jumps or found.problem.constant.size == 0:
+    if len(ends) < MIN_BLOCKS or found.problem.constant.size == 0:
         return None
     factor = found.run.belief.factor[found.problem.constant]
     return scatter(found.estimator.blocks(found.problem, found.run, ends, progress), factor @ factor.T)
@@ -111,7 +114,7 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
     degrees = own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)
     return LackOfFit(
-        blocks, influence, reduced.sum(axis=0), larger[:, None] * found * larger, float(np.median(degrees))
+        blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, float(np.median(degrees))
     )
 
 

@@ -66,6 +66,7 @@ def _figures(data: ReportData) -> dict[str, list[Figure]]:
         "tracks": figures.track_figures(data.uncertainty),
         "correlations": [figures.matrix_figure(data.uncertainty)] if estimated else [],
         "drift": [] if data.unseen is None else figures.drift_figures(data.unseen),
+        "influence": [] if data.influence is None else figures.influence_figures(data.influence),
         "halves": [] if data.halves is None else [figures.halves_figure(data.halves, groups)],
     }
 

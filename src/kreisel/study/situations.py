@@ -114,7 +114,10 @@ def random_situation(number: int, seconds: float = 150.0) -> Situation:
     if basis in _ROBOTS and rng.random() < 0.3:
         change["robot"] = {"model": "ur10e"}
     if basis == "mocap" and rng.random() < 0.5:
-        change["motion"] = {"kind": str(rng.choice(["flight", "hand"]))}
+        kind = str(rng.choice(["flight", "hand"]))
+        change["motion"] = {"kind": kind}
+        if kind == "hand":  # faster than the range of others
+            change["imu"] = {"grade": "consumer-mems"}
     words = ", ".join(f"{count} of {kind}" for kind, count in counts.items())
     return Situation(RANDOM, str(number), basis, f"random functions: {words}", _cell(basis, seconds, change), ())
 
