@@ -99,7 +99,7 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
 
     Notes
     -----
-    Scores at the estimate have the covariance I_b - I_b P I_b: what the block itself has moved the estimate by is
+    Equation (27). Scores at the estimate have the covariance I_b - I_b P I_b: what the block itself has moved the estimate by is
     missing in them. Products of neighbours count where they add to the variance.
     """
     reduced = P @ (blocks.information - blocks.information @ P @ blocks.information) @ P
