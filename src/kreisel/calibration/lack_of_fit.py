@@ -7,6 +7,7 @@ that follows from their scatter (Huber 1967, White 1980: the sandwich) is that o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,9 @@ CHANCE = 1e-3
 
 _MIN_SHARE = 0.01
 """Share of a parameter's variance that must come from the blocks, not from its prior."""
+
+_BEYOND = 2.5
+"""Standard deviations of sums of neighbours' products beyond which they count."""
 
 _LAGS = 2
 """Blocks after which scores are independent, for sums of their products (Bartlett weights, Newey and West 1987)."""
@@ -99,23 +103,23 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
 
     Notes
     -----
-    Equation (27). Scores at the estimate have the covariance I_b - I_b P I_b: what the block itself has moved the estimate by is
-    missing in them. Products of neighbours count where they add to the variance.
+    The sums of equation (27). Scores at the estimate have the covariance I_b - I_b P I_b, for what the block itself has
+    moved the estimate by is missing in them. Products of neighbours count where they add to the variance beyond chance.
     """
     reduced = P @ (blocks.information - blocks.information @ P @ blocks.information) @ P
     influence = blocks.score @ P
     found = influence.T @ influence
-    neighbours = np.zeros_like(found)
-    for lag in range(1, min(_LAGS, len(influence) - 1) + 1):
-        products = (1.0 - lag / (_LAGS + 1)) * influence[lag:].T @ influence[:-lag]
-        neighbours += products + products.T
-    more = np.maximum(np.diag(neighbours), 0.0) / np.maximum(np.diag(found), 1e-300)
-    larger = np.sqrt(1.0 + more)
     own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
-    degrees = own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)
-    return LackOfFit(
-        blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, float(np.median(degrees))
+    degrees = float(np.median(own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)))
+    weights = [2.0 * (1.0 - lag / (_LAGS + 1)) for lag in range(1, min(_LAGS, len(influence) - 1) + 1)]
+    neighbours = sum(
+        (weight * np.sum(influence[lag:] * influence[:-lag], axis=0) for lag, weight in enumerate(weights, start=1)),
+        np.zeros(len(P)),
     )
+    more = neighbours / np.maximum(np.diag(found), 1e-300)
+    chance = _BEYOND * math.hypot(*weights) / degrees**0.5
+    larger = np.sqrt(1.0 + np.where(more > chance, more, 0.0))
+    return LackOfFit(blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, degrees)
 
 
 def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
