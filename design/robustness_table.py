@@ -1,7 +1,9 @@
 """Tables of docs/explanation/robustness.md from the results of robustness studies.
 
 Run: kreisel study robustness -o RESULTS, then python design/robustness_table.py RESULTS -o docs/data/robustness.csv,
-and with --foreign -o docs/data/foreign.csv: the situations of users' own data, a row for each size.
+with --foreign -o docs/data/foreign.csv: the situations of users' own data, a row for each size; and with --random -o
+docs/data/random.csv: errors that are on no list, from kreisel study robustness --random N -o RESULTS, a row for each
+basic cell.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.study.robustness import VERDICTS, WRONG, Row, RowFile, rightly
-from kreisel.study.situations import situations
+from kreisel.study.situations import RANDOM, Situation, situations
 
 FOREIGN = (
     "propellers", "gentle flight", "never at rest", "clock of the reference", "unsaid height", "noise and lag",
@@ -30,13 +32,15 @@ def main() -> None:
     """Read result folders, write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path, metavar="RESULTS")
-    parser.add_argument("--foreign", action="store_true")
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--foreign", action="store_const", dest="kind", const="foreign", default="usual")
+    chosen.add_argument("--random", action="store_const", dest="kind", const="random")
     parser.add_argument("-o", "--output", type=Path, help="a CSV file; printed if not given")
     arguments = parser.parse_args()
     rows = [row for folder in arguments.folders for row in rows_of(folder)]
     opened = arguments.output.open("w", encoding="utf-8", newline="") if arguments.output else nullcontext(sys.stdout)
     with opened as stream:
-        csv.writer(stream, lineterminator="\n").writerows(table(rows, foreign=arguments.foreign))
+        csv.writer(stream, lineterminator="\n").writerows(table(rows, arguments.kind))
 
 
 def rows_of(folder: Path) -> list[Row]:
@@ -45,19 +49,28 @@ def rows_of(folder: Path) -> list[Row]:
     return RowFile(folder, seconds).rows()
 
 
-def table(rows: Sequence[Row], *, foreign: bool) -> list[list[str]]:
-    """Return header and rows: of all, and of each situation, or of each size of the foreign ones."""
+def kind_of(name: str) -> str:
+    """Return which table a situation belongs to."""
+    return "random" if name == RANDOM else "foreign" if name in FOREIGN else "usual"
+
+
+def table(rows: Sequence[Row], kind: str) -> list[list[str]]:
+    """Return header and rows: of all, and of each situation, size of the foreign ones, or basic cell of the random."""
     grouped: dict[str, list[Row]] = {}
     for situation in situations():  # their order
-        if (situation.name in FOREIGN) == foreign:
-            grouped.setdefault(f"{situation.name}, {situation.size}" if foreign else situation.name, [])
+        if kind_of(situation.name) == kind:
+            grouped.setdefault(_title(situation, kind), [])
     for row in rows:
-        if (row.name in FOREIGN) == foreign:
-            grouped[f"{row.name}, {row.size}" if foreign else row.name].append(row)
-    last = error_over_deviation if foreign else cause_named
+        if kind_of(row.name) == kind:
+            grouped.setdefault(_title(row, kind), []).append(row)
+    last = cause_named if kind == "usual" else error_over_deviation
     everything = {"all": [row for own in grouped.values() for row in own], **grouped}
-    out = [[*HEADER, "error / sd" if foreign else "cause named"]]
+    out = [[*HEADER, "cause named" if kind == "usual" else "error / sd"]]
     return out + [[name, *counts(own), last(own)] for name, own in everything.items() if own]
+
+
+def _title(one: Situation | Row, kind: str) -> str:
+    return {"usual": one.name, "foreign": f"{one.name}, {one.size}", "random": f"{one.name}, {one.basis}"}[kind]
 
 
 def counts(rows: Sequence[Row]) -> list[str]:

@@ -37,6 +37,20 @@ def test_recordings_are_written_instead(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
+def test_errors_that_are_on_no_list(tmp_path):
+    """Ten that nobody has looked at; half a minute each, so that few are observable well."""
+    done = command("--random", 10, "--first", 101, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["totals"]["runs"] == 10
+    assert document["totals"]["verdicts"]["crashed"] == 0
+    accepted = [row["worst"] for row in document["rows"] if row["verdict"] == "accepted"]
+    assert accepted
+    assert max(accepted) < 8.0
+    assert command("--random", 2, "--only", "clean", "-o", tmp_path / "out").returncode == 1
+
+
 def test_unknown_effects_are_listed(tmp_path):
     done = command("--only", "magic", "-o", tmp_path / "out")
     assert done.returncode == 1
