@@ -13,7 +13,7 @@ from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
-from kreisel.calibration.lack_of_fit import lack_of_fit, lack_of_fit_disagreement, larger_deviations
+from kreisel.calibration.lack_of_fit import lack_of_fit, lack_of_fit_disagreement, larger_deviations, standstills_in
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -87,7 +87,8 @@ def run_calibration(
     larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
     # they may differ by as much as all parts of the recording do
-    wide, parts = larger[found.problem.lasting], 0 if lack is None else len(lack.influence)
+    wide = larger[found.problem.lasting]
+    moves = 0 if lack is None else min(len(lack.influence), standstills_in(found.problem))
     halves = None if raw_halves is None else replace(raw_halves, deviation=wide * raw_halves.deviation)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
@@ -108,7 +109,7 @@ def run_calibration(
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, parts))
+    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, moves))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if shares_of_filter is None else budget_of(found, shares_of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)

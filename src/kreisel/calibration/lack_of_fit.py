@@ -77,7 +77,7 @@ def block_ends(problem: Problem) -> list[int]:
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     times = stamps[np.array([update.last for update in updates])]
     shortest = max(MIN_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
-    resting = sum(update.new_standstill for update in updates) >= MIN_BLOCKS
+    resting = standstills_in(problem) >= MIN_BLOCKS
     ends, begun = [], float(times[0])
     for i, update in enumerate(updates[1:], start=1):
         fitting = update.new_standstill if resting else True
@@ -87,6 +87,11 @@ def block_ends(problem: Problem) -> list[int]:
     if ends and len(updates) - ends[-1] < 3:
         ends.pop()
     return [*(end for end in ends if end < len(updates)), len(updates)]
+
+
+def standstills_in(problem: Problem) -> int:
+    """Return the number of standstills, between which a recording has moves of their own."""
+    return sum(update.new_standstill for update in problem.schedule.updates)
 
 
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
