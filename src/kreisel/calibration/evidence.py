@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kreisel.calibration.result_sections import Consistency
+from kreisel.fitting.blocks import Blocks
 from kreisel.geometry.rotation import Array
 from kreisel.refinement.observability import Observability
 
@@ -32,6 +33,32 @@ class SplitHalves:
             return "", 0.0
         score = np.abs(self.score)[own]
         return self.names[own[int(np.argmax(score))]], float(score.max())
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Scatter of what the blocks of a recording say.
+
+    Attributes
+    ----------
+    blocks
+        The blocks.
+    influence : (B, n)
+        By how much each block moves the estimate of every constant parameter (`Problem.constant`).
+    variance : (B, n)
+        What the model expects of the square of that.
+    expected, found : (n, n)
+        Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
+    degrees
+        Blocks that count, for they say about as much as each other.
+    """
+
+    blocks: Blocks
+    influence: Array
+    variance: Array
+    expected: Array
+    found: Array
+    degrees: float
 
 
 @dataclass(frozen=True)

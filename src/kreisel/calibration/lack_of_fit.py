@@ -8,11 +8,11 @@ that follows from their scatter (Huber 1967, White 1980: the sandwich) is that o
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from kreisel.calibration.disagreement import Disagreement
+from kreisel.calibration.evidence import LackOfFit
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
@@ -44,32 +44,6 @@ _BEYOND = 2.5
 
 _LAGS = 2
 """Blocks after which scores are independent, for sums of their products (Bartlett weights, Newey and West 1987)."""
-
-
-@dataclass(frozen=True)
-class LackOfFit:
-    """Scatter of what the blocks of a recording say.
-
-    Attributes
-    ----------
-    blocks
-        The blocks.
-    influence : (B, n)
-        By how much each block moves the estimate of every constant parameter (`Problem.constant`).
-    variance : (B, n)
-        What the model expects of the square of that.
-    expected, found : (n, n)
-        Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
-    degrees
-        Blocks that count, for they say about as much as each other.
-    """
-
-    blocks: Blocks
-    influence: Array
-    variance: Array
-    expected: Array
-    found: Array
-    degrees: float
 
 
 def block_ends(problem: Problem) -> list[int]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kreisel.calibration.evidence import CrossValidation, SplitHalves
-from kreisel.calibration.lack_of_fit import LackOfFit
+from kreisel.calibration.evidence import CrossValidation, LackOfFit, SplitHalves
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Consistency, Verdict
 from kreisel.model.problem import Problem

@@ -186,18 +186,6 @@ class Unseen:
 
 
 @dataclass(frozen=True)
-class Influence:
-    """By how much each part of the recording moves the estimate, rms over a sensor's parameters in standard deviations.
-
-    `seconds` (B,) are the middles of the parts, `found` and `expected` the sizes by sensor, (B,) each.
-    """
-
-    seconds: Single
-    found: dict[str, Single]
-    expected: dict[str, Single]
-
-
-@dataclass(frozen=True)
 class ReportData:
     """All that the figures and tables of a report are made from."""
 
@@ -208,7 +196,6 @@ class ReportData:
     uncertainty: Uncertainty
     unseen: Unseen | None
     halves: SplitHalves | None
-    influence: Influence | None
     injection: Injection | None
 
 
@@ -226,7 +213,6 @@ def extract(
         uncertainty=_uncertainty(outcome),
         unseen=None if outcome.cross is None else _unseen(outcome.cross),
         halves=outcome.halves,
-        influence=_influence(outcome),
         injection=injection,
     )
 
@@ -576,24 +562,6 @@ def _unseen(cross: CrossValidation) -> Unseen | None:
     )
 
 
-def _influence(outcome: Outcome) -> Influence | None:
-    lack, problem = outcome.lack, outcome.problem
-    if lack is None:
-        return None
-    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
-    edges = np.array([stamps[updates[0].last], *(stamps[updates[end - 1].last] for end in lack.blocks.ends)])
-    names = np.array([problem.parameter_names[k] for k in problem.constant])
-    deviation = outcome.estimate.run.belief.standard_deviation[problem.constant]
-    found: dict[str, Single] = {}
-    expected: dict[str, Single] = {}
-    for sensor in ("gyroscope", "accelerometer"):
-        own = np.char.startswith(names, f"{sensor}.")
-        if own.any():
-            for sizes, squares in ((found, lack.influence**2), (expected, lack.variance)):
-                sizes[sensor] = np.sqrt(np.mean(squares[:, own] / deviation[own] ** 2, axis=1)).astype(np.float32)
-    return Influence((0.5 * (edges[1:] + edges[:-1])).astype(np.float32), found, expected)
-
-
 def _drift(drift: Drift) -> DriftCurves:
     shown = every(drift.seconds.size, MAX_MARKERS)
     sizes = drift.position / MM, drift.attitude / MRAD
@@ -611,7 +579,6 @@ __all__ = [
     "Difference",
     "DriftCurves",
     "Excitation",
-    "Influence",
     "Kind",
     "ReportData",
     "Residuals",

@@ -17,7 +17,6 @@ from kreisel.report.data import (
     Difference,
     Envelopes,
     Excitation,
-    Influence,
     Residuals,
     Track,
     Uncertainty,
@@ -295,22 +294,6 @@ def drift_figures(unseen: Unseen) -> list[Figure]:
     ]
 
 
-def influence_figures(influence: Influence) -> list[Figure]:
-    """Return the influence of each part of the recording, of section 5."""
-    return [
-        Figure(
-            f"influence-{sensor}",
-            f"Influence of each part, {sensor}",
-            "By how much each part of the recording, a move between two standstills or some seconds, moves the "
-            "estimate: rms over the sensor's parameters, in standard deviations. Good: points about as high as the "
-            "line. A part far above it contradicts the others.",
-            _of_parts(influence, sensor),
-            link="influence",
-        )
-        for sensor in influence.found
-    ]
-
-
 def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
     """Return the split-half scores of section 5."""
     return Figure(
@@ -466,18 +449,6 @@ def _plain(label: str) -> str:
 def _of_groups(spans: Sequence[tuple[str, int, int]]) -> list[list[float] | list[str]]:
     """Return the ticks in the middle of each run of parameters: places and symbols."""
     return [[0.5 * (a + b - 1) for _, a, b in spans], [_plain(GROUP_LABELS.get(g, g)) for g, _, _ in spans]]
-
-
-def _of_parts(influence: Influence, sensor: str) -> Plot:
-    found, expected = influence.found[sensor], influence.expected[sensor]
-    data = [
-        plots.line(Curve(influence.seconds, expected), "expected", "muted"),
-        plots.markers(influence.seconds, found, "found", "x", size=6),
-    ]
-    half = 0.5 * float(influence.seconds[-1] - influence.seconds[0]) / max(influence.seconds.size - 1, 1)
-    x = plots.axis(_TIME, range=[float(influence.seconds[0]) - half, float(influence.seconds[-1]) + half])
-    y = plots.axis("Moved by (sd)", range=[0.0, 1.1 * float(max(found.max(), expected.max()))])
-    return plots.plot(x, plots.panel(data, y))
 
 
 def _matrix(u: Uncertainty) -> Plot:

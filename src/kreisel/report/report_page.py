@@ -12,6 +12,7 @@ from kreisel.report import figures, report_tables, result_tables
 from kreisel.report.budget_figure import budget_picture
 from kreisel.report.cells import by_group
 from kreisel.report.data import ReportData, extract
+from kreisel.report.influence import influence_figures, influence_of
 from kreisel.report.plots import Figure
 from kreisel.report.snippet import snippet
 from kreisel.report.template import fill
@@ -66,7 +67,7 @@ def _figures(data: ReportData) -> dict[str, list[Figure]]:
         "tracks": figures.track_figures(data.uncertainty),
         "correlations": [figures.matrix_figure(data.uncertainty)] if estimated else [],
         "drift": [] if data.unseen is None else figures.drift_figures(data.unseen),
-        "influence": [] if data.influence is None else figures.influence_figures(data.influence),
+        "influence": influence_figures(influence_of(data.outcome)),
         "halves": [] if data.halves is None else [figures.halves_figure(data.halves, groups)],
     }
 
