@@ -54,11 +54,11 @@ def test_the_table_of_robustness_is_made_from_results(robustness_table, tmp_path
     file.add(Row("gap of the IMU", "2 s", "joints", 2, "accepted", 3.0, "k", 0.8))
     file.add(Row("gap of the IMU", "40 s", "joints", 1, "rejected", 5.0, "k", 2.0))
     rows = robustness_table.rows_of(tmp_path)
-    assert [row[:7] for row in robustness_table.table(rows, foreign=False)[1:]] == [
+    assert [row[:7] for row in robustness_table.table(rows, "usual")[1:]] == [
         ["all", "2", "1", "1", "0", "1", "4.5"],
         ["spikes", "2", "1", "1", "0", "1", "4.5"],
     ]
-    assert robustness_table.table(rows, foreign=True)[1:] == [
+    assert robustness_table.table(rows, "foreign")[1:] == [
         ["all", "3", "2", "0", "1", "0", "3.0", "0.71"],
         ["gap of the IMU, 2 s", "2", "2", "0", "0", "0", "3.0", "0.71"],
         ["gap of the IMU, 40 s", "1", "0", "0", "1", "0", "", ""],

@@ -13,7 +13,13 @@ from kreisel.calibration.evidence import Evidence
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
-from kreisel.calibration.lack_of_fit import lack_of_fit, lack_of_fit_disagreement, larger_deviations, standstills_in
+from kreisel.calibration.lack_of_fit import (
+    lack_of_fit,
+    lack_of_fit_disagreement,
+    larger_deviations,
+    standstills_in,
+    within_halves,
+)
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -86,8 +92,9 @@ def run_calibration(
     lack = lack_of_fit(found, of_step(progress, "fit"))
     larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
-    # they may differ by as much as all parts of the recording do
-    wide = larger[found.problem.lasting]
+    # they may differ by as much as parts of one half do
+    middle = len(found.problem.schedule.updates) // 2
+    wide = larger_deviations(found, within_halves(lack, middle))[found.problem.lasting]
     moves = 0 if lack is None else min(len(lack.influence), standstills_in(found.problem))
     halves = None if raw_halves is None else replace(raw_halves, deviation=wide * raw_halves.deviation)
     by_interval = interval_disagreement(found, progress)

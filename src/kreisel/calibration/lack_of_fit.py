@@ -8,6 +8,7 @@ that follows from their scatter (Huber 1967, White 1980: the sandwich) is that o
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -99,6 +100,22 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     chance = _BEYOND * math.hypot(*weights) / degrees**0.5
     larger = np.sqrt(1.0 + np.where(more > chance, more, 0.0))
     return LackOfFit(blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, degrees)
+
+
+def within_halves(lack: LackOfFit | None, middle: int) -> LackOfFit | None:
+    """Return the scatter of blocks about what the half that each lies in says: a change in between does not count.
+
+    middle: number of the update between the halves.
+    """
+    if lack is None:
+        return None
+    first = lack.blocks.ends <= middle
+    rest = lack.influence.copy()
+    for half in (first, ~first):
+        share = lack.variance[half] / np.maximum(lack.variance[half].sum(axis=0), 1e-300)
+        rest[half] -= share * lack.influence[half].sum(axis=0)
+    count = len(rest)
+    return replace(lack, found=rest.T @ rest * (count / max(count - 2, 1)))
 
 
 def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:

@@ -11,6 +11,7 @@ from kreisel.calibration.lack_of_fit import (
     lack_of_fit_disagreement,
     larger_deviations,
     scatter,
+    within_halves,
 )
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
@@ -58,6 +59,21 @@ def test_where_blocks_err_each_in_its_own_way_it_is_the_variance_of_the_estimate
     true, said = np.mean(errors, axis=0), np.mean(found, axis=0)
     assert (true > 1.3 * np.diag(P)).all()  # the model's own is too small
     np.testing.assert_allclose(said, true, rtol=0.25)
+
+
+def test_a_change_between_the_halves_is_no_scatter_within_them(designs):
+    """A slip in the middle makes all blocks scatter; about what their own half says they do not."""
+    rng, within, about = np.random.default_rng(3), [], []
+    shift = np.where(np.arange(BLOCKS)[:, None] < BLOCKS // 2, 0.5, -0.5) * np.ones(PARAMETERS)
+    for _ in range(200):
+        noise = rng.normal(size=(BLOCKS, ROWS)) + np.einsum("brj,bj->br", designs, shift)
+        blocks, P, _ = regression(designs, noise)
+        lack = scatter(blocks, P)
+        about.append(np.diag(lack.found) / np.diag(lack.expected))
+        within.append(np.diag(within_halves(lack, BLOCKS // 2).found) / np.diag(lack.expected))
+    assert np.mean(about) > 2.0
+    assert 0.8 < np.mean(within) < 0.6 * np.mean(about)
+    assert within_halves(None, 3) is None
 
 
 def test_increments_are_those_of_a_recursive_estimate(designs):
