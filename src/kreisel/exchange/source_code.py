@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,14 +26,6 @@ _RESERVED = frozenset({
 """Words of MATLAB and Octave; in the other languages the name is the beginning of others only."""
 
 
-@dataclass(frozen=True)
-class Language:
-    """What differs between languages: the name of the template, and how sums are written axis by axis."""
-
-    template: str
-    axis: AxisLanguage
-
-
 def _plain(x: float) -> str:
     return repr(float(x))
 
@@ -51,13 +42,8 @@ def _factor(factor: Factor, own: str, axis: int, absolute: Callable[[str], str])
     }[factor]
 
 
-C = Language(
-    "imu.h",
-    AxisLanguage(partial(_factor, absolute=lambda x: f"({x} < 0 ? -{x} : {x})"), lambda x: f"(real){_plain(x)}"),
-)
-RUST = Language(
-    "imu.rs", AxisLanguage(partial(_factor, absolute=lambda x: f"(if {x} < 0.0 {{ -{x} }} else {{ {x} }})"), _plain)
-)
+C = AxisLanguage(partial(_factor, absolute=lambda x: f"({x} < 0 ? -{x} : {x})"), lambda x: f"(real){_plain(x)}")
+RUST = AxisLanguage(partial(_factor, absolute=lambda x: f"(if {x} < 0.0 {{ -{x} }} else {{ {x} }})"), _plain)
 
 
 def _matrix(values: Array) -> str:
@@ -81,10 +67,6 @@ MATLAB = ArrayLanguage(
 )
 
 
-_IN_MATLAB = Language("imu.m", C.axis)
-"""Its template uses sums over whole arrays."""
-
-
 def export_c(request: ExportRequest) -> Exported:
     """Return a header for C99 and C++, in double or single precision.
 
@@ -93,21 +75,24 @@ def export_c(request: ExportRequest) -> Exported:
     SettingsError
         For a name that cannot be one, or the printed form of the size effect.
     """
-    return _exported(request, C)
+    return _exported(request, "imu.h", C.number, _by_axis(request, C))
 
 
 def export_rust(request: ExportRequest) -> Exported:
     """Return a module for Rust, without std; errors as for `export_c`."""
-    return _exported(request, RUST)
+    return _exported(request, "imu.rs", RUST.number, _by_axis(request, RUST))
 
 
 def export_matlab(request: ExportRequest) -> Exported:
     """Return a function for MATLAB and Octave; errors as for `export_c`. Its file must have the function's name."""
-    done = _exported(request, _IN_MATLAB)
+    done = _exported(request, "imu.m", MATLAB.number, _by_arrays(request))
     return Exported(done.files, done.held, notes=(f"save it as {request.name}.m",))
 
 
-def _exported(request: ExportRequest, language: Language) -> Exported:
+def _exported(
+    request: ExportRequest, template: str, number: Callable[[float], str], parameters: dict[str, Any]
+) -> Exported:
+    """Return a template filled; number: as the language writes it; parameters: those of the sensors, so written."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     name, calibration = request.name, request.calibration
@@ -122,16 +107,15 @@ def _exported(request: ExportRequest, language: Language) -> Exported:
     environment = Environment(
         loader=PackageLoader("kreisel.exchange"), undefined=StrictUndefined, keep_trailing_newline=True
     )
-    context = _context(request, language)
-    return Exported({"": environment.get_template(language.template).render(context)}, calibration.sensors)
+    context = {**_context(request), "real": number, **parameters}
+    return Exported({"": environment.get_template(template).render(context)}, calibration.sensors)
 
 
-def _context(request: ExportRequest, language: Language) -> dict[str, Any]:
-    calibration = request.calibration
-    p, facts, real = calibration.sensors, calibration.recording, language.axis.number
+def _context(request: ExportRequest) -> dict[str, Any]:
+    """Return what templates of all languages name, but for the sensors' parameters."""
+    calibration, facts = request.calibration, request.calibration.recording
     temperature = 0.0 if facts is None or facts.temperature_c is None else facts.temperature_c
     rate = request.rate_hz or (facts.imu_rate_hz if facts is not None else 0.0)
-    gyro, accel = _terms(p, language.axis, "gyroscope"), _terms(p, language.axis, "accelerometer")
     return {
         "name": request.name,
         "NAME": request.name.upper(),
@@ -139,18 +123,23 @@ def _context(request: ExportRequest, language: Language) -> dict[str, Any]:
         "version": __version__,
         "axes": f"{calibration.axes}, {AXES[calibration.axes]}",
         "notes": [_one_line(note) for note in _notes(request)],
-        "real": real,
         "temperature": temperature,
         "temperature_c": temperature,
-        "needs_temperature": follows_temperature(p.others),
+        "needs_temperature": follows_temperature(calibration.sensors.others),
         "gap_ns": round(1e9 * max(LONGEST_GAP, 5.0 / rate if rate else 0.0)),
-        "gyro": gyro,
-        "accel": accel,
+    }
+
+
+def _by_axis(request: ExportRequest, language: AxisLanguage) -> dict[str, Any]:
+    """Return the parameters for a template that computes axis by axis."""
+    p, real = request.calibration.sensors, language.number
+    return {
+        "gyro": _terms(p, language, "gyroscope"),
+        "accel": _terms(p, language, "accelerometer"),
         "K_omega": _products(p.K_omega, real),
         "K_a": _products(p.K_a, real),
         "sensitive": [", ".join(map(real, row)) for row in np.linalg.inv(p.K_a).tolist()],
         "places": [", ".join(map(real, row)) for row in p.lever_arms.tolist()],
-        "m": _matlab(p),
     }
 
 
@@ -184,8 +173,9 @@ def _terms(p: SensorParameters, language: AxisLanguage, sensor: str) -> list[str
     ]  # fmt: skip
 
 
-def _matlab(p: SensorParameters) -> dict[str, str]:
-    """Return matrices and sums over whole columns, as MATLAB writes them."""
+def _by_arrays(request: ExportRequest) -> dict[str, Any]:
+    """Return matrices, and sums over whole columns, as MATLAB writes them."""
+    p = request.calibration.sensors
     sums = {
         sensor: " + ".join([
             own, _matrix(offset),
@@ -194,9 +184,9 @@ def _matlab(p: SensorParameters) -> dict[str, str]:
         for sensor, own, offset in (("gyroscope", "w", p.k_w[0]), ("accelerometer", "a", p.k_a[0]))
     }  # fmt: skip
     return {
-        "K_omega": _matrix(p.K_omega)[1:-1],
-        "K_a": _matrix(p.K_a)[1:-1],
-        "places": _matrix(p.lever_arms)[1:-1],
+        "K_omega": _matrix(p.K_omega),
+        "K_a": _matrix(p.K_a),
+        "places": _matrix(p.lever_arms),
         "gyro": sums["gyroscope"],
         "accel": sums["accelerometer"],
     }

@@ -164,6 +164,14 @@ def test_the_function_for_matlab_does_what_python_does(tmp_path):
     np.testing.assert_allclose(found, np.hstack([omega, f]), rtol=0, atol=1e-10)
 
 
+def test_the_function_for_matlab_has_no_word_of_other_languages():
+    """Where there is no Octave: every cast, suffix and index of C or Rust would be an error."""
+    code = "\n".join(line.split("%")[0] for line in text("matlab", everything()).splitlines())
+    assert "temperature_difference = temperature(:) - (" in code
+    for word in ("real", "w[", "a[", "da[", "?", "{"):
+        assert word not in code
+
+
 @pytest.mark.parametrize("name", ["Imu", "1imu", "imu-left", "", "while", "a" * 60])
 def test_a_name_that_is_none_is_refused(name):
     with pytest.raises(SettingsError, match="expected a name of small letters"):

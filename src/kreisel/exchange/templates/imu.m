@@ -14,14 +14,14 @@ function [rate, force] = {{ name }}(t, w, a, temperature)
 {% if needs_temperature -%}
 temperature_difference = temperature(:) - ({{ real(temperature_c) }});
 {% endif -%}
-K_w = [{{ m.K_omega }}];
-K_a = [{{ m.K_a }}];
-r = [{{ m.places }}]; % row j: position of accelerometer j, m
+K_w = {{ K_omega }};
+K_a = {{ K_a }};
+r = {{ places }}; % row j: position of accelerometer j, m
 [slope, curvature] = derivatives(t(:));
-x = {{ m.gyro }};
+x = {{ gyro }};
 rate = x * K_w';
 alpha = slope(rate);
-x = {{ m.accel }};
+x = {{ accel }};
 S = inv(K_a);
 for j = 1:3
     R = repmat(r(j, :), numel(t), 1);
