@@ -69,7 +69,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.preparation.build_problem import build_problem
     from kreisel.preparation.prepare import prepare_recording
-    from kreisel.refinement.iteration import StatedNoise, estimate
+    from kreisel.refinement.iteration import StatedFigures, estimate
     from kreisel.refinement.observability import observability
     from kreisel.report.report_page import write_report
 
@@ -81,7 +81,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     laps.end("synchronise, start values")
     problem = build_problem(preparation, settings)
     laps.end("build the problem")
-    found = with_unestimated_errors(estimate(problem, StatedNoise(reference=True, imu=True), SigmaPointFilter()))
+    found = with_unestimated_errors(estimate(problem, StatedFigures(reference=True, imu=True), SigmaPointFilter()))
     laps.end(f"filter, {found.passes} pass(es)")
     halves = split_halves(found, executor=in_threads)
     latitude, cross = in_threads([lambda: check_latitude(found), lambda: cross_validate(found)])

@@ -75,7 +75,7 @@ def calibrated() -> Outcome:
     return run_calibration(recorded()[1], CalibrationSettings(), budget=True)
 
 
-class StatedNoise:
+class GivenFits:
     """An estimator whose fits are made up: one after another, whatever it is asked."""
 
     name = "given"

@@ -95,7 +95,7 @@ def apply_to_file(
         raise SettingsError(f"-o {out}: of {raw} a .csv file is written, or a folder; bags are copies of bags")
     mapped = mapped_recording(raw, columns) if columns or not _is_plain(raw, form) else None
     read = None if mapped is None else (mapped.imu, mapped.warnings)
-    if mapped is None and form is not None and not is_folder(raw):
+    if mapped is None and form is not None and form.readings is not None:
         read = form.readings(raw, imu)
     if read is not None:
         samples, warnings = read

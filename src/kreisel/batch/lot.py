@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.batch.job_result import Run
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
-from kreisel.calibration.limits import Assessment, Limits, judged, overall
+from kreisel.calibration.limits import Limits, QuantityDecision, judged, overall
 from kreisel.geometry.rotation import Array
 
 OUTLYING = 4.5
@@ -49,7 +49,7 @@ class Unit:
     """A run with what is said of it: its quantities against the limits, and where it differs from its lot."""
 
     run: Run
-    judged: tuple[Assessment, ...]
+    judged: tuple[QuantityDecision, ...]
     outliers: tuple[Outlier, ...]
 
     @property

@@ -9,7 +9,7 @@ from functools import partial
 
 from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
-from kreisel.calibration.evidence import Evidence
+from kreisel.calibration.evidence import Evidence, LackOfFit, SplitHalves
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
@@ -17,13 +17,13 @@ from kreisel.calibration.lack_of_fit import (
     lack_of_fit,
     lack_of_fit_disagreement,
     larger_deviations,
-    standstills_in,
+    moves_in,
     within_halves,
 )
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.split_halves import halves_disagreement, split_halves
+from kreisel.calibration.split_halves import halves_disagreement, middle_of, split_halves
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
@@ -39,7 +39,7 @@ from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress, of_parts, of_step
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
-from kreisel.refinement.iteration import StatedNoise, estimate
+from kreisel.refinement.iteration import StatedFigures, estimate
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
 
@@ -74,7 +74,7 @@ def run_calibration(
     progress
         Called with the name of the step and the share of it that is done.
     executor
-        Does checks that do not depend on each other.
+        Runs checks that do not depend on each other.
     validate
         Whether to cross-validate, too.
     budget
@@ -92,11 +92,8 @@ def run_calibration(
     lack = lack_of_fit(found, of_step(progress, "fit"))
     larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
-    # they may differ by as much as parts of one half do
-    middle = len(found.problem.schedule.updates) // 2
-    wide = larger_deviations(found, within_halves(lack, middle))[found.problem.lasting]
-    moves = 0 if lack is None else min(len(lack.influence), standstills_in(found.problem))
-    halves = None if raw_halves is None else replace(raw_halves, deviation=wide * raw_halves.deviation)
+    halves = _by_scatter(raw_halves, found, lack)
+    moves = moves_in(found.problem, lack)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = executor(
@@ -152,13 +149,21 @@ def _in_use(recording: Recording, settings: CalibrationSettings) -> Recording:
     return replace(recording, reference=replace(reference, positions=None))
 
 
+def _by_scatter(halves: SplitHalves | None, found: Estimate, lack: LackOfFit | None) -> SplitHalves | None:
+    """Return halves that may differ by as much as the parts of one half do."""
+    if halves is None:
+        return None
+    factor = larger_deviations(found, within_halves(lack, middle_of(found.problem)))
+    return replace(halves, deviation=factor[found.problem.lasting] * halves.deviation)
+
+
 @dataclass(frozen=True)
 class _Begun:
     """A recording's estimate before it is judged: what it was prepared to, the problem as stated, and the result."""
 
     preparation: Preparation
     problem: Problem
-    given: StatedNoise
+    given: StatedFigures
     found: Estimate
 
 
@@ -171,7 +176,7 @@ def _begun(
     problem = build_problem(preparation, settings)
     table = recording.settings.reference
     stated = table.position_sd is not None or table.orientation_sd is not None
-    given = StatedNoise(stated, preparation.imu_noise.given)
+    given = StatedFigures(stated, preparation.imu_noise.given)
     estimator = ESTIMATORS[settings.estimator]
     if problem.reference.positions is not None or settings.only == "accelerometer":
         return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, executor))
@@ -214,7 +219,7 @@ def _known_scores(
     preparation: Preparation,
     settings: CalibrationSettings,
     problem: Problem,
-    given: StatedNoise,
+    given: StatedFigures,
     progress: Progress | None = None,
 ) -> Mapping[str, float]:
     """Return how far an estimate without stated priors lies from each of them, in standard deviations.

@@ -12,8 +12,8 @@ from kreisel.model.problem import Problem
 def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array:
     """Return the effect of an arm's repeatability on the state, one deviation each, (degrees, 8).
 
-    The error of a rest lasts in the move that follows, where the filter takes errors for independent. On average over
-    so many standstills it acts like an error of the frames. It matters in short recordings of a good arm.
+    The error of a standstill lasts in the move that follows, where the filter takes errors for independent. On average
+    over all standstills it acts like an error of the frames. It matters in short recordings of a good arm.
     """
     standstills = len(problem.schedule.standstills)
     if problem.robot is None or standstills == 0:

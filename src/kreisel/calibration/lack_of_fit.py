@@ -52,7 +52,7 @@ def block_ends(problem: Problem) -> list[int]:
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     times = stamps[np.array([update.last for update in updates])]
     shortest = max(MIN_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
-    resting = standstills_in(problem) >= MIN_BLOCKS
+    resting = _standstills(problem) >= MIN_BLOCKS
     ends, begun = [], float(times[0])
     for i, update in enumerate(updates[1:], start=1):
         fitting = update.new_standstill if resting else True
@@ -64,9 +64,13 @@ def block_ends(problem: Problem) -> list[int]:
     return [*(end for end in ends if end < len(updates)), len(updates)]
 
 
-def standstills_in(problem: Problem) -> int:
-    """Return the number of standstills, between which a recording has moves of their own."""
+def _standstills(problem: Problem) -> int:
     return sum(update.new_standstill for update in problem.schedule.updates)
+
+
+def moves_in(problem: Problem, lack: LackOfFit | None) -> int:
+    """Return the number of moves between standstills whose scatter is known."""
+    return 0 if lack is None else min(len(lack.influence), _standstills(problem))
 
 
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
@@ -132,14 +136,16 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
     if lack is None:
         return out
     place = {int(k): i for i, k in enumerate(problem.constant)}
-    prior = np.diag(found.run.belief.covariance)
+    variance = found.run.belief.standard_deviation**2
     for group in SENSOR_GROUPS:
         if group not in problem.layout or problem.layout[group].start not in place:
             continue
         part = problem.layout[group]
-        shown = [k for k in range(part.start, part.stop) if lack.expected[place[k], place[k]] > _MIN_SHARE * prior[k]]
-        own = [place[k] for k in shown]
-        if not own:
+        inside = np.arange(part.start, part.stop)
+        places = np.array([place[k] for k in inside])
+        enough = np.diag(lack.expected)[places] > _MIN_SHARE * variance[part]
+        shown, own = inside[enough], places[enough]
+        if own.size == 0:
             continue
         expected = found.correlation_factor**2 * lack.expected[np.ix_(own, own)]
         size = np.sqrt(np.diag(expected))

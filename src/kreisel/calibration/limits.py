@@ -48,7 +48,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Assessment:
+class QuantityDecision:
     """A quantity against its limit.
 
     Attributes
@@ -83,7 +83,7 @@ def _together(decisions: Sequence[Decision]) -> Decision | None:
     return next((decision for decision in most_serious_first if decision in decisions), None)
 
 
-def overall(found: Sequence[Assessment]) -> Decision | None:
+def overall(found: Sequence[QuantityDecision]) -> Decision | None:
     """Return the decision on several quantities together; None where none has a limit."""
     return _together([one.decision for one in found if one.decision is not None])
 
@@ -156,7 +156,7 @@ def limits_named(text: str) -> Limits:
     raise SettingsError(f"--limits {text}: neither a file nor a grade ({', '.join(GRADES)})")
 
 
-def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[Assessment]:
+def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[QuantityDecision]:
     """Return the sensors' errors with expanded uncertainties, each against its limit."""
     out = []
     for quantity in QUANTITIES:
@@ -170,7 +170,7 @@ def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[Assess
         decisions: tuple[Decision, ...] = ()
         if limit is not None:
             decisions = tuple(_decided(x, u, limit, seen=seen) for x, u in zip(found.value, U, strict=True))
-        out.append(Assessment(quantity, found.value, U, limit, decisions, seen))
+        out.append(QuantityDecision(quantity, found.value, U, limit, decisions, seen))
     return out
 
 

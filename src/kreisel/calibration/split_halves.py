@@ -10,7 +10,7 @@ from kreisel.calibration.disagreement import Disagreement, disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.fitting.stored_state import first_belief
-from kreisel.model.problem import part_of
+from kreisel.model.problem import Problem, part_of
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_parts, of_step
 from kreisel.refinement.estimate import Estimate
@@ -18,6 +18,11 @@ from kreisel.tasks import Executor, sequential
 
 _MIN, _MIN_WITH_WALKS = 1e-4, 0.1
 """Minimum variance of a difference, in the sum of both variances."""
+
+
+def middle_of(problem: Problem) -> int:
+    """Return the number of the update with which the second half begins."""
+    return len(problem.schedule.updates) // 2
 
 
 def split_halves(
@@ -33,7 +38,7 @@ def split_halves(
     of the result for errors that are not estimated is applied here too.
     """
     problem = found.problem
-    middle = len(problem.schedule.updates) // 2
+    middle = middle_of(problem)
     if middle < MIN_UPDATES:
         return None
     halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)

@@ -11,7 +11,7 @@ from decimal import Decimal
 import numpy as np
 
 from kreisel._version import __version__
-from kreisel.calibration.limits import COVERAGE, Assessment, Decision, Limits, judged, overall
+from kreisel.calibration.limits import COVERAGE, Decision, Limits, QuantityDecision, judged, overall
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Measured
 from kreisel.certificate.words import LANGUAGES, number, words
@@ -71,7 +71,7 @@ class Certificate:
     digest: str
     result_digest: str
     serial_number: str
-    judged: tuple[Assessment, ...]
+    judged: tuple[QuantityDecision, ...]
     decision: Decision | None
 
     @property
@@ -162,7 +162,7 @@ def certificate_of(
     )
 
 
-def _check_shown(limits: Limits, found: Sequence[Assessment]) -> None:
+def _check_shown(limits: Limits, found: Sequence[QuantityDecision]) -> None:
     """Raise an error for a limit of something that the certificate does not show: it would be judged by nobody."""
     shown = {one.quantity.name for one in found}
     for name in limits.values:
@@ -202,7 +202,7 @@ def _facts(
     return [*out, (own["software"], f"kreisel {__version__}")]
 
 
-def _row(one: Assessment, own: Mapping[str, str], language: str, *, exact: bool) -> Row:
+def _row(one: QuantityDecision, own: Mapping[str, str], language: str, *, exact: bool) -> Row:
     mark = "" if one.observable else "*"
     return Row(
         own[one.quantity.name],

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kreisel.calibration.limits import Assessment, Decision, Limits
+    from kreisel.calibration.limits import Decision, Limits, QuantityDecision
     from kreisel.calibration.result_sections import CalibrationParts
 
 FAILED, REJECTED, UNDECIDED = 1, 3, 4
@@ -33,7 +33,7 @@ def status_of(parts: CalibrationParts, decision: Decision | None) -> int:
     return UNDECIDED if decision is Decision.UNDECIDED else 0
 
 
-def conformity(parts: CalibrationParts, limits: Limits) -> tuple[list[Assessment], Decision]:
+def conformity(parts: CalibrationParts, limits: Limits) -> tuple[list[QuantityDecision], Decision]:
     """Return the quantities that have a limit, and the decision on all of them together.
 
     Raises
@@ -51,7 +51,7 @@ def conformity(parts: CalibrationParts, limits: Limits) -> tuple[list[Assessment
     return found, overall(found) or Decision.UNDECIDED
 
 
-def as_table(judged: Sequence[Assessment], decision: Decision, limits: Limits) -> dict[str, Any]:
+def as_table(judged: Sequence[QuantityDecision], decision: Decision, limits: Limits) -> dict[str, Any]:
     """Return the decisions for the JSON object of a result."""
     return {
         "limits": limits.grade or limits.file,
@@ -60,7 +60,7 @@ def as_table(judged: Sequence[Assessment], decision: Decision, limits: Limits) -
     }
 
 
-def sentence(judged: Sequence[Assessment], decision: Decision) -> str:
+def sentence(judged: Sequence[QuantityDecision], decision: Decision) -> str:
     """Return the decision in one line, with the quantities that it is due to."""
     from kreisel.calibration.limits import Decision
 

@@ -51,7 +51,7 @@ def export(
     facts = chosen.recording
     request = ExportRequest(
         chosen,
-        _noise(found, grade, at_rest, request=target.noise),
+        _noise(found, grade, at_rest, needed=target.noise),
         name,
         rate or (None if facts is None or not facts.imu_rate_hz else facts.imu_rate_hz),
         topic,
@@ -94,11 +94,11 @@ def _doubts(request: ExportRequest) -> list[str]:
     return out
 
 
-def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, request: bool) -> ExportNoise:
+def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, needed: bool) -> ExportNoise:
     from kreisel.errors import SettingsError
     from kreisel.exchange.exported_noise import noise_of
 
-    if not request and (grade is not None or at_rest is not None):
+    if not needed and (grade is not None or at_rest is not None):
         raise SettingsError("--grade and --at-rest are for formats with noise figures: kalibr and openvins")
     resting = None
     if at_rest is not None:

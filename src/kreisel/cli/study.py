@@ -103,7 +103,9 @@ def robustness(
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
     only: list[str] = typer.Option([], help="Name of a situation; may be repeated. All if not given."),
-    random: int = typer.Option(0, help="Instead: so many runs with errors that are on no list, each another.", min=0),
+    random: int = typer.Option(
+        0, help="Number of runs with random errors outside the model, instead of situations.", min=0
+    ),
     first: int = typer.Option(1, help="Number of the first of these.", min=1),
     seconds: float = typer.Option(150.0, help="Length of every recording, s.", min=20.0),
     write: Path | None = typer.Option(None, help="Write the recordings into this folder, and calibrate nothing."),

@@ -14,7 +14,7 @@ from kreisel.formats.folder import is_folder, load_folder
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording
 from kreisel.tasks import Executor
 
-Readings = tuple[ImuSamples, tuple[DataWarning, ...]]
+ImuReadings = tuple[ImuSamples, tuple[DataWarning, ...]]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class InputFormat:
     read
         Returns the recording at a path, with the names of reference and IMU if they are given.
     readings
-        Returns those of the IMU alone, by its name if one is given.
+        Returns those of the IMU alone, by its name if one is given; None for folders, whose table is read in blocks.
     is_copied
         Whether `apply` makes a copy with a further topic; otherwise it writes a table.
     """
@@ -38,7 +38,7 @@ class InputFormat:
     suffixes: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Path, str | None, str | None, Executor], Recording]
-    readings: Callable[[Path, str | None], Readings]
+    readings: Callable[[Path, str | None], ImuReadings] | None
     is_copied: bool = False
 
 
@@ -49,11 +49,6 @@ def format_of(path: Path) -> InputFormat | None:
 
 def _read_folder(path: Path, reference: str | None, imu: str | None, executor: Executor) -> Recording:
     return load_folder(path, reference, imu or "imu0", executor)
-
-
-def _readings_of_folder(path: Path, imu: str | None) -> Readings:
-    recording = load_folder(path, None, imu or "imu0")
-    return recording.imu, recording.warnings
 
 
 def is_bag(path: Path) -> bool:
@@ -74,7 +69,7 @@ def _read_bag(path: Path, reference: str | None, imu: str | None, executor: Exec
     return load_bag(path, reference, imu)
 
 
-def _readings_of_bag(path: Path, imu: str | None) -> Readings:
+def _readings_of_bag(path: Path, imu: str | None) -> ImuReadings:
     from kreisel.formats.bag_copy import imu_messages
 
     messages = imu_messages(path, imu)
@@ -82,7 +77,7 @@ def _readings_of_bag(path: Path, imu: str | None) -> Readings:
 
 
 FORMATS = {
-    "folder": InputFormat((), is_folder, _read_folder, _readings_of_folder),
+    "folder": InputFormat((), is_folder, _read_folder, None),
     "bag": InputFormat((".mcap", ".bag", ".db3"), is_bag, _read_bag, _readings_of_bag, is_copied=True),
 }
 

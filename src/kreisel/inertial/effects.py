@@ -111,7 +111,7 @@ class SensorEffect:
     powers: bool = False
 
     def products(self, count: int) -> list[tuple[Factor, ...]]:
-        """Return the products of factors that so many parameters are multiplied by, three or nine of them each."""
+        """Return the product of factors for each set of parameters (all, or three of each power); count: parameters."""
         if not self.powers:
             return [self.factors]
         return [self.factors * (2 + i) for i in range(count // 3)]
@@ -122,12 +122,12 @@ class SensorEffect:
         return all(factor.scalar for factor in self.factors)
 
     def features(self, raw: RawReadings, count: int) -> Array:
-        """Return what the parameters are multiplied by, (E, n), for so many parameters."""
+        """Return what the parameters are multiplied by, (E, n); count: number of parameters."""
         own = raw.rates if self.sensor == "gyroscope" else raw.accelerations
         return np.concatenate([_product(factors, raw, own) for factors in self.products(count)])
 
     def places(self, count: int) -> Indices:
-        """Return which of so many parameters each feature is multiplied by in each axis, -1 for none, (E, 3)."""
+        """Return which parameter each feature is multiplied by in each axis, -1 for none, (E, 3); count: parameters."""
         if self.arrangement is Arrangement.MATRIX:
             return np.arange(count).reshape(3, 3).T
         if self.arrangement is Arrangement.ALL_AXES:

@@ -71,7 +71,7 @@ MIN_LIKELIHOOD_GAIN = 5.0
 
 
 @dataclass(frozen=True)
-class StatedNoise:
+class StatedFigures:
     """Whose noise figures the user gave; they are changed only if the data contradict them."""
 
     reference: bool
@@ -82,7 +82,7 @@ class StatedNoise:
 class _Work:
     """What every step needs: whose noise figures were given, the estimator, progress, and how tasks run together."""
 
-    given: StatedNoise
+    given: StatedFigures
     estimator: Estimator
     progress: Progress | None
     executor: Executor
@@ -123,7 +123,7 @@ class _Passes:
 
 def estimate(
     problem: Problem,
-    given: StatedNoise,
+    given: StatedFigures,
     estimator: Estimator,
     progress: Progress | None = None,
     executor: Executor = sequential,
@@ -270,7 +270,7 @@ def _whiteness(problem: Problem, factor: float) -> list[DataWarning]:
     return [DataWarning("whiteness", message) for message in messages]
 
 
-def _contradiction(before: Problem, after: Problem, given: StatedNoise) -> float:
+def _contradiction(before: Problem, after: Problem, given: StatedFigures) -> float:
     """Return the largest factor between noise finally assumed, on the path and of the IMU, and what the user gave."""
     ratios = [1.0]
     if given.reference:

@@ -28,7 +28,6 @@ from kreisel.report.thinning import Curve
 AXES = "xyz"
 GROUP_LABELS = {group.name: group.symbol for group in REGISTRY}
 
-_TIME = "IMU time (s)"
 _PANEL = 130
 _SETTLED = 6.0
 
@@ -77,7 +76,7 @@ def _time_relation(e: Excitation) -> Plot:
     at = np.interp(e.reference_rate.x, x[good], y[good]).astype(np.float32)
     difference = Curve(e.reference_rate.x, e.reference_rate.y - at)
     return plots.plot(
-        plots.axis(_TIME),
+        plots.axis(plots.TIME),
         plots.panel([plots.line(e.gyro_rate, "", "x", legend=False)], plots.axis("Rate (deg/s)"), height=_PANEL),
         plots.panel([plots.line(difference, "", "y", legend=False)], plots.axis("Δ (deg/s)"), height=_PANEL),
     )
@@ -308,7 +307,7 @@ def halves_figure(halves: SplitHalves, groups: Mapping[str, str]) -> Figure:
 
 def _axes_plot(curves: Curves, title: str) -> Plot:
     lines = [plots.line(curve, axis, axis) for axis, curve in zip(AXES, curves, strict=True)]
-    return plots.simple(lines, _TIME, title)
+    return plots.simple(lines, plots.TIME, title)
 
 
 def _over_time(curves: Envelopes, title: str, e: Excitation) -> Plot:
@@ -322,7 +321,7 @@ def _over_time(curves: Envelopes, title: str, e: Excitation) -> Plot:
         data.append(
             plots.markers(e.rejected, np.full(e.rejected.size, top), "rejected", "alert", symbol="cross", size=6)
         )
-    return plots.simple(data, _TIME, title, height=250)
+    return plots.simple(data, plots.TIME, title, height=250)
 
 
 def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
@@ -346,7 +345,7 @@ def _innovations(r: Residuals, values: NDArray[np.float32], title: str) -> Plot:
         # one very large innovation must not set the scale for all others
         limit = 1.15 * min(float(usual.max()), 3.0 * float(np.percentile(usual, 98)))
         y["range"] = [-limit, limit]
-    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
+    return plots.plot(plots.axis(plots.TIME), plots.panel(data, y))
 
 
 def _nis(r: Residuals) -> Plot:
@@ -367,7 +366,7 @@ def _nis(r: Residuals) -> Plot:
     shown = r.nis[np.isfinite(r.nis) & (r.nis > 0.0)]
     low, high = np.log10(np.percentile(shown, [1.0, 100.0])) if shown.size else (0.0, 0.0)
     y = plots.logarithmic("NIS per degree of freedom", min(float(low), -1.0), max(float(high), 0.6))
-    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
+    return plots.plot(plots.axis(plots.TIME), plots.panel(data, y))
 
 
 def _histogram(r: Residuals) -> Plot:
@@ -411,7 +410,7 @@ def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) 
             data += _track(track, colour, legend=row == len(panels) - 1 and len(tracks) > 1)
         y = plots.axis(f"{title} ({unit})", range=list(_settled_range(tracks)))
         made.append(plots.panel(data, y, height=_PANEL if len(panels) > 1 else plots.HEIGHT))
-    return plots.plot(plots.axis(_TIME), *made)
+    return plots.plot(plots.axis(plots.TIME), *made)
 
 
 def _track(track: Track, colour: str, *, legend: bool) -> list[Trace]:
@@ -476,7 +475,7 @@ def _drift(nominal: Curve, calibrated: Curve, title: str) -> Plot:
     if sizes.size:
         low, high = np.log10(np.percentile(sizes, [0.5, 100.0]))
         y = plots.logarithmic(title, float(low), float(high))
-    return plots.plot(plots.axis(_TIME), plots.panel(data, y))
+    return plots.plot(plots.axis(plots.TIME), plots.panel(data, y))
 
 
 def _scores(halves: SplitHalves, groups: Mapping[str, str]) -> Plot:

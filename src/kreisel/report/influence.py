@@ -11,8 +11,6 @@ from kreisel.report import plots
 from kreisel.report.plots import Figure, Plot
 from kreisel.report.thinning import Curve, Single
 
-_TIME = "IMU time (s)"
-
 
 @dataclass(frozen=True)
 class Influence:
@@ -70,6 +68,6 @@ def _of_parts(influence: Influence, sensor: str) -> Plot:
         plots.markers(influence.seconds, found, "found", "x", size=6),
     ]
     half = 0.5 * float(influence.seconds[-1] - influence.seconds[0]) / max(influence.seconds.size - 1, 1)
-    x = plots.axis(_TIME, range=[float(influence.seconds[0]) - half, float(influence.seconds[-1]) + half])
+    x = plots.axis(plots.TIME, range=[float(influence.seconds[0]) - half, float(influence.seconds[-1]) + half])
     y = plots.axis("Moved by (sd)", range=[0.0, 1.1 * float(max(found.max(), expected.max()))])
     return plots.plot(x, plots.panel(data, y))

@@ -21,6 +21,9 @@ Plot = dict[str, Any]
 
 Trace = dict[str, Any]
 
+TIME = "IMU time (s)"
+"""Title of the axis of time."""
+
 HEIGHT = 300
 """Pixels of a usual plot."""
 

@@ -38,7 +38,7 @@ _HARMONICS = 60
 """Highest order of a gear's error in its joint's angle."""
 
 _CLOCK = 2e-3
-"""s; largest rms by which a clock wanders."""
+"""s; largest rms of a clock's random error."""
 
 _LAG = (5.0, 60.0)
 """s; memory of a sensor that depends on what happened before."""
@@ -143,7 +143,7 @@ def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, acc
 
 
 def _some(rng: np.random.Generator, count: int) -> list[int]:
-    """Return one of so many numbers, or two."""
+    """Return one or two of the numbers below `count`, at random."""
     return list(rng.choice(count, size=int(rng.integers(1, 3)), replace=False))
 
 
@@ -157,7 +157,7 @@ def _waves(rng: np.random.Generator, quantities: Array, columns: int) -> Array:
 
 
 def _sized(rng: np.random.Generator, value: Array, largest: float) -> Array:
-    """Return values (n, k) without their mean and with an rms over time and columns that is drawn up to the largest."""
+    """Return values (n, k) without their mean, and with a random rms up to the largest."""
     value = value - value.mean(axis=0)
     size = largest * np.exp(rng.uniform(np.log(_SMALLEST), 0.0))
     rms = _rms(value)

@@ -2,7 +2,7 @@
 
 Rules for the truth, where an effect leaves it open:
 
-- Assessment are the sensors' matrices, offsets and lever arms, by the model's own definition: omega = K (w' + k_0 + …),
+- Judged are the sensors' matrices, offsets and lever arms, by the model's own definition: omega = K (w' + k_0 + …),
   with all terms that the device has. Time offset, alignment and further terms are not judged: a low-pass of both
   sensors, or a late reference, belongs to the time offset.
 - Where the result lists a parameter as not observable, or holds it, it is not judged.
@@ -245,12 +245,9 @@ class RowFile:
 
     def missing(self, wanted: Iterable[int], seconds: float) -> list[int]:
         """Return the numbers of runs that are not there yet."""
-        everything = situations(seconds)
         out = []
         for number in wanted:
-            situation, seed = _numbered(seconds, number) if number < 0 else (
-                everything[number // _SEEDS], number % _SEEDS
-            )  # fmt: skip
+            situation, seed = _numbered(seconds, number)
             if (situation.name, situation.size, situation.basis, seed) not in self._rows:
                 out.append(number)
         return out

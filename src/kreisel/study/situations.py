@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,7 @@ class _Effect:
     bases: tuple[str, ...] = _ALL
 
 
+@cache
 def situations(seconds: float = 150.0) -> tuple[Situation, ...]:
     """Return all situations, each recording of this length (s)."""
     return tuple(_clean(seconds)) + tuple(

@@ -11,7 +11,7 @@ from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.model.problem import with_rarer_updates
 
-from ...small_problem import StatedNoise, camera_problem, estimate_of, small_problem, small_run
+from ...small_problem import GivenFits, camera_problem, estimate_of, small_problem, small_run
 
 
 @pytest.mark.parametrize("problem", [small_problem, camera_problem])
@@ -39,7 +39,7 @@ def other_answer(deviations, factor):
     change[offset] = deviations * found.deviation[offset]
     mean = problem.layout.plus(run.belief.mean, change[:, None])[:, 0]
     wider = replace(run, belief=Belief(mean, 1.2**0.5 * run.belief.factor))
-    more = interval_disagreement(replace(found, estimator=StatedNoise([wider])))
+    more = interval_disagreement(replace(found, estimator=GivenFits([wider])))
     return found, found.adding(more.contributions, more.warnings)
 
 

@@ -16,7 +16,7 @@ from kreisel.calibration.lack_of_fit import (
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.problem import part_of
-from kreisel.refinement.iteration import StatedNoise, estimate
+from kreisel.refinement.iteration import StatedFigures, estimate
 
 from ...small_problem import camera_problem
 
@@ -90,7 +90,7 @@ def test_increments_are_those_of_a_recursive_estimate(designs):
 
 @pytest.fixture(scope="module")
 def found():
-    return estimate(camera_problem(), StatedNoise(reference=True, imu=True), SigmaPointFilter())
+    return estimate(camera_problem(), StatedFigures(reference=True, imu=True), SigmaPointFilter())
 
 
 def test_blocks_cover_a_recording_once(found):

@@ -17,7 +17,7 @@ from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.refinement.estimate import without_passing
 
-from ...small_problem import StatedNoise, camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
+from ...small_problem import GivenFits, camera_problem, estimate_of, small_problem, small_run, with_drifts, with_noise
 
 OFFSETS = ("gyro_offset", "accel_offset")
 
@@ -56,7 +56,7 @@ def linear_halves(walk=0.0, factor=1.0, weak=1.0, length=0.0):
 
 def compared(**made):
     found, runs, exact = linear_halves(**made)
-    return split_halves(replace(found, estimator=StatedNoise(runs))), runs, exact
+    return split_halves(replace(found, estimator=GivenFits(runs))), runs, exact
 
 
 @pytest.mark.parametrize("weak", [1.0, 0.1, 1e-2])
@@ -73,7 +73,7 @@ def test_the_prior_holds_halves_together_that_see_nothing():
     found, runs, _ = linear_halves()
     prior = first_belief(found.problem, found.problem.prior.value, found.problem.prior.covariance)
     blind = [replace(run, belief=replace(run.belief, factor=prior.factor)) for run in runs]
-    halves = split_halves(replace(found, estimator=StatedNoise(blind)))
+    halves = split_halves(replace(found, estimator=GivenFits(blind)))
     own = prior.standard_deviation[:6]
     assert np.all(halves.deviation > 0.0)
     assert np.all(halves.deviation < 0.02 * own)

@@ -15,7 +15,7 @@ from kreisel.model.problem import with_correlation_time
 from kreisel.refinement.iteration import (
     NEAR,
     SETTLED,
-    StatedNoise,
+    StatedFigures,
     _another_pass,
     _change,
     _contradiction,
@@ -31,8 +31,8 @@ from ...small_problem import camera_problem, history, recorded, with_noise
 
 SPKF = SigmaPointFilter()
 SPKF = SigmaPointFilter()
-BOTH = StatedNoise(reference=True, imu=True)
-IMU_ONLY = StatedNoise(reference=False, imu=True)
+BOTH = StatedFigures(reference=True, imu=True)
+IMU_ONLY = StatedFigures(reference=False, imu=True)
 
 
 @cache
@@ -211,8 +211,8 @@ def test_contradiction_counts_only_figures_that_were_given():
     before = camera_problem()
     after = with_factors(before, NoiseFactors(position=3.0, orientation=4.0, gyro=5.0, accel=2.0))
     assert _contradiction(before, after, BOTH) == pytest.approx(5.0)
-    assert _contradiction(before, after, StatedNoise(reference=True, imu=False)) == pytest.approx(4.0)
-    assert _contradiction(before, after, StatedNoise(reference=False, imu=False)) == 1.0
+    assert _contradiction(before, after, StatedFigures(reference=True, imu=False)) == pytest.approx(4.0)
+    assert _contradiction(before, after, StatedFigures(reference=False, imu=False)) == 1.0
     smaller = with_factors(before, NoiseFactors(0.1, 0.1, 0.1, 0.1, 0.1))
     assert _contradiction(before, smaller, BOTH) == 1.0
 
