@@ -64,6 +64,9 @@ struct Record {
     Numbers nis, log_likelihood, turn_information;         // (u,)
     Table whitened, innovation, residual, noise_variance;  // (u, 9)
     Table correction, correction_variance;        // (u, 6): of velocity and attitude
+    // What a small change of the state before an update does, empty where it is not asked for: to what moves, (u, c, n); to
+    // the whitened measurement, and what that does to the state, (u, 9, n); whitened = whitening (9, 9) times measurement.
+    Stack transition, design, gain, whitening;
 };
 
 /// What rejects an update.

@@ -79,6 +79,39 @@ inline void places_of(const Steps &steps, Index i, Index *place) {
     }
 }
 
+/// Write rows of slopes (r, n) along the columns of a factor as rows along the degrees of freedom; upper: the factor, transposed.
+inline void along_degrees(Columns slopes, Index first, Table upper, Table out) {
+    for (Index i = 0; i < out.rows; i++) {
+        for (Index j = upper.rows - 1; j >= 0; j--) {
+            double rest = slopes(first + i, j);
+            for (Index x = j + 1; x < upper.rows; x++) rest -= out(i, x) * upper(j, x);
+            out(i, j) = upper(j, j) != 0.0 ? rest / upper(j, j) : 0.0;
+        }
+    }
+}
+
+/// Write what small changes of the state before update i do: see `Record`. upper: the belief's before the step.
+inline void record_slopes(const Record &record, Index i, const Updated &done, const Index *place, Table upper, Workspace &memory) {
+    const Index n = upper.rows, m = done.factor.rows;
+    if (record.transition.tables == 0) return;
+    along_degrees(done.slopes, m, upper, record.transition[i]);
+    const Table design = record.design[i], gain = record.gain[i], whitening = record.whitening[i];
+    for (Table table : {design, gain, whitening}) fill(table, 0.0);
+    const Table measured = {memory.numbers(m * n), m, n};
+    along_degrees(done.slopes, 0, upper, measured);
+    for (Index r = 0; r < m; r++) {
+        for (Index x = 0; x <= r; x++) {  // row r of the factor's inverse, by rows before it
+            double inverse = x == r ? 1.0 : 0.0;
+            for (Index y = x; y < r; y++) inverse -= done.factor(r, y) * whitening(place[y], place[x]);
+            whitening(place[r], place[x]) = inverse / done.factor(r, r);
+        }
+        for (Index j = 0; j < n; j++) {
+            for (Index x = 0; x <= r; x++) design(place[r], j) += whitening(place[r], place[x]) * measured(x, j);
+            gain(place[r], j) = done.used ? done.gain(r, j) : 0.0;
+        }
+    }
+}
+
 /// At the beginning of a standstill the reference's error is a new one, independent of all earlier ones.
 inline void renew_standstill(const Model &model, double *mean, Columns upper, Workspace &memory) {
     for (Index kind = 0; kind < 2; kind++) {
@@ -135,10 +168,11 @@ inline Index run(
             model.parts, model.tail, order, model.weights, belief.mean.data, upper, posterior,
             {points, noise, predicted.prediction, predicted.prediction_noise}, predicted.innovation, factor,
             gate.bounds[factor.rows], memory);
-        std::swap(upper, posterior);
-        gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
         Index place[MAX_MEASURED];
         places_of(steps, i, place);
+        record_slopes(record, i, done, place, upper, memory);
+        std::swap(upper, posterior);
+        gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
         record_update(record, i, {predicted.innovation, factor, done.factor, done.whitened, done.gain}, place, n, done.used);
         record.used[i] = done.used;
         std::memcpy(record.mean.row(i), belief.mean.data, record.mean.columns * sizeof(double));

@@ -73,7 +73,7 @@ inline void cell_layout(Layout &layout) {
         BEGIN(Record);
         FIELD(mean); FIELD(deviation); FIELD(used); FIELD(nis); FIELD(log_likelihood); FIELD(turn_information);
         FIELD(whitened); FIELD(innovation); FIELD(residual); FIELD(noise_variance); FIELD(correction);
-        FIELD(correction_variance);
+        FIELD(correction_variance); FIELD(transition); FIELD(design); FIELD(gain); FIELD(whitening);
         layout.end();
     }
     {

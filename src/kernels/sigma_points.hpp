@@ -169,6 +169,7 @@ struct Updated {
     Table factor;             // (m, m): of the innovation's covariance
     double *whitened;         // (m,): the innovation divided by it
     Columns gain;             // (m, n): on what is so divided, transposed
+    Columns slopes;           // (m + c, n): of the prediction and of what has moved, along the columns of the factor before
 };
 
 /// Predict and update: change a belief by a measurement that sigma points predict, the mean in place; the factor of its
@@ -208,7 +209,7 @@ inline Updated update(
     plus(tail, centre, shift, moved, memory);
     for (Index i = at; i < size; i++) mean[i] = moved(i - at, 0);
 
-    Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n)};
+    Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n), moments.first};
     const Joint joint = {moments.first, upper, further, curved + k + e};
     condition(joint, n, m, innovation, {done.factor, done.whitened, done.gain, posterior}, memory);  // equation (19)
     for (Index i = 0; i < m; i++) done.nis += done.whitened[i] * done.whitened[i];

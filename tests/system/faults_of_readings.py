@@ -250,7 +250,7 @@ def one_accelerometer_twice_too_large(r):
     return imu(r, accelerations=r.imu.accelerations * [1.0, 2.0, 1.0])
 
 
-@rejected("the data contradict the given noise figures")
+@rejected("the two halves of the recording", "turned in its mount")
 def mount_that_slips(r):
     late = r.imu.seconds > 20.0
     turn = np.broadcast_to(exp(np.array([0.0, 0.02, 0.0])), (int(late.sum()), 4))

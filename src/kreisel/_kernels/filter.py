@@ -147,7 +147,7 @@ def _check_record(record: Record, begin: int, end: int, belief: Gaussian) -> Non
     u, m = len(record.used), MEASURED
     if end > u:
         raise ValueError(f"updates {begin} to {end} for a record of {u}")
-    numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:]
+    numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:12]
     shapes = {(u,): numbers, (u, m): wide, (u, 6): six}
     check_lengths(**{f"record_{len(s)}_{i}": (a, s) for s, arrays in shapes.items() for i, a in enumerate(arrays)})
     for name, array, most in (

@@ -156,6 +156,10 @@ class Record(NamedTuple):
     mean (u, first numbers of the stored state), deviation (u, first degrees of freedom), used (u,); nis,
     log_likelihood, turn_information (u,); whitened, innovation, residual, noise_variance (u, 9): position, orientation,
     velocity, nan where there is no such measurement; correction, correction_variance (u, 6).
+
+    What a small change of the state before an update does, without tables where it is not asked for: transition
+    (u, c, n) to the c degrees of freedom that move; design (u, 9, n) to the whitened measurement, and gain (u, 9, n),
+    transposed, what that does to the state; whitening (u, 9, 9) times a measurement is the whitened one.
     """
 
     mean: Table
@@ -170,6 +174,10 @@ class Record(NamedTuple):
     noise_variance: Table
     correction: Table
     correction_variance: Table
+    transition: Stack
+    design: Stack
+    gain: Stack
+    whitening: Stack
 
 
 class Gate(NamedTuple):

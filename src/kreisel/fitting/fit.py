@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.blocks import Blocks
+from kreisel.fitting.terms import Linearisation, Terms
 from kreisel.fitting.update_history import History
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -93,6 +94,12 @@ class Estimator(Protocol):
 
         ends: ascending numbers of the updates before which a block ends; the last is the number of updates.
         """
+        ...
+
+    def linearise(
+        self, problem: Problem, near: Fit, terms: Terms, progress: StepProgress | None = None
+    ) -> tuple[Fit, Linearisation]:
+        """Return the fit of a problem near another one, and what the data say of terms outside its state."""
         ...
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:

@@ -160,9 +160,9 @@ def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -
     )
 
 
-def filter_record(problem: Problem, u: int) -> filter_arguments.Record:
-    """Return empty arrays for the record of so many updates."""
-    m = filter_arguments.MEASURED
+def filter_record(problem: Problem, u: int, *, slopes: bool = False) -> filter_arguments.Record:
+    """Return empty arrays for the record of so many updates; slopes: with what small changes of the state do."""
+    m, n, k = filter_arguments.MEASURED, problem.layout.degrees, u if slopes else 0
     return filter_arguments.Record(
         mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),
         deviation=np.empty((u, len(problem.parameter_names))),
@@ -176,4 +176,8 @@ def filter_record(problem: Problem, u: int) -> filter_arguments.Record:
         noise_variance=np.empty((u, m)),
         correction=np.empty((u, 6)),
         correction_variance=np.empty((u, 6)),
+        transition=np.empty((k, problem.changing, n)),
+        design=np.empty((k, m, n)),
+        gain=np.empty((k, m, n)),
+        whitening=np.empty((k, m, m)),
     )

@@ -9,6 +9,7 @@ added. Only the point about which the model was linearised still depends on the 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from kreisel.fitting.fit import Fit
 from kreisel.fitting.nonlinearity import linear_inflation
 from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import first_belief
+from kreisel.fitting.terms import Linearisation
 from kreisel.geometry.rotation import Array
+from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.model.parameters import PASSING_GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_nominal
 
@@ -63,18 +66,10 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     (A a - B b) away. An offset with a random walk changes during the run; B and A are then those of the start with the
     walk's variance added, which is at most what the result contains of them.
     """
-    layout, n = problem.layout, len(problem.parameter_names)
-    if n == 0:
+    if not problem.parameter_names:
         return run
-    covariance = run.belief.covariance
-    scale = np.sqrt(np.diag(covariance)[:n])
-    size, walk = np.outer(scale, scale), np.diag((1 + run.jumps) * problem.walked_variance)
-    prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
-    P = covariance[:n, :n] / size
-    I_run, I_begun, I_prior = (
-        np.linalg.inv(M) for M in (P, _start(begun, n, walk) / size, _start(prior, n, walk) / size)
-    )
-    to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
+    scale, P, I_run, I_begun, I_prior, to_begun, to_prior = _informations(problem, run, begun)
+    size = np.outer(scale, scale)
     information = I_run - I_begun + I_prior
     fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
     noise = _information_of_noise(problem, run, scale)
@@ -85,6 +80,59 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     P_new = np.linalg.inv(information - noise)
     moved = result_moved(problem, run, scale * step, (P_new + P_new @ noise @ P_new) * size)
     return replace(moved, fitted=fitted)
+
+
+class _Informations(NamedTuple):
+    """Covariance of a run's parameters, information matrices (n, n), and distances (n,), in units of `scale` (n,)."""
+
+    scale: Array
+    P: Array
+    run: Array
+    begun: Array
+    prior: Array
+    to_begun: Array
+    to_prior: Array
+
+
+def _informations(problem: Problem, run: Fit, begun: Belief) -> _Informations:
+    """Return the information of a run, of the belief it started with, and of the problem's prior."""
+    layout, n = problem.layout, len(problem.parameter_names)
+    covariance = run.belief.covariance
+    scale = np.sqrt(np.diag(covariance)[:n])
+    size, walk = np.outer(scale, scale), np.diag((1 + run.jumps) * problem.walked_variance)
+    prior = first_belief(problem, problem.prior.value, problem.prior.covariance)
+    P = covariance[:n, :n] / size
+    I_run, I_begun, I_prior = (
+        np.linalg.inv(M) for M in (P, _start(begun, n, walk) / size, _start(prior, n, walk) / size)
+    )
+    to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
+    return _Informations(scale, P, I_run, I_begun, I_prior, to_begun, to_prior)
+
+
+def eliminated(problem: Problem, run: Fit, begun: Belief, beside: Sensitivity) -> Linearisation:
+    """Return what a run says of terms outside the state, about its result with the stated prior.
+
+    Notes
+    -----
+    With amplitudes b, derivatives V of the parameters and N of the whitened innovations, a run that begins with the
+    information B about the parameters ends with I: in the parameters and b, its log-likelihood has the blocks I, -I V
+    and V' I V + N' N. With the stated prior A, I - B + A stands for the first; the parameters are then eliminated.
+    """
+    scale, _, I_run, I_begun, I_prior, to_begun, to_prior = _informations(problem, run, begun)
+    V = beside.state[: scale.size] / scale[:, None]
+    information = I_run - I_begun + I_prior
+    pull = I_run @ V
+    change = np.linalg.solve(information, pull)
+    step = np.linalg.solve(information, I_prior @ to_prior - I_begun @ to_begun)
+    return Linearisation(
+        scale[:, None] * change,
+        beside.information + pull.T @ (V - change),
+        beside.score + pull.T @ step,
+        beside.part_information,
+        beside.part_scores,
+        beside.misfit,
+        beside.degrees,
+    )
 
 
 def _information_of_noise(problem: Problem, run: Fit, scale: Array) -> Array:

@@ -11,11 +11,16 @@ from kreisel.estimation.belief import Belief
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
+from kreisel.fitting.terms import Linearisation, Terms
 from kreisel.kalman.filter_pass import repeated, run_filter
-from kreisel.kalman.prior_exchange import narrowed_belief, start_near, with_stated_prior
+from kreisel.kalman.prior_exchange import eliminated, narrowed_belief, start_near, with_stated_prior
+from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
+
+_WIDE_GATE = 100.0
+"""Factor on the gate where terms are looked for: what they would explain is no gross error."""
 
 
 def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
@@ -62,6 +67,15 @@ class SigmaPointFilter:
         distance = problem.layout.minus(means, near.belief.mean)[constant].T
         covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
         return increments(np.asarray(ends), distance, covariance)
+
+    def linearise(
+        self, problem: Problem, near: Fit, terms: Terms, progress: StepProgress | None = None
+    ) -> tuple[Fit, Linearisation]:
+        """Return the fit of a problem near another one, and what the data say of terms outside its state: one pass."""
+        begun, beside = narrowed_belief(problem, near), Sensitivity(problem, terms)
+        start = start_near(problem, near)
+        run = run_filter(problem, start, belief=begun, gate=_WIDE_GATE, progress=progress, sensitivity=beside)
+        return with_stated_prior(problem, run, begun), eliminated(problem, run, begun, beside)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

@@ -17,6 +17,7 @@ from kreisel.model.layout import without
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.problem import Problem, with_nominal
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.discrepancy_terms import FoundFamily
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Estimate:
     contradicted: Mapping[str, float] = field(default_factory=dict)
     stated: Problem | None = None
     contributions: tuple[Contribution, ...] = ()
+    discrepancy: tuple[FoundFamily, ...] = ()
 
     @cached_property
     def belief(self) -> Belief:

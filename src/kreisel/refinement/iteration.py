@@ -18,19 +18,21 @@ from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
-from kreisel.model.problem import Problem, with_correlation_time, with_readings
+from kreisel.model.problem import Problem, with_correlation_time
 from kreisel.progress import Progress, StepProgress, of_parts, of_step
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
+from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import (
     NoiseFactors,
-    imu_density,
     noise_factors,
+    noise_ratios,
     noise_warning,
     with_factors,
+    with_noise_of,
     within_bounds,
 )
 from kreisel.refinement.nominal_values import with_nominal_values
@@ -158,12 +160,14 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _without_contradiction(problem, passes, work)
     passes = _with_effects(problem, passes, work)
     passes = _without_contradiction(problem, passes, work)
+    passes, discrepancy = _with_discrepancy(problem, passes, work)
     contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, work)
     factor = correlation_factor(passes.run)
     warnings: list[DataWarning] = []
     passes, attenuation = _without_attenuation(passes, work)
+    warnings += [] if discrepancy is None else discrepancy.warnings
     if adapted:
         warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
     warnings += _whiteness(passes.problem, factor)
@@ -185,9 +189,11 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
         walks=walks,
         contradicted=contradicted,
         stated=problem,
+        discrepancy=() if discrepancy is None else discrepancy.found,
     )
     estimate = estimate.adding([
         *(replace(one, columns=factor * errors @ one.columns) for one in attenuation),
+        *(replace(one, columns=factor * errors @ one.columns) for one in _of_terms(discrepancy, found)),
         scaling("correlated innovations", Source.PATH, run.belief.factor, factor),
         *(() if last is None else [Contribution("undecided error terms", Source.EFFECTS, last.undecided())]),
     ])  # fmt: skip
@@ -274,10 +280,9 @@ def _contradiction(before: Problem, after: Problem, given: StatedFigures) -> flo
     """Return the largest factor between noise finally assumed, on the path and of the IMU, and what the user gave."""
     ratios = [1.0]
     if given.reference:
-        found, stated = after.noise.reference, before.noise.reference
-        ratios += [found.position / stated.position, found.orientation / stated.orientation]
+        ratios += noise_ratios(before, after)[:2]
     if given.imu:
-        ratios += [a / b for a, b in zip(imu_density(after), imu_density(before), strict=True)]
+        ratios += noise_ratios(before, after)[2:]
     return max(ratios)
 
 
@@ -333,7 +338,7 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         problem, run, count = passes.problem, passes.run, passes.count + 1
         correlation, name = correlation_factor(run), f"pass {count}"
         steps = [of_step(part, name) for part in of_parts(work.progress, name, 2)]
-        quiet = _with_noise_of(first, problem)  # noise that was found explains what effects would
+        quiet = with_noise_of(first, problem)  # noise that was found explains what effects would
         least = MIN_LIKELIHOOD_GAIN * correlation**2
         found, walk = work.executor([
             partial(survey, quiet, run, work.estimator, steps[0]),
@@ -348,7 +353,7 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
         if not larger:
             return as_it_is
-        tried = [_until_settled(_with_noise_of(first, one), count, work, begun) for one, begun in larger]
+        tried = [_until_settled(with_noise_of(first, one), count, work, begun) for one, begun in larger]
         if problem.noise.correlation_time == 0.0:
             coloured = _with_coloured_noise(passes, work)
             tried += [coloured] if coloured.problem is not problem else []
@@ -360,11 +365,32 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     return passes
 
 
-def _with_noise_of(first: Problem, problem: Problem) -> Problem:
-    """Return a problem with the noise that was assumed at first."""
-    noise = replace(problem.noise, reference=first.noise.reference)
-    readings = replace(problem.sensor.readings, noise=first.sensor.readings.noise)
-    return with_readings(replace(problem, noise=noise), readings)
+def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Passes, Discrepancy | None]:
+    """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them."""
+    if passes.problem.settings.passes is not None:
+        return passes, None
+    last = passes
+
+    def settle(problem: Problem, near: Fit) -> tuple[Problem, Fit]:
+        nonlocal last
+        again = _until_settled(with_noise_of(first, problem), last.count, work, near)
+        last = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+        return last.problem, last.run
+
+    def quieter(problem: Problem) -> float:
+        return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
+
+    step = work.step("discrepancy")
+    found = find_discrepancy(passes.problem, passes.run, work.estimator, settle, quieter, step)
+    if found is None or not found.found:
+        return passes, found
+    if bounded_likelihood(last.run) < bounded_likelihood(passes.run):
+        return passes, None
+    return last, found
+
+
+def _of_terms(discrepancy: Discrepancy | None, problem: Problem) -> list[Contribution]:
+    return [] if discrepancy is None else discrepancy.contributions(problem.layout.degrees)
 
 
 def _relaxation(share: float, before: Array, after: Array) -> float:

@@ -146,6 +146,20 @@ def imu_density(problem: Problem) -> tuple[float, float]:
     return float(gyro), float(accel)
 
 
+def noise_ratios(before: Problem, after: Problem) -> list[float]:
+    """Return the ratios between noise in two problems: reference in position and orientation, gyros, accelerometers."""
+    found, stated = after.noise.reference, before.noise.reference
+    densities = zip(imu_density(after), imu_density(before), strict=True)
+    return [found.position / stated.position, found.orientation / stated.orientation, *(a / b for a, b in densities)]
+
+
+def with_noise_of(first: Problem, problem: Problem) -> Problem:
+    """Return a problem with the noise that was assumed at first."""
+    noise = replace(problem.noise, reference=first.noise.reference)
+    readings = replace(problem.sensor.readings, noise=first.sensor.readings.noise)
+    return with_readings(replace(problem, noise=noise), readings)
+
+
 def noise_warning(problem: Problem, *, given: bool) -> DataWarning:
     """Return the warning about noise figures that were found, or that replaced given ones."""
     noise = problem.noise.reference

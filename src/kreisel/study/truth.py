@@ -53,8 +53,13 @@ def true_parameters(truth: Truth, recording: Recording, problem: Problem, found:
     )  # fmt: skip
 
 
+def further_terms(truth: Truth) -> dict[str, Array]:
+    """Return the device's terms beyond offset and matrix, flat, by their groups."""
+    return {**truth.sensors.effects, **_effects(truth.effects)}
+
+
 def _effects(effects: DeviceEffects) -> dict[str, Array]:
-    """Return the device's terms beyond offset and matrix, by their groups."""
+    """Return those of the terms that the sensor model does not hold by itself."""
     return {
         "gyro_g_sensitivity": effects.g_sensitivity.ravel(),
         "gyro_g_squared": effects.g_squared.ravel(),

@@ -1,0 +1,145 @@
+"""Model discrepancy: errors that are on no list, found as smooth functions, estimated and taken out of the data.
+
+After all named effects, one linearisation tells how much a few hundred generic terms would explain (Kennedy and O'Hagan
+2001). Families that the data ask for are estimated with amplitudes of a size that the data show. Readings and poses are
+corrected by them, and the usual parameters found again; what the terms leave uncertain is a part of their uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Source
+from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.terms import Linearisation
+from kreisel.geometry.rotation import Array
+from kreisel.model.problem import Problem
+from kreisel.progress import StepProgress
+from kreisel.recording.recording import DataWarning
+from kreisel.refinement.discrepancy_evidence import Weighed, families_in, undecided, weigh
+from kreisel.refinement.discrepancy_terms import DiscrepancyTerms, FoundFamily
+
+MAX_ROUNDS = 3
+"""Linearisations at most, each about a better estimate."""
+
+_MOVED = 0.3
+"""Change of a parameter by a further linearisation, in standard deviations, below which it is the last."""
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What was looked for in a problem.
+
+    Attributes
+    ----------
+    found
+        Families that are part of the model.
+    columns, undecided : (n, k)
+        Errors of the parameters by the amplitudes' uncertainty, and by families that may be there or not.
+    """
+
+    found: tuple[FoundFamily, ...]
+    columns: Array
+    undecided: Array
+
+    def contributions(self, degrees: int) -> list[Contribution]:
+        """Return what terms add to the uncertainty of a state."""
+        out = []
+        for cause, columns in (("model discrepancy", self.columns), ("undecided model discrepancy", self.undecided)):
+            padded = np.zeros((degrees, columns.shape[1]))
+            padded[: len(columns)] = columns
+            out.append(Contribution(cause, Source.MISFIT, padded))
+        return out
+
+    @property
+    def warnings(self) -> list[DataWarning]:
+        """What was found, in words."""
+        if not self.found:
+            return []
+        words = "; ".join(describe(one) for one in self.found)
+        return [DataWarning("discrepancy", f"errors that are on no list, estimated as smooth functions: {words}")]
+
+
+Settle = Callable[[Problem, Fit], tuple[Problem, Fit]]
+"""Fits a problem near an earlier fit until nothing moves."""
+
+
+def find_discrepancy(
+    recorded: Problem,
+    near: Fit,
+    estimator: Estimator,
+    settle: Settle,
+    quieter: Callable[[Problem], float],
+    progress: StepProgress | None = None,
+) -> Discrepancy | None:
+    """Return what the data ask for; None where there are no terms. The last problem that was settled is without it.
+
+    Parameters
+    ----------
+    recorded
+        The problem with the data as recorded, and the noise that they ask for without terms.
+    near
+        Its fit.
+    quieter
+        Factor on the variance of a problem's noise by which it may be smaller: noise that was found explains what terms
+        would.
+    """
+    terms = DiscrepancyTerms(recorded)
+    if not terms.families:
+        return None
+    problem, fit, amplitude = recorded, near, np.zeros(terms.family.size)
+    for _ in range(MAX_ROUNDS):
+        _, about = estimator.linearise(problem, fit, terms.terms(problem.schedule), progress)
+        whole = _about_zero(about, amplitude)
+        weighed = weigh(whole, terms.family, terms.weight, quieter(problem))
+        if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude) < _MOVED):
+            break
+        amplitude = weighed.amplitude
+        problem, fit = settle(terms.corrected(problem, amplitude), fit)
+    found = tuple(
+        FoundFamily(terms.families[f], float(weighed.gain[f]), terms.size(weighed.amplitude, f))
+        for f in families_in(weighed)
+    )
+    rest = undecided(whole, weighed, terms.family, terms.weight)
+    return Discrepancy(found, _root(whole.change, weighed), rest)
+
+
+def _about_zero(about: Linearisation, amplitude: Array) -> Linearisation:
+    """Return a linearisation about corrected data as one about data as recorded."""
+    pulled = about.information @ amplitude
+    misfit = about.misfit + float(2.0 * amplitude @ about.score + amplitude @ pulled)
+    parts = about.part_scores + about.part_information @ amplitude
+    return replace(about, score=about.score + pulled, part_scores=parts, misfit=misfit)
+
+
+def _moved(about: Linearisation, weighed: Weighed, amplitude: Array) -> float:
+    """Return the largest change of a parameter by new amplitudes, in deviations by the terms."""
+    change = about.change @ (weighed.amplitude - amplitude)
+    deviation = np.sqrt(np.einsum("ni,ij,nj->n", about.change, weighed.covariance, about.change))
+    return float(np.max(np.abs(change) / np.maximum(deviation, 1e-300), initial=0.0))
+
+
+def _root(change: Array, weighed: Weighed) -> Array:
+    """Return columns (n, n) of the parameters' covariance by the amplitudes'."""
+    P = change @ weighed.covariance @ change.T
+    size = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    values, vectors = np.linalg.eigh(P / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+_OWNERS = {"gyroscope": "gyros", "accelerometer": "accelerometers", "reference": "reference", "robot": "robot"}
+_UNITS = {"gyroscope": ("deg/s", np.pi / 180.0), "accelerometer": ("mg", 9.80665e-3), "robot": ("mrad", 1e-3)}
+_OF_POSES = {"position": ("mm", 1e-3), "orientation": ("mrad", 1e-3), "stamps": ("ms", 1e-3)}
+
+
+def describe(one: FoundFamily) -> str:
+    """Return a family with its size, in words."""
+    owner, _, of = one.family.name.partition(".")
+    what, _, by = of.partition("_by_")
+    unit, size = _UNITS.get(owner) or _OF_POSES[what]
+    subject = f"{_OWNERS[owner]}, {what} by {by}" if by else f"{_OWNERS[owner]} by {what}"
+    return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"

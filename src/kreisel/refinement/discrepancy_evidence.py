@@ -1,0 +1,337 @@
+"""How much the data speak for families of terms: amplitudes of unknown size, judged by the marginal likelihood.
+
+A family's amplitudes are drawn from a normal distribution of a size that is the family's own. Its size is that with
+which the data are most likely when the amplitudes are integrated out (MacKay 1992, automatic relevance determination);
+a family that explains nothing then has the size zero, and costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kreisel.fitting.terms import Linearisation
+from kreisel.geometry.rotation import Array, Indices, Mask
+
+MIN_GAIN = 10.0
+"""Minimum logarithm of the ratio of evidences with which a family is part of the model: 1 : 22,000."""
+
+MIN_FORETOLD = 3.0
+"""Minimum gain in log-likelihood of parts of the recording by a family's amplitudes from all other parts."""
+
+ODDS = 1.0 / 50.0
+"""Odds, before any look at the data, that a device or a reference has errors of a family."""
+
+_HOPELESS = 1.0
+"""Gain of a family below which it is not looked at further."""
+
+_ROUNDS, _FIRST_ROUNDS, _SETTLED = 30, 4, 0.1
+"""Rounds of the sizes at most, at last and while families are left out; change of their logarithms when settled."""
+
+_FAR = 0.2
+"""Share of the gain that is needed, below which a family is left out before sizes are settled."""
+
+_SIZES = np.exp(np.linspace(-9.0, 12.0, 43))
+"""Sizes of a family that are tried alone, in those with which one amplitude is as large as its deviation."""
+
+_LEAST_DEGREES = 0.02
+"""Amplitudes that the data determine, of a family, below which its size is zero."""
+
+_ROUNDING = 1e-9
+"""Share of an information matrix's largest eigenvalue that is lost in rounding."""
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the data say of all families.
+
+    Attributes
+    ----------
+    chosen : (f,)
+        Which families are part of the model.
+    gain : (f,)
+        Logarithm of the ratio of evidences with and without a family, beside those that are chosen.
+    whole
+        The same for all that are chosen together.
+    amplitude : (m,), covariance : (m, m)
+        Of the terms of chosen families, zero for others.
+    noise
+        Factor on the variance of all noise that is left.
+    """
+
+    chosen: Mask
+    gain: Array
+    whole: float
+    amplitude: Array
+    covariance: Array
+    noise: float
+
+
+@dataclass(frozen=True)
+class _Data:
+    """A linearisation in units in which each amplitude's information is one, and what families are expected to be.
+
+    Attributes
+    ----------
+    information : (m, m), score : (m,)
+        Of the amplitudes in these units.
+    unit : (m,)
+        Deviation of each amplitude, alone.
+    expected : (m,)
+        Relative size of the amplitude in its family, in these units.
+    family : (m,)
+    part_information : (p, m, m), part_scores : (p, m)
+        What each part of the recording adds; the scores in these units.
+    misfit, degrees, least
+        Normalised innovations squared without terms, their number, and the smallest factor on the noise.
+    """
+
+    information: Array
+    score: Array
+    unit: Array
+    expected: Array
+    family: Indices
+    part_information: NDArray[np.float32]
+    part_scores: Array
+    misfit: float
+    degrees: float
+    least: float
+
+
+@dataclass(frozen=True)
+class _State:
+    """Sizes of families and what follows from them.
+
+    Attributes
+    ----------
+    variance : (f,)
+        Of each family's amplitudes, in units of what is expected; zero for families that are left out.
+    noise
+    places : (k,)
+        Terms of the other families.
+    value : (k,), P : (k, k)
+        Their amplitudes' mean and covariance, in units of the prior's deviations.
+    """
+
+    variance: Array
+    noise: float
+    places: Indices
+    value: Array
+    P: Array
+
+
+def weigh(found: Linearisation, family: Indices, weight: Array, least: float = 1.0) -> Weighed:
+    """Return what the data say of families.
+
+    Parameters
+    ----------
+    family : (m,)
+        Number of each term's family.
+    weight : (m,)
+        How large an amplitude is expected to be beside others of its family.
+    least
+        Factor on the variance of the noise that is left at least.
+    """
+    count = int(family.max(initial=-1)) + 1
+    data = _prepared(found, family, weight, least)
+    alone = [_alone(data, f, least) for f in range(count)]
+    variance = np.array([size if gain > _HOPELESS else 0.0 for gain, size in alone])
+    state = _solved(data, variance, max(least, data.misfit / max(data.degrees, 1.0)))
+    while state.places.size:
+        state = _sized(data, state, _FIRST_ROUNDS)
+        weak = _weaker(data, state, _FAR * MIN_GAIN)
+        if weak.size == 0:
+            state = _sized(data, state, _ROUNDS)
+            weak = _weaker(data, state, MIN_GAIN)[:1]
+        if weak.size == 0:
+            weak = _not_foretold(data, state)
+        if weak.size == 0:
+            break
+        state = _without(data, state, weak)
+    chosen = state.variance > 0.0
+    rest = replace(data, score=data.score - data.information[:, state.places] @ _amplitude(data, state))
+    gains = np.where(chosen, _gains(data, state), [max(_alone(rest, f, state.noise)[0], 0.0) for f in range(count)])
+    amplitude, covariance = np.zeros(family.size), np.zeros((family.size, family.size))
+    scale = _prior(data, state.variance)[state.places] * data.unit[state.places]
+    amplitude[state.places] = scale * state.value
+    covariance[np.ix_(state.places, state.places)] = scale[:, None] * state.P * scale
+    return Weighed(chosen, gains, _whole(data, state), amplitude, covariance, state.noise)
+
+
+def _prepared(found: Linearisation, family: Indices, weight: Array, least: float) -> _Data:
+    """Return a linearisation in units of each amplitude's own deviation."""
+    A = found.information
+    own = np.diag(A)
+    unit = 1.0 / np.sqrt(np.maximum(own, _ROUNDING * float(np.median(own)) + 1e-300))
+    A = A * np.outer(unit, unit)
+    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
+    A = (vectors * np.maximum(values, _ROUNDING * float(values[-1]))) @ vectors.T
+    expected = np.empty(family.size)
+    for f in range(int(family.max(initial=-1)) + 1):
+        own = family == f
+        expected[own] = weight[own] / unit[own] / np.sqrt(np.mean((weight[own] / unit[own]) ** 2))
+    return _Data(
+        A,
+        found.score * unit,
+        unit,
+        expected,
+        family,
+        found.part_information,
+        found.part_scores * unit,
+        found.misfit,
+        found.degrees,
+        least,
+    )
+
+
+def _alone(data: _Data, f: int, noise: float = 1.0) -> tuple[float, float]:
+    """Return the largest gain of a family by itself, and the variance of its amplitudes then."""
+    own = np.flatnonzero(data.family == f)
+    W = data.expected[own]
+    values, vectors = np.linalg.eigh(W[:, None] * data.information[np.ix_(own, own)] * W / noise)
+    y = (vectors.T @ (W * data.score[own]) / noise) ** 2
+    values = np.maximum(values, 0.0)
+    by_size = 1.0 + np.outer(_SIZES, values)
+    gains = 0.5 * np.sum(np.outer(_SIZES, y) / by_size - np.log(by_size), axis=1)
+    best = int(np.argmax(gains))
+    return float(gains[best]), float(_SIZES[best])
+
+
+def _prior(data: _Data, variance: Array) -> Array:
+    """Return the deviations of all amplitudes by the sizes of families, (m,)."""
+    return np.asarray(np.sqrt(variance[data.family]) * data.expected)
+
+
+def _solved(data: _Data, variance: Array, noise: float) -> _State:
+    """Return the amplitudes for given sizes of families and a factor on the noise."""
+    places = np.flatnonzero(variance[data.family] > 0.0)
+    D = _prior(data, variance)[places]
+    P = np.linalg.inv(np.eye(places.size) + D[:, None] * data.information[np.ix_(places, places)] * D / noise)
+    return _State(variance, noise, places, P @ (D * data.score[places]) / noise, np.asarray(P))
+
+
+def _sized(data: _Data, state: _State, rounds: int) -> _State:
+    """Return the state with the sizes of families, and the noise that is left, that make the data most likely."""
+    for _ in range(rounds):
+        own = data.family[state.places]
+        determined = np.bincount(own, 1.0 - np.diag(state.P), state.variance.size)
+        square = np.bincount(own, state.value**2, state.variance.size)
+        factor = np.where(determined > _LEAST_DEGREES, square / np.maximum(determined, _LEAST_DEGREES), 0.0)
+        b = _amplitude(data, state)
+        A = data.information[np.ix_(state.places, state.places)]
+        left = data.misfit - 2.0 * data.score[state.places] @ b + b @ A @ b
+        noise = max(data.least, float(left) / max(data.degrees - float(determined.sum()), 0.3 * data.degrees, 1.0))
+        before, state = state, _solved(data, state.variance * factor, noise)
+        kept = state.variance > 0.0
+        if np.all(np.abs(np.log(factor[kept])) < _SETTLED) and np.array_equal(kept, before.variance > 0.0):
+            break
+    return state
+
+
+def _weaker(data: _Data, state: _State, gain: float) -> Indices:
+    """Return the families of a state that gain less, that with the smallest gain first."""
+    gains = np.where(state.variance > 0.0, _gains(data, state), np.inf)
+    return np.argsort(gains)[: int(np.sum(gains < gain))]
+
+
+def _not_foretold(data: _Data, state: _State) -> Indices:
+    """Return the families of a state that do not foretell parts of the recording from all others.
+
+    An error that is a function of what is measured comes back; one that is only correlated in time does not, however
+    well functions follow it where it is known. Several families may be wrong together, so those that foretell are
+    looked for one by one, if all together do not.
+    """
+    inside = np.flatnonzero(state.variance > 0.0)
+    whole = _foretold(data, state, inside)
+    less = [whole - _foretold(data, state, inside[inside != f]) for f in inside]
+    if whole >= MIN_FORETOLD:
+        worst = int(np.argmin(less))
+        return inside[[worst]] if less[worst] < MIN_FORETOLD else inside[:0]
+    kept, best = inside[:0], 0.0
+    while kept.size < inside.size:
+        tried = {int(f): _foretold(data, state, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
+        f = max(tried, key=lambda f: tried[f])
+        if tried[f] < best + MIN_FORETOLD:
+            break
+        kept, best = np.append(kept, f), tried[f]
+    return np.setdiff1d(inside, kept)
+
+
+def _foretold(data: _Data, state: _State, families: Indices) -> float:
+    """Return the gain in log-likelihood of parts of the recording by amplitudes of families from all other parts."""
+    places = np.flatnonzero(np.isin(data.family, families))
+    D = _prior(data, state.variance)[places]
+    A, a = D[:, None] * data.information[np.ix_(places, places)] * D / state.noise, D * data.score[places] / state.noise
+    scale, total = D * data.unit[places], 0.0
+    for information, score in zip(data.part_information, data.part_scores, strict=True):
+        A_part = scale[:, None] * information[np.ix_(places, places)] * scale / state.noise
+        a_part = D * score[places] / state.noise
+        x = np.linalg.solve(np.eye(places.size) + A - A_part, a - a_part)
+        total += float(a_part @ x - 0.5 * x @ A_part @ x)
+    return total
+
+
+def _without(data: _Data, state: _State, families: Indices) -> _State:
+    """Return a state without families."""
+    variance = state.variance.copy()
+    variance[families] = 0.0
+    noise = state.noise if variance.any() else max(data.least, data.misfit / max(data.degrees, 1.0))
+    return _solved(data, variance, noise)
+
+
+def _amplitude(data: _Data, state: _State) -> Array:
+    """Return the amplitudes of a state's terms, in units of their own deviations."""
+    return np.asarray(_prior(data, state.variance)[state.places] * state.value)
+
+
+def _gains(data: _Data, state: _State) -> Array:
+    """Return what each family of a state gains beside all others (Savage-Dickey ratio), zero for those left out."""
+    out, own = np.zeros(state.variance.size), data.family[state.places]
+    for f in np.unique(own):
+        i = np.flatnonzero(own == f)
+        x, P = state.value[i], state.P[np.ix_(i, i)]
+        out[f] = 0.5 * x @ np.linalg.solve(P, x) + 0.5 * np.linalg.slogdet(P)[1]
+    return out
+
+
+def _whole(data: _Data, state: _State) -> float:
+    """Return what all families of a state gain together."""
+    if state.places.size == 0:
+        return 0.0
+    D = _prior(data, state.variance)[state.places]
+    return float(0.5 * (D * data.score[state.places]) @ state.value / state.noise + 0.5 * np.linalg.slogdet(state.P)[1])
+
+
+def undecided(found: Linearisation, weighed: Weighed, family: Indices, weight: Array) -> Array:
+    """Return columns (n, k) for families that are left out, and may be there or not.
+
+    The square of a column is what a family would change in the parameters, and the uncertainty of that, times the
+    probability that it is there.
+    """
+    data = _prepared(found, family, weight, weighed.noise)
+    b = weighed.amplitude / data.unit
+    parts = data.part_scores - np.einsum("pij,j->pi", data.part_information, weighed.amplitude) * data.unit
+    rest = replace(data, score=data.score - data.information @ b, part_scores=parts)
+    columns: list[Array] = [np.zeros((len(found.change), 0))]
+    for f in np.flatnonzero(~weighed.chosen):
+        gain, size = _alone(rest, int(f), weighed.noise)
+        if gain <= 0.0:
+            continue
+        variance = np.zeros(weighed.chosen.size)
+        variance[f] = size
+        state = _solved(rest, variance, weighed.noise)
+        odds = ODDS * np.exp(min(gain, _foretold(rest, state, np.array([f])), MIN_GAIN))
+        scale = _prior(data, variance)[state.places] * data.unit[state.places]
+        U = found.change[:, state.places] * scale
+        part = np.hstack([(U @ state.value)[:, None], U @ np.linalg.cholesky(state.P)])
+        columns.append(np.sqrt(odds / (1.0 + odds)) * part)
+    return np.hstack(columns)
+
+
+def families_in(weighed: Weighed) -> Sequence[int]:
+    """Return the numbers of the families that are part of the model, that with the largest gain first."""
+    chosen = np.flatnonzero(weighed.chosen)
+    return [int(f) for f in chosen[np.argsort(-weighed.gain[chosen])]]

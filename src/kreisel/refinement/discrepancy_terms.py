@@ -1,0 +1,447 @@
+"""Smooth functions of what sensors and reference go through: terms for errors that are on no list.
+
+A family is one kind of error, such as an error of the gyros that depends on the acceleration: polynomials of a few
+quantities, or waves in time, each with an unknown amplitude for every component. What the usual model already has is
+taken out of each function over the recording: of a sensor's a constant, the readings, the angular acceleration and the
+products of rates, of a reference's what another frame or tool point would do. So the usual parameters are those of the
+linear description that fits best over the recording, and a family adds to it what is not linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from kreisel._kernels.recursions import gauss_markov
+from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
+from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, matrix, multiply
+from kreisel.model.problem import Problem, with_readings
+from kreisel.model.schedule import Schedule
+from kreisel.recording.recording import ReferencePoses
+from kreisel.robot import kinematics
+
+STEP = 0.02
+"""s; readings are averaged over so long before functions are formed of them."""
+
+WAVES = 8
+"""Half waves of a function of time over the recording."""
+
+MEMORY = 15.0
+"""s; time constant of a sensor that depends on what happened before."""
+
+_CLIP = 3.0
+"""Spreads of a quantity beyond which a function no longer grows as a polynomial."""
+
+_ENOUGH = 6000
+"""Values by which a function is separated from the usual model."""
+
+_LEAST = 1e-3
+"""Rms of a function, as a share, below which the usual model has all of it."""
+
+_AROUND = 0.05
+"""s; before and after a pose, for its velocity."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """One kind of error.
+
+    Attributes
+    ----------
+    owner
+        gyroscope, accelerometer, reference or robot.
+    of
+        What the error depends on; a name for files.
+    rows
+        What its functions add to: `fitting.terms.GYRO_ROWS` and the others, and directions after them.
+    """
+
+    owner: str
+    of: str
+    rows: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Name in files."""
+        return f"{self.owner}.{self.of}"
+
+
+@dataclass(frozen=True)
+class FoundFamily:
+    """A family of terms that the data ask for.
+
+    Attributes
+    ----------
+    family
+    gain
+        Logarithm of the ratio of evidences with and without it.
+    size
+        Rms over the recording: rad/s, m/s^2, m, rad or s.
+    """
+
+    family: Family
+    gain: float
+    size: float
+
+
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of some quantities, without what the usual model has.
+
+    Attributes
+    ----------
+    raw
+        From indices of samples to values (n, k), before anything is taken out.
+    usual
+        From indices of samples to what the usual model has (n, j).
+    share : (j, k)
+        How much of each is in the functions.
+    scale, degree : (k,)
+        Rms of the functions, and their degrees, which say how large they may be.
+    """
+
+    raw: Callable[[Indices], Array]
+    usual: Callable[[Indices], Array]
+    share: Array
+    scale: Array
+    degree: Array
+    kept: Indices
+
+    def __call__(self, which: Indices) -> Array:
+        """Return the functions at samples, (n, k)."""
+        return np.asarray((self.raw(which) - self.usual(which) @ self.share)[:, self.kept] / self.scale)
+
+
+def _separated(
+    raw: Callable[[Indices], Array], degree: Array, usual: Callable[[Indices], Array], count: int
+) -> _Functions:
+    """Return functions without what the usual model has, over `count` samples."""
+    some = np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
+    values, columns = raw(some), usual(some)
+    share = np.linalg.lstsq(columns, values, rcond=1e-9)[0]
+    rms = np.sqrt(np.mean((values - columns @ share) ** 2, axis=0))
+    kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
+    return _Functions(raw, usual, np.asarray(share), np.asarray(rms[kept]), degree[kept], kept)
+
+
+def _polynomials(x: Array, degree: int) -> tuple[Callable[[Indices], Array], Array]:
+    """Return products of quantities (n, k) up to a degree, and their degrees."""
+    mean, spread = x.mean(axis=0), x.std(axis=0)
+    chosen = [c for d in range(1, degree + 1) for c in combinations_with_replacement(range(x.shape[1]), d)]
+
+    def values(which: Indices) -> Array:
+        z = _CLIP * np.tanh((x[which] - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0))
+        return np.stack([np.prod(z[:, list(c)], axis=1) for c in chosen], axis=1)
+
+    return values, np.array([len(c) for c in chosen], dtype=float)
+
+
+def _waves(t: Array) -> tuple[Callable[[Indices], Array], Array]:
+    """Return half waves over times t (n,), and their orders as degrees."""
+    z, orders = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9), np.arange(1, WAVES + 1)
+    return lambda which: np.cos(z[which, None] * orders), np.maximum(orders / 2.0, 1.0)
+
+
+def _remembered(values: Array) -> Array:
+    """Return what is left of values (n, k), one every `STEP`, that fade with a time constant."""
+    keep, out = np.exp(-STEP / MEMORY), np.empty_like(values)
+    white = (1.0 - keep) / np.sqrt(1.0 - keep**2) * values
+    white[0] = values[: max(1, round(MEMORY / STEP))].mean(axis=0)
+    gauss_markov(np.full(len(values) - 1, keep), np.ascontiguousarray(white), out)
+    return out
+
+
+class DiscrepancyTerms:
+    """All families that a problem may have, with their functions, by its readings and poses as recorded."""
+
+    def __init__(self, problem: Problem) -> None:
+        readings = problem.sensor.readings
+        self._recorded, self._stamps = problem, readings.stamps
+        self._grid = _Grid.of(readings.stamps)
+        self._families: list[Family] = []
+        self._functions: list[_Functions] = []
+        self._sensors(problem)
+        self._poses(problem)
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        """The families, in the order of their numbers."""
+        return tuple(self._families)
+
+    @cached_property
+    def family(self) -> Indices:
+        """Number of each term's family, (m,)."""
+        return np.concatenate([np.full(self._size(i), i) for i in range(len(self._families))])
+
+    @cached_property
+    def weight(self) -> Array:
+        """How large an amplitude is expected to be beside others of its family, (m,): less for higher degrees."""
+        return np.concatenate([
+            np.tile(1.0 / f.degree, self._size(i) // f.degree.size) for i, f in enumerate(self._functions)
+        ])  # fmt: skip
+
+    def terms(self, schedule: Schedule) -> Terms:
+        """Return the terms at the updates of a schedule."""
+        updates = schedule.updates
+        first, last, pose = (np.array([getattr(u, name) for u in updates]) for name in ("first", "last", "pose"))
+        columns = [
+            self._grid.mean(functions, first, last) if family.owner in _SENSORS else functions(pose)
+            for family, functions in zip(self._families, self._functions, strict=True)
+        ]
+        begin = np.cumsum([0, *(column.shape[1] for column in columns)])
+        function, row = [], []
+        for i, family in enumerate(self._families):
+            own = np.arange(begin[i], begin[i + 1])
+            paired = family.of == _OWN_ANGLE  # each joint's functions move this joint alone
+            rows = np.repeat(family.rows, own.size // len(family.rows)) if paired else np.repeat(family.rows, own.size)
+            function.append(own if paired else np.tile(own, len(family.rows)))
+            row.append(rows)
+        return Terms(np.hstack(columns), np.concatenate(function), np.concatenate(row), self._directions(pose))
+
+    def corrected(self, problem: Problem, amplitudes: Array) -> Problem:
+        """Return a problem with readings and poses as recorded, corrected by terms."""
+        recorded = self._recorded
+        readings, reference = recorded.sensor.readings, recorded.reference
+        gyro, accel = (self._of_sensor(amplitudes, rows) for rows in (GYRO_ROWS, ACCEL_ROWS))
+        changed = replace(
+            problem.sensor.readings,
+            rates=readings.rates + gyro,
+            accelerations=readings.accelerations + accel,
+            _ready={},
+            _crossing={},
+        )
+        moved = self._of_poses(amplitudes, len(reference.stamps_ns))
+        if reference.positions is not None:
+            reference = replace(reference, positions=reference.positions + moved[:, :3])
+        if reference.quaternions is not None:
+            reference = reference.with_quaternions(multiply(reference.quaternions, exp(moved[:, 3:])))
+        return replace(with_readings(problem, changed), reference=reference)
+
+    def size(self, amplitudes: Array, family: int) -> float:
+        """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s."""
+        own = amplitudes[self.family == family]
+        components = 1 if self._families[family].of == _OWN_ANGLE else len(self._families[family].rows)
+        return float(np.sqrt(np.sum(own**2) / components))
+
+    def _size(self, i: int) -> int:
+        """Return the number of a family's terms."""
+        own, family = self._functions[i].degree.size, self._families[i]
+        return own if family.of == _OWN_ANGLE else own * len(family.rows)
+
+    def _add(self, family: Family, functions: _Functions) -> None:
+        if functions.kept.size:
+            self._families.append(family)
+            self._functions.append(functions)
+
+    def _sensors(self, problem: Problem) -> None:
+        """Find the families of the sensors."""
+        readings, grid = problem.sensor.readings, self._grid
+        rates, forces = grid.average(readings.rates), grid.average(readings.accelerations)
+        t = grid.average(readings.stamps[:, None])[:, 0]
+        alpha, jerk = np.gradient(rates, t, axis=0), np.gradient(forces, t, axis=0)
+        products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
+        usual = np.hstack([np.ones((t.size, 1)), rates, forces, alpha, products])
+        usual = usual / np.maximum(np.linalg.norm(usual, axis=0), 1e-300) * t.size**0.5
+        quantities = {
+            "rate": _polynomials(rates, 3),
+            "acceleration": _polynomials(forces, 3),
+            "angular_acceleration": _polynomials(alpha, 2),
+            "jerk": _polynomials(jerk, 2),
+            "past_rate": _polynomials(_remembered(np.abs(rates)), 2),
+            "past_acceleration": _polynomials(_remembered(np.abs(forces)), 2),
+            "time": _waves(t),
+        }
+        if readings.temperature_difference is not None:
+            quantities["temperature"] = _polynomials(grid.average(readings.temperature_difference[:, None]), 3)
+        for owner, (group, rows, names) in _SENSORS.items():
+            for name in names:
+                if name in quantities and group in problem.layout:
+                    raw, degree = quantities[name]
+                    self._add(
+                        Family(owner, name, tuple(rows)), _separated(raw, degree, lambda which: usual[which], t.size)
+                    )
+
+    def _poses(self, problem: Problem) -> None:
+        """Find the families of reference and robot."""
+        reference, robot = problem.reference, problem.robot
+        p, q, tau = reference.positions, reference.quaternions, reference.seconds
+        C = None if q is None else matrix(q)
+        frames = [np.ones((tau.size, 1))]
+        frames += [] if C is None else [C.reshape(-1, 9)]
+        frames += [] if p is None else [p - p.mean(axis=0)]
+        usual = np.hstack(frames)
+        quantities = {"motion": _polynomials(_motion(reference), 1)}
+        if p is not None:
+            quantities["position"] = _polynomials(p, 3)
+        if C is not None:
+            quantities["attitude"] = _polynomials(np.hstack([C[:, :, 0], C[:, :, 2]]), 2)
+        if robot is not None:
+            quantities["joints"] = _of_angles(robot.angles)
+        rows = {"position": tuple(POSE_ROWS)[:3], "orientation": tuple(POSE_ROWS)[3:]}
+        present = {"position": p is not None, "orientation": q is not None}
+        for name, (raw, degree) in quantities.items():
+            functions = _separated(raw, degree, lambda which: usual[which], tau.size)
+            for what in (w for w in rows if present[w]):
+                self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
+        late = POSE_ROWS.stop
+        waves = _separated(*_waves(tau), lambda which: np.ones((which.size, 1)), tau.size)
+        self._add(Family("reference", "stamps_by_time", (late,)), waves)
+        if robot is not None:
+            own = _separated(*_of_own_angle(robot.angles), lambda which: np.ones((which.size, 1)), tau.size)
+            each = own.degree.size // robot.joints
+            if own.kept.size == each * robot.joints:
+                self._add(Family("robot", _OWN_ANGLE, tuple(range(late + 1, late + 1 + robot.joints))), own)
+
+    def _directions(self, pose: Indices) -> Array:
+        """Return what the directions do to poses, (u, 6, d)."""
+        components = np.broadcast_to(np.eye(6), (pose.size, 6, 6))
+        motion = _motion(self._recorded.reference, pose)
+        return np.concatenate([components, motion[:, :, None], self._jacobian(pose)], axis=2)
+
+    def _jacobian(self, which: Indices) -> Array:
+        """Return what small changes of the joint angles do to poses, (n, 6, j)."""
+        robot = self._recorded.robot
+        if robot is None:
+            return np.zeros((which.size, 6, 0))
+        return kinematics.derivatives(robot.arm, robot.angles[which]).jacobian
+
+    def _chosen(self, amplitudes: Array, i: int) -> Array:
+        """Return a family's amplitudes by rows and functions, (r, k)."""
+        own = amplitudes[self.family == i]
+        return own.reshape(-1, self._functions[i].degree.size)
+
+    def _of_sensor(self, amplitudes: Array, rows: range) -> Array:
+        """Return what the terms of a sensor add to its readings, (n, 3)."""
+        total = np.zeros((self._grid.count, 3))
+        every = np.arange(self._grid.count)
+        for i, family in enumerate(self._families):
+            if family.rows == tuple(rows) and amplitudes[self.family == i].any():
+                total += self._functions[i](every) @ self._chosen(amplitudes, i).T
+        return self._grid.at_samples(total)
+
+    def _of_poses(self, amplitudes: Array, count: int) -> Array:
+        """Return what the terms add to poses, (n, 6)."""
+        every, total = np.arange(count), np.zeros((count, 6))
+        for i, family in enumerate(self._families):
+            own = amplitudes[self.family == i]
+            if family.owner in _SENSORS or not own.any():
+                continue
+            value = self._functions[i](every)
+            if family.of == _OWN_ANGLE:
+                each = value.shape[1] // len(family.rows)
+                angle = (value * own).reshape(count, len(family.rows), each).sum(axis=2)
+                total += np.einsum("nij,nj->ni", self._jacobian(every), angle)
+            elif family.rows[0] >= POSE_ROWS.stop:
+                total += _motion(self._recorded.reference) * (value @ own)[:, None]
+            else:
+                places = [row - POSE_ROWS.start for row in family.rows]
+                total[:, places] += value @ self._chosen(amplitudes, i).T
+        return total
+
+
+_OWN_ANGLE = "own_angle"
+
+_SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
+    "gyroscope": (
+        "gyro_offset",
+        GYRO_ROWS,
+        ("rate", "acceleration", "angular_acceleration", "past_rate", "time", "temperature"),
+    ),
+    "accelerometer": (
+        "accel_offset",
+        ACCEL_ROWS,
+        ("rate", "acceleration", "jerk", "past_acceleration", "time", "temperature"),
+    ),
+}
+"""By sensor: its offset, in which its terms enter, its rows, and what its error may depend on."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Samples in groups of about `STEP`.
+
+    Attributes
+    ----------
+    begin : (g,)
+        First sample of each group.
+    samples
+        Number of samples.
+    """
+
+    begin: Indices
+    samples: int
+
+    @classmethod
+    def of(cls, stamps: Array) -> _Grid:
+        """Return the groups of samples."""
+        width = max(1, round(STEP / float(np.median(np.diff(stamps)))))
+        return cls(np.arange(0, stamps.size, width), stamps.size)
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return int(self.begin.size)
+
+    @property
+    def _ends(self) -> Indices:
+        return np.append(self.begin[1:], self.samples)
+
+    def average(self, values: Array) -> Array:
+        """Return the means of values (n, k) over the groups, (g, k)."""
+        return np.asarray(np.add.reduceat(values, self.begin, axis=0) / (self._ends - self.begin)[:, None])
+
+    def mean(self, functions: _Functions, first: Indices, last: Indices) -> Array:
+        """Return the means of functions from samples `first` to `last`, (u, k)."""
+        value = functions(np.arange(self.count))
+        edges = np.append(self.begin, self.samples).astype(float)
+        sums = np.concatenate([np.zeros((1, value.shape[1])), np.cumsum(value * np.diff(edges)[:, None], axis=0)])
+
+        def until(sample: Indices) -> Array:
+            at = np.minimum(np.searchsorted(edges, sample, side="right") - 1, self.count - 1)
+            share = (sample - edges[at]) / (edges[at + 1] - edges[at])
+            return sums[at] + share[:, None] * (sums[at + 1] - sums[at])
+
+        return np.asarray((until(last) - until(first)) / np.maximum(last - first, 1)[:, None])
+
+    def at_samples(self, values: Array) -> Array:
+        """Return values (g, k) of the groups between their middles, (n, k)."""
+        middle = 0.5 * (self.begin + self._ends - 1)
+        every = np.arange(self.samples)
+        return np.stack([np.interp(every, middle, column) for column in values.T], axis=1)
+
+
+def _motion(reference: ReferencePoses, which: Indices | None = None) -> Array:
+    """Return velocity in r and rate in b by the poses themselves, (n, 6); zero where they are not given."""
+    tau = reference.seconds
+    which = np.arange(tau.size) if which is None else which
+    width = max(1, round(_AROUND / max(reference.interval, 1e-9)))
+    before, after = np.maximum(which - width, 0), np.minimum(which + width, tau.size - 1)
+    seconds, out = (tau[after] - tau[before])[:, None], np.zeros((which.size, 6))
+    if reference.positions is not None:
+        out[:, :3] = (reference.positions[after] - reference.positions[before]) / seconds
+    if reference.quaternions is not None:
+        q = reference.quaternions
+        out[:, 3:] = log(multiply(conjugate(q[before]), q[after])) / seconds
+    return out
+
+
+def _of_angles(angles: Array) -> tuple[Callable[[Indices], Array], Array]:
+    """Return sines and cosines of all joint angles (n, j), and their degrees."""
+    return lambda which: np.hstack([np.sin(angles[which]), np.cos(angles[which])]), np.ones(2 * angles.shape[1])
+
+
+def _of_own_angle(angles: Array) -> tuple[Callable[[Indices], Array], Array]:
+    """Return functions of each joint's own angle and sense of rotation, joint after joint, and their degrees."""
+    speed = np.gradient(angles, axis=0)
+    spread = np.maximum(speed.std(axis=0), 1e-300)
+
+    def values(which: Indices) -> Array:
+        q, sense = angles[which], np.tanh(_CLIP * speed[which] / spread)
+        own = np.stack([np.sin(2.0 * q), np.cos(2.0 * q), np.sin(3.0 * q), np.cos(3.0 * q), sense], axis=2)
+        return own.reshape(len(own), -1)
+
+    return values, np.tile([1.0, 1.0, 1.5, 1.5, 1.0], angles.shape[1])

@@ -1,0 +1,122 @@
+"""Terms outside the state, against runs over data that contain them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.fitting.terms import Terms
+from kreisel.geometry.rotation import exp, multiply
+from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.prior_exchange import narrowed_belief, start_near
+from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.model.problem import with_readings
+
+from ...small_problem import camera_problem
+
+ESTIMATOR = SigmaPointFilter()
+
+
+def functions():
+    """One slow function of time for readings and one for poses; with its mean over updates, and at poses."""
+    problem = camera_problem()
+    t, tau = problem.sensor.readings.stamps, problem.reference.seconds
+    of_readings, of_poses = np.cos(0.4 * t), 1.0 - np.cos(0.3 * tau)  # navigation starts from the first poses
+    updates = problem.schedule.updates
+    sums = np.append(0.0, np.cumsum(0.5 * (of_readings[1:] + of_readings[:-1])))
+    mean = [(sums[u.last] - sums[u.first]) / max(u.last - u.first, 1) for u in updates]
+    return of_readings, of_poses, np.column_stack([mean, of_poses[[u.pose for u in updates]]])
+
+
+def terms():
+    """A term for each component of readings and poses, and one along a direction of poses."""
+    problem = camera_problem()
+    count = len(problem.schedule.updates)
+    directions = np.concatenate([np.broadcast_to(np.eye(6), (count, 6, 6)), np.full((count, 6, 1), 0.5)], axis=2)
+    row = np.arange(13)
+    return Terms(functions()[2], (row >= 6).astype(np.int64), row, directions)
+
+
+def with_term(problem, row, size):
+    of_readings, of_poses, _ = functions()
+    readings, reference = problem.sensor.readings, problem.reference
+    if row < 6:
+        values = [readings.rates.copy(), readings.accelerations.copy()]
+        values[row // 3][:, row % 3] += size * of_readings
+        changed = replace(readings, rates=values[0], accelerations=values[1], _ready={}, _crossing={})
+        return with_readings(problem, changed)
+    moved = np.zeros((of_poses.size, 6))
+    if row == 12:
+        moved += 0.5 * size * of_poses[:, None]
+    else:
+        moved[:, row - 6] = size * of_poses
+    return replace(
+        problem,
+        reference=replace(
+            reference,
+            positions=reference.positions + moved[:, :3],
+            quaternions=multiply(reference.quaternions, exp(moved[:, 3:])),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def near():
+    return ESTIMATOR.refit(camera_problem(), ESTIMATOR.fit(camera_problem()))
+
+
+@pytest.fixture(scope="module")
+def beside(near):
+    problem, sensitivity = camera_problem(), Sensitivity(camera_problem(), terms())
+    start, begun = start_near(problem, near), narrowed_belief(problem, near)
+    run = run_filter(problem, start, belief=begun, gate=100.0, sensitivity=sensitivity)
+    return run, sensitivity, start, begun
+
+
+@pytest.mark.parametrize("row", range(13))
+def test_derivatives_are_those_of_a_run_over_data_with_a_term(beside, row):
+    problem, (run, sensitivity, start, begun) = camera_problem(), beside
+    n = len(problem.parameter_names)
+    deviation = run.belief.standard_deviation[:n]
+    size = 0.03 / np.max(np.abs(sensitivity.state[:n, row]) / deviation)
+    other = run_filter(with_term(problem, row, size), start, belief=begun, gate=100.0)
+    change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:n, 0]
+    assert np.max(np.abs(change - size * sensitivity.state[:n, row]) / deviation) < 0.03 * 0.05
+    misfit = float(np.nansum(other.history.whitened**2) - np.nansum(run.history.whitened**2))
+    expected = size * (size * sensitivity.information[row, row] - 2.0 * sensitivity.score[row])
+    assert misfit == pytest.approx(expected, rel=0.1, abs=0.02)
+
+
+def test_a_run_is_the_same_with_terms_beside_it(beside):
+    problem, (run, _, start, begun) = camera_problem(), beside
+    plain = run_filter(problem, start, belief=begun, gate=100.0)
+    np.testing.assert_array_equal(plain.belief.mean, run.belief.mean)
+    np.testing.assert_array_equal(plain.belief.factor, run.belief.factor)
+
+
+@pytest.mark.parametrize("row", [0, 4, 8, 10])
+def test_the_change_of_a_fit_is_that_of_a_fit_of_corrected_data(near, row):
+    problem = camera_problem()
+    fit, found = ESTIMATOR.linearise(problem, near, terms())
+    n = len(problem.parameter_names)
+    deviation = fit.belief.standard_deviation[:n]
+    size = 0.03 / np.max(np.abs(found.change[:, row]) / deviation)
+    other = ESTIMATOR.refit(with_term(problem, row, size), near, gate=100.0)
+    change = problem.layout.minus(other.belief.mean[:, None], fit.belief.mean)[:n, 0]
+    assert np.max(np.abs(change - size * found.change[:, row]) / deviation) < 0.03 * 0.05
+
+
+def test_the_evidence_is_that_of_the_same_terms_in_the_state(near):
+    """An offset of the gyros is one parameter more: what data say of it, all others estimated, is in its covariance."""
+    problem = camera_problem()
+    constant = Terms(
+        np.ones((len(problem.schedule.updates), 1)), np.zeros(3, dtype=np.int64), np.arange(3), terms().directions
+    )
+    _, found = ESTIMATOR.linearise(problem, near, constant)
+    part = problem.layout["gyro_offset"]
+    # a second offset can't be told from the first but by the first one's prior
+    prior = problem.prior.covariance["gyro_offset"]
+    run = ESTIMATOR.refit(problem, near, gate=100.0)
+    own = np.linalg.inv(run.belief.covariance[part, part]) - np.linalg.inv(prior)
+    np.testing.assert_allclose(found.information, np.linalg.inv(np.linalg.inv(own) + prior), rtol=0.05)

@@ -1,0 +1,87 @@
+"""Errors that are on no list, in the readings and poses of a small cell: found, taken out, and counted."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.model.problem import with_readings
+from kreisel.refinement.discrepancy import describe
+from kreisel.refinement.iteration import StatedFigures, estimate
+
+from ...small_problem import camera_problem, recorded
+
+SIZE = 4e-3
+"""rad/s."""
+
+STATED = StatedFigures(reference=True, imu=True)
+
+
+def with_gyro_error(problem, size):
+    """An error of one gyro that depends on the acceleration of two axes, less what the usual model has of it."""
+    readings = problem.sensor.readings
+    w, f = readings.rates, readings.accelerations
+    error = np.tanh(f[:, 0] / 4.0) * np.cos(f[:, 1] / 3.0)
+    products = np.stack([w[:, i] * w[:, k] for i in range(3) for k in range(i, 3)], axis=1)
+    usual = np.hstack([np.ones((len(w), 1)), w, f, np.gradient(w, readings.stamps, axis=0), products])
+    error -= usual @ np.linalg.lstsq(usual, error, rcond=None)[0]
+    rates = w.copy()
+    rates[:, 2] += size * error / error.std()
+    return with_readings(problem, replace(readings, rates=rates, _ready={}, _crossing={}))
+
+
+@cache
+def found(size):
+    return estimate(with_gyro_error(camera_problem(), size), STATED, SigmaPointFilter())
+
+
+def scores(outcome):
+    """Return errors of the gyros' matrix over their deviations."""
+    error = (outcome.run.parameters.sensors.K_omega - recorded()[0].sensors.K_omega).ravel()
+    return error / outcome.deviation[outcome.problem.layout["gyro_cross_coupling"]]
+
+
+def test_a_clean_recording_has_none_and_keeps_its_deviations():
+    assert found(0.0).discrepancy == ()
+    causes = {one.cause: one for one in found(0.0).contributions}
+    undecided = causes.get("undecided model discrepancy")
+    n = len(found(0.0).problem.parameter_names)
+    if undecided is not None:
+        assert np.all(undecided.variance[:n] < 0.1 * found(0.0).run.belief.standard_deviation[:n] ** 2)
+
+
+def test_an_error_by_acceleration_is_found_as_one_and_taken_out():
+    largest = max(found(SIZE).discrepancy, key=lambda one: one.gain)
+    assert largest.family.name == "gyroscope.acceleration"
+    assert 0.5 * SIZE / 3**0.5 < largest.size < 1.2 * SIZE / 3**0.5  # of three axes, one errs
+    assert "gyros by acceleration" in describe(largest)
+    assert any(warning.subject == "discrepancy" for warning in found(SIZE).warnings)
+    corrected = found(SIZE).problem.sensor.readings.rates
+    assert not np.array_equal(corrected, with_gyro_error(camera_problem(), SIZE).sensor.readings.rates)
+
+
+def test_results_are_right_with_it():
+    assert np.abs(scores(found(SIZE))).max() < 4.0
+
+
+def test_what_terms_leave_uncertain_is_a_contribution():
+    one = next(one for one in found(SIZE).contributions if one.cause == "model discrepancy")
+    part = found(SIZE).problem.layout["gyro_cross_coupling"]
+    assert np.all(one.variance[part] > 0.0)
+    total = found(SIZE).run.belief.standard_deviation[part] ** 2 + sum(
+        each.variance[part] for each in found(SIZE).contributions
+    )
+    np.testing.assert_allclose(total, found(SIZE).deviation[part] ** 2, rtol=1e-12)
+
+
+def test_a_fixed_number_of_passes_looks_for_nothing():
+    problem = with_gyro_error(camera_problem(), SIZE)
+    fixed = replace(problem, settings=replace(problem.settings, passes=2))
+    assert estimate(fixed, STATED, SigmaPointFilter()).discrepancy == ()
+
+
+@pytest.mark.parametrize("size", [0.0, SIZE])
+def test_the_schedule_is_that_of_the_recording(size):
+    assert len(found(size).problem.schedule.updates) == len(camera_problem().schedule.updates)

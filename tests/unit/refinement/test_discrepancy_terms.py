@@ -1,0 +1,101 @@
+"""Generic terms: what is taken out of them, their means over updates, and data corrected by them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from kreisel.geometry.rotation import conjugate, log, matrix, multiply
+from kreisel.refinement.discrepancy_terms import STEP, DiscrepancyTerms
+
+from ...small_problem import camera_problem
+
+
+@cache
+def terms():
+    return DiscrepancyTerms(camera_problem())
+
+
+def amplitudes(name, function=0, row=0, size=1.0):
+    """Return amplitudes of which one function of a family, in one of its rows, has a size."""
+    number = [family.name for family in terms().families].index(name)
+    own = np.flatnonzero(terms().family == number)
+    each = own.size // len(terms().families[number].rows)
+    out = np.zeros(terms().family.size)
+    out[own[row * each + function]] = size
+    return out
+
+
+def test_there_are_families_of_sensors_and_reference():
+    names = {family.name for family in terms().families}
+    assert {
+        "gyroscope.rate",
+        "accelerometer.jerk",
+        "reference.position_by_attitude",
+        "reference.stamps_by_time",
+    } <= names
+    assert not any(family.owner == "robot" for family in terms().families)  # no joint angles
+    assert terms().family.size == terms().weight.size == terms().terms(camera_problem().schedule).count
+
+
+@pytest.mark.parametrize("name", ["gyroscope.rate", "gyroscope.acceleration", "accelerometer.time"])
+def test_readings_are_corrected_by_nothing_that_the_usual_model_has(name):
+    problem = camera_problem()
+    changed = terms().corrected(problem, amplitudes(name, 2, 1, 1e-3)).sensor.readings
+    readings = problem.sensor.readings
+    added = (changed.rates - readings.rates) + (changed.accelerations - readings.accelerations)
+    assert not added[:, [0, 2]].any()
+    assert np.sqrt(np.mean(added[:, 1] ** 2)) == pytest.approx(1e-3, rel=0.05)
+    usual = np.hstack([np.ones((len(added), 1)), readings.rates, readings.accelerations])
+    usual /= np.sqrt(np.mean(usual**2, axis=0))
+    # the functions are of readings averaged over a few samples, the products here of single ones
+    assert np.max(np.abs(usual.T @ added[:, 1])) / len(added) < 0.05 * 1e-3
+
+
+def test_poses_are_corrected_by_nothing_that_another_frame_or_tool_point_does():
+    problem = camera_problem()
+    reference = problem.reference
+    changed = terms().corrected(problem, amplitudes("reference.position_by_attitude", 5, 2, 1e-3)).reference
+    added = changed.positions - reference.positions
+    assert not added[:, :2].any()
+    frames = np.hstack([np.ones((len(added), 1)), matrix(reference.quaternions).reshape(-1, 9), reference.positions])
+    left = added[:, 2] - frames @ np.linalg.lstsq(frames, added[:, 2], rcond=None)[0]
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(np.sqrt(np.mean(added[:, 2] ** 2)), rel=1e-3)
+    np.testing.assert_array_equal(changed.quaternions, reference.quaternions)
+
+
+def test_stamps_that_are_late_move_poses_along_their_motion():
+    problem = camera_problem()
+    reference, late = problem.reference, 2e-4
+    changed = terms().corrected(problem, amplitudes("reference.stamps_by_time", size=late)).reference
+    tau = reference.seconds
+    lateness = late * np.cos(np.pi * tau / tau[-1]) / np.sqrt(np.mean(np.cos(np.pi * tau / tau[-1]) ** 2))
+    expected = np.stack([np.interp(tau + lateness, tau, column) for column in reference.positions.T], axis=1)
+    rate = log(multiply(conjugate(reference.quaternions[:-1]), reference.quaternions[1:])) / np.diff(tau)[:, None]
+    turned = log(multiply(conjugate(reference.quaternions), changed.quaternions))[:-1]
+    for added, by_noisy_poses in (
+        (changed.positions - reference.positions, expected - reference.positions),
+        (turned, lateness[:-1, None] * rate),
+    ):
+        assert np.sum(added * by_noisy_poses) / np.sum(added**2) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_term_is_the_mean_over_an_update_of_what_corrects_the_readings():
+    problem = camera_problem()
+    chosen = amplitudes("accelerometer.rate", 1, 0)
+    added = terms().corrected(problem, chosen).sensor.readings.accelerations - problem.sensor.readings.accelerations
+    found = terms().terms(problem.schedule)
+    term = int(np.flatnonzero(chosen)[0])
+    assert found.row[term] == 3
+    for k in (10, 40, 90):
+        update = problem.schedule.updates[k]
+        mean = np.mean(added[update.first : update.last + 1, 0])
+        assert found.functions[k, found.function[term]] == pytest.approx(mean, abs=0.15 * np.abs(added).max())
+    assert terms().size(2.0 * chosen, int(terms().family[term])) == pytest.approx(2.0 / 3**0.5)
+
+
+def test_readings_are_taken_together_over_a_short_time():
+    stamps = camera_problem().sensor.readings.stamps
+    step = float(np.median(np.diff(stamps)))
+    assert step <= STEP
+    assert terms()._grid.count == pytest.approx(stamps.size * step / STEP, rel=0.05)
