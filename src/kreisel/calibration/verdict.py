@@ -25,12 +25,12 @@ MAX_REJECTED = 0.05
 MAX_OUTLIERS = 0.3
 """Share of rejected updates, if they are single ones among poses that fit."""
 
-MAX_CONTRADICTION, MAX_MEASURED_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 5.0, 20.0
-"""Factors on given noise figures: a larger one where the deviations follow the scatter of many moves,
+MAX_CONTRADICTION, MAX_MEASURED_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 10.0, 20.0
+"""Factors on given noise figures: a larger one where the deviations follow the scatter of many parts,
 and the largest where the innovations are white, or the data show why, and all else fits."""
 
-_MIN_MOVES = 15
-"""Moves between standstills from which their scatter is known well enough to take the place of noise figures."""
+_MIN_PARTS = 15
+"""Parts of a recording from which their scatter is known well enough to take the place of noise figures."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -103,7 +103,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_known(evidence.known),
         *_expansions(estimate),
         *_passes(estimate),
-        *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA), measured=evidence.moves >= _MIN_MOVES),
+        *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA), measured=evidence.parts >= _MIN_PARTS),
         *(() if settings.partial else motion_reasons(evidence.observability)),
         *_scale(estimate),
     ]

@@ -110,9 +110,11 @@ def find_discrepancy(
 
 def _about_zero(about: Linearisation, amplitude: Array) -> Linearisation:
     """Return a linearisation about corrected data as one about data as recorded."""
+    if not amplitude.any():
+        return about
     pulled = about.information @ amplitude
     misfit = about.misfit + float(2.0 * amplitude @ about.score + amplitude @ pulled)
-    parts = about.part_scores + about.part_information @ amplitude
+    parts = about.part_scores + about.part_information @ amplitude.astype(np.float32)
     return replace(about, score=about.score + pulled, part_scores=parts, misfit=misfit)
 
 

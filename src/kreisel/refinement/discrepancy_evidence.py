@@ -40,7 +40,7 @@ _SIZES = np.exp(np.linspace(-9.0, 12.0, 43))
 _LEAST_DEGREES = 0.02
 """Amplitudes that the data determine, of a family, below which its size is zero."""
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-8
 """Share of an information matrix's largest eigenvalue that is lost in rounding."""
 
 
@@ -167,8 +167,7 @@ def _prepared(found: Linearisation, family: Indices, weight: Array, least: float
     own = np.diag(A)
     unit = 1.0 / np.sqrt(np.maximum(own, _ROUNDING * float(np.median(own)) + 1e-300))
     A = A * np.outer(unit, unit)
-    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    A = (vectors * np.maximum(values, _ROUNDING * float(values[-1]))) @ vectors.T
+    A = _positive(0.5 * (A + A.T))
     expected = np.empty(family.size)
     for f in range(int(family.max(initial=-1)) + 1):
         own = family == f
@@ -187,6 +186,17 @@ def _prepared(found: Linearisation, family: Indices, weight: Array, least: float
     )
 
 
+def _positive(A: Array) -> Array:
+    """Return an information matrix that may have lost rank in rounding, positive definite."""
+    try:
+        raised = A + _ROUNDING * float(np.trace(A)) / len(A) * np.eye(len(A))
+        np.linalg.cholesky(raised)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(A)
+        raised = (vectors * np.maximum(values, _ROUNDING * float(values[-1]))) @ vectors.T
+    return np.asarray(raised)
+
+
 def _alone(data: _Data, f: int, noise: float = 1.0) -> tuple[float, float]:
     """Return the largest gain of a family by itself, and the variance of its amplitudes then."""
     own = np.flatnonzero(data.family == f)
@@ -195,7 +205,7 @@ def _alone(data: _Data, f: int, noise: float = 1.0) -> tuple[float, float]:
     y = (vectors.T @ (W * data.score[own]) / noise) ** 2
     values = np.maximum(values, 0.0)
     by_size = 1.0 + np.outer(_SIZES, values)
-    gains = 0.5 * np.sum(np.outer(_SIZES, y) / by_size - np.log(by_size), axis=1)
+    gains = 0.5 * np.sum(np.outer(_SIZES, y) / by_size - np.log(by_size), axis=1)  # equation (29)
     best = int(np.argmax(gains))
     return float(gains[best]), float(_SIZES[best])
 
@@ -313,7 +323,7 @@ def undecided(found: Linearisation, weighed: Weighed, family: Indices, weight: A
     """
     data = _prepared(found, family, weight, weighed.noise)
     b = weighed.amplitude / data.unit
-    parts = data.part_scores - np.einsum("pij,j->pi", data.part_information, weighed.amplitude) * data.unit
+    parts = data.part_scores - data.part_information @ weighed.amplitude.astype(np.float32) * data.unit
     rest = replace(data, score=data.score - data.information @ b, part_scores=parts)
     columns: list[Array] = [np.zeros((len(found.change), 0))]
     for f in np.flatnonzero(~weighed.chosen):

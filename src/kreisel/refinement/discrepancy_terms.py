@@ -128,10 +128,11 @@ def _separated(
     return _Functions(raw, usual, np.asarray(share), np.asarray(rms[kept]), degree[kept], kept)
 
 
-def _polynomials(x: Array, degree: int) -> tuple[Callable[[Indices], Array], Array]:
-    """Return products of quantities (n, k) up to a degree, and their degrees."""
+def _polynomials(x: Array, degree: int, alone: int = 0) -> tuple[Callable[[Indices], Array], Array]:
+    """Return products of quantities (n, k) up to a degree, and powers of each up to another; and their degrees."""
     mean, spread = x.mean(axis=0), x.std(axis=0)
     chosen = [c for d in range(1, degree + 1) for c in combinations_with_replacement(range(x.shape[1]), d)]
+    chosen += [(i,) * d for d in range(degree + 1, alone + 1) for i in range(x.shape[1])]
 
     def values(which: Indices) -> Array:
         z = _CLIP * np.tanh((x[which] - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0))
@@ -247,8 +248,8 @@ class DiscrepancyTerms:
         usual = np.hstack([np.ones((t.size, 1)), rates, forces, alpha, products])
         usual = usual / np.maximum(np.linalg.norm(usual, axis=0), 1e-300) * t.size**0.5
         quantities = {
-            "rate": _polynomials(rates, 3),
-            "acceleration": _polynomials(forces, 3),
+            "rate": _polynomials(rates, 3, 6),
+            "acceleration": _polynomials(forces, 3, 6),
             "angular_acceleration": _polynomials(alpha, 2),
             "jerk": _polynomials(jerk, 2),
             "past_rate": _polynomials(_remembered(np.abs(rates)), 2),
