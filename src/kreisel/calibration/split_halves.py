@@ -9,6 +9,7 @@ import numpy as np
 from kreisel.calibration.disagreement import Disagreement, disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.stored_state import first_belief
 from kreisel.model.problem import Problem, part_of
 from kreisel.model.schedule import MIN_UPDATES
@@ -62,6 +63,9 @@ def split_halves(
     variance += 4.0 * np.sum(
         repeatability_columns(problem, found.run.parameters)[:n] ** 2, axis=1
     )  # half the standstills each
+    # each half errs in its own way: both together as twice their mean
+    unlisted = (one.variance[:n] for one in found.contributions if one.source is Source.MISFIT)
+    variance += 4.0 * sum(unlisted, np.zeros(n))
     lasting = problem.lasting
     names = tuple(problem.parameter_names[i] for i in lasting)
     return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))

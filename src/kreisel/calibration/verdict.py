@@ -95,6 +95,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     causes = find_causes(estimate, evidence.halves, evidence.latitude)
     named = frozenset(cause.name for cause in causes)
     settings = estimate.problem.settings
+    by_scatter = evidence.parts >= _MIN_PARTS and "slipping mount" not in named  # it does not scatter
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),
@@ -103,7 +104,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_known(evidence.known),
         *_expansions(estimate),
         *_passes(estimate),
-        *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA), measured=evidence.parts >= _MIN_PARTS),
+        *_noise(estimate, explained=bool(named & SEEN_IN_THE_DATA), measured=by_scatter),
         *(() if settings.partial else motion_reasons(evidence.observability)),
         *_scale(estimate),
     ]

@@ -10,7 +10,9 @@ from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 from kreisel.robot.motion import Limits, Move, Plan, Planner
 
-_CANDIDATES = 12
+_CANDIDATES, _MANY = 12, 400
+"""Targets from which the best is taken, and most that are drawn until one is clear."""
+
 _MAX_HALF_RANGE = np.pi
 """rad; larger ranges of joints are used only up to this angle in both directions."""
 
@@ -63,9 +65,9 @@ def _ranges(arm: Arm, share: float) -> tuple[Array, Array]:
 
 
 def _best_target(rng: np.random.Generator, arm: Arm, q: Array, low: Array, high: Array, seen: Array) -> Array:
-    best, score = q, -np.inf
-    for _ in range(_CANDIDATES):
-        target = rng.uniform(low, high)
+    best, score, tried = q, -np.inf, 0
+    while tried < _CANDIDATES or (score == -np.inf and tried < _MANY):
+        target, tried = rng.uniform(low, high), tried + 1
         if not _clear(arm, target):
             continue
         after = seen + _excitation(arm, q, target)
