@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
-from kreisel.geometry.rotation import exp, multiply
+from kreisel.geometry.rotation import exp, matrix, multiply
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording_settings import ImuTable, RecordingSettings, RobotTable, SiteTable
 from kreisel.simulation.cell import simulate
@@ -168,13 +168,19 @@ def test_a_step_of_an_offset_is_found_and_stands_in_its_deviation():
         assert np.abs((errors.error + true) / errors.deviation).max() < 4.0
 
 
-def test_a_mount_that_slips_is_noticed():
-    _, recording = cell(42)
-    poses = recording.reference
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_a_mount_that_slips_is_named_and_rejected_unless_deviations_contain_both_mounts(factor):
+    truth, recording = cell(42)
+    poses, slip = recording.reference, factor * np.array([0.002, -0.001, 0.001])
     late = np.arange(poses.stamps_ns.size) > 0.5 * poses.stamps_ns.size
-    turned = multiply(poses.quaternions, exp(np.where(late[:, None], [0.002, -0.001, 0.001], 0.0)))
-    recording = replace(recording, reference=replace(poses, quaternions=turned), joints=None)
-    assert not calibrated(recording).verdict.accepted
+    turned = multiply(poses.quaternions, exp(np.where(late[:, None], slip, 0.0)))
+    outcome = calibrated(replace(recording, reference=replace(poses, quaternions=turned), joints=None))
+    assert outcome.verdict.causes[0].name == "slipping mount"
+    assert not outcome.verdict.accepted or factor == 1.0
+    if outcome.verdict.accepted:
+        C, sensors = matrix(exp(slip)).T, truth.sensors
+        after = replace(sensors, K_omega=C @ sensors.K_omega, K_a=C @ sensors.K_a, lever_arms=sensors.lever_arms @ C.T)
+        assert max(worst(outcome, truth), worst(outcome, replace(truth, sensors=after))) < 4.0
 
 
 def test_clean_recordings_pass_by_halves():
