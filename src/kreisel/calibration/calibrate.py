@@ -17,6 +17,7 @@ from kreisel.calibration.lack_of_fit import (
     lack_of_fit,
     lack_of_fit_disagreement,
     larger_deviations,
+    moves_in,
     within_halves,
 )
 from kreisel.calibration.latitude_check import check_latitude
@@ -92,7 +93,7 @@ def run_calibration(
     larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
     halves = _by_scatter(raw_halves, found, lack)
-    parts = 0 if lack is None else len(lack.influence)
+    moves = moves_in(found.problem, lack)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = executor(
@@ -112,7 +113,7 @@ def run_calibration(
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, parts))
+    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, moves))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if shares_of_filter is None else budget_of(found, shares_of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)

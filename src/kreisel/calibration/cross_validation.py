@@ -21,7 +21,7 @@ TRAINING = 0.6
 
 
 def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
-    """Return the drift on the last part of the recording, with a calibration of its first part only."""
+    """Return the drift on the last part of the recording as recorded, with a calibration of its first part only."""
     problem = found.problem
     count = len(problem.schedule.updates)
     cut = int(TRAINING * count)
@@ -30,7 +30,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
         problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
         q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
     )  # fmt: skip
-    unseen = _navigation_only(part_of(problem, slice(cut, count)))
+    unseen = _navigation_only(part_of(found.recorded, slice(cut, count)))
     return CrossValidation(
         trained_until=float(problem.sensor.readings.stamps[problem.schedule.updates[cut - 1].last]),
         nominal=_drift(found.estimator.navigate(unseen, nominal, of_step(progress, "nominal"))),

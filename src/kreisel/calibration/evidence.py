@@ -84,7 +84,7 @@ class Evidence:
     """What a verdict depends on besides the estimate itself; each part is computed by a module of its own.
 
     `known` are the distances of an estimate without them from the priors of single parameters that the user states, in
-    standard deviations, by name. `parts` is the number of the recording's parts whose scatter the deviations
+    standard deviations, by name. `moves` is the number of moves between standstills whose scatter the deviations
     follow.
     """
 
@@ -93,7 +93,7 @@ class Evidence:
     halves: SplitHalves | None
     latitude: LatitudeCheck | None
     known: Mapping[str, float] = field(default_factory=dict)
-    parts: int = 0
+    moves: int = 0
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,11 @@ def _standstills(problem: Problem) -> int:
     return sum(update.new_standstill for update in problem.schedule.updates)
 
 
+def moves_in(problem: Problem, lack: LackOfFit | None) -> int:
+    """Return the number of moves between standstills whose scatter is known."""
+    return 0 if lack is None else min(len(lack.influence), _standstills(problem))
+
+
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
     """Return the scatter of blocks about an estimate; None where there are too few."""
     ends = block_ends(found.problem)

@@ -26,11 +26,11 @@ MAX_OUTLIERS = 0.3
 """Share of rejected updates, if they are single ones among poses that fit."""
 
 MAX_CONTRADICTION, MAX_MEASURED_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 10.0, 20.0
-"""Factors on given noise figures: a larger one where the deviations follow the scatter of many parts,
+"""Factors on given noise figures: a larger one where the deviations follow the scatter of many moves,
 and the largest where the innovations are white, or the data show why, and all else fits."""
 
-_MIN_PARTS = 15
-"""Parts of a recording from which their scatter is known well enough to take the place of noise figures."""
+_MIN_MOVES = 15
+"""Moves between standstills from which their scatter is known well enough to take the place of noise figures."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -95,7 +95,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     causes = find_causes(estimate, evidence.halves, evidence.latitude)
     named = frozenset(cause.name for cause in causes)
     settings = estimate.problem.settings
-    by_scatter = evidence.parts >= _MIN_PARTS and "slipping mount" not in named  # it does not scatter
+    by_scatter = evidence.moves >= _MIN_MOVES and "slipping mount" not in named  # it does not scatter
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),

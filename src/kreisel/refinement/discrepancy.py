@@ -23,6 +23,9 @@ from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, families_in, undecided, weigh
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms, FoundFamily
 
+LONGEST = 3.0 * 3600.0
+"""s; recordings beyond this are not searched: functions of all their readings would take gigabytes."""
+
 MAX_ROUNDS = 3
 """Linearisations at most, each about a better estimate."""
 
@@ -88,6 +91,8 @@ def find_discrepancy(
         Factor on the variance of a problem's noise by which it may be smaller: noise that was found explains what terms
         would.
     """
+    if float(np.ptp(recorded.sensor.readings.stamps)) > LONGEST:
+        return None
     terms = DiscrepancyTerms(recorded)
     if not terms.families:
         return None

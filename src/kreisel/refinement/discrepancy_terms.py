@@ -9,7 +9,7 @@ linear description that fits best over the recording, and a family adds to it wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -38,6 +38,9 @@ _CLIP = 3.0
 
 _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
+
+_TOGETHER = 1 << 16
+"""Values of functions that are computed together."""
 
 _LEAST = 1e-3
 """Rms of a function, as a share, below which the usual model has all of it."""
@@ -120,7 +123,7 @@ def _separated(
     raw: Callable[[Indices], Array], degree: Array, usual: Callable[[Indices], Array], count: int
 ) -> _Functions:
     """Return functions without what the usual model has, over `count` samples."""
-    some = np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
+    some = _some(count)
     values, columns = raw(some), usual(some)
     share = np.linalg.lstsq(columns, values, rcond=1e-9)[0]
     rms = np.sqrt(np.mean((values - columns @ share) ** 2, axis=0))
@@ -128,14 +131,31 @@ def _separated(
     return _Functions(raw, usual, np.asarray(share), np.asarray(rms[kept]), degree[kept], kept)
 
 
-def _polynomials(x: Array, degree: int, alone: int = 0) -> tuple[Callable[[Indices], Array], Array]:
-    """Return products of quantities (n, k) up to a degree, and powers of each up to another; and their degrees."""
+def _some(count: int) -> Indices:
+    """Return evenly spread numbers below `count`, enough for a mean."""
+    return np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
+
+
+def _blocks(count: int) -> Iterator[Indices]:
+    """Yield all numbers below `count`, some thousands at a time."""
+    for begin in range(0, count, _TOGETHER):
+        yield np.arange(begin, min(begin + _TOGETHER, count))
+
+
+def _polynomials(
+    of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0
+) -> tuple[Callable[[Indices], Array], Array]:
+    """Return products of quantities (n, k) up to a degree, and powers of each up to another; and their degrees.
+
+    of: from indices of `count` samples to the quantities.
+    """
+    x = of(_some(count))
     mean, spread = x.mean(axis=0), x.std(axis=0)
     chosen = [c for d in range(1, degree + 1) for c in combinations_with_replacement(range(x.shape[1]), d)]
     chosen += [(i,) * d for d in range(degree + 1, alone + 1) for i in range(x.shape[1])]
 
     def values(which: Indices) -> Array:
-        z = _CLIP * np.tanh((x[which] - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0))
+        z = _CLIP * np.tanh((of(which) - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0))
         return np.stack([np.prod(z[:, list(c)], axis=1) for c in chosen], axis=1)
 
     return values, np.array([len(c) for c in chosen], dtype=float)
@@ -247,45 +267,48 @@ class DiscrepancyTerms:
         products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
         usual = np.hstack([np.ones((t.size, 1)), rates, forces, alpha, products])
         usual = usual / np.maximum(np.linalg.norm(usual, axis=0), 1e-300) * t.size**0.5
+        memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
-            "rate": _polynomials(rates, 3, 6),
-            "acceleration": _polynomials(forces, 3, 6),
-            "angular_acceleration": _polynomials(alpha, 2),
-            "jerk": _polynomials(jerk, 2),
-            "past_rate": _polynomials(_remembered(np.abs(rates)), 2),
-            "past_acceleration": _polynomials(_remembered(np.abs(forces)), 2),
+            "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
+            "acceleration": _polynomials(forces.__getitem__, t.size, 3, 6),
+            "angular_acceleration": _polynomials(alpha.__getitem__, t.size, 2),
+            "jerk": _polynomials(jerk.__getitem__, t.size, 2),
+            "past_rate": _polynomials(memories[0].__getitem__, t.size, 2),
+            "past_acceleration": _polynomials(memories[1].__getitem__, t.size, 2),
             "time": _waves(t),
         }
         if readings.temperature_difference is not None:
-            quantities["temperature"] = _polynomials(grid.average(readings.temperature_difference[:, None]), 3)
+            difference = grid.average(readings.temperature_difference[:, None])
+            quantities["temperature"] = _polynomials(difference.__getitem__, t.size, 3)
         for owner, (group, rows, names) in _SENSORS.items():
             for name in names:
                 if name in quantities and group in problem.layout:
                     raw, degree = quantities[name]
-                    self._add(
-                        Family(owner, name, tuple(rows)), _separated(raw, degree, lambda which: usual[which], t.size)
-                    )
+                    self._add(Family(owner, name, tuple(rows)), _separated(raw, degree, usual.__getitem__, t.size))
 
     def _poses(self, problem: Problem) -> None:
         """Find the families of reference and robot."""
         reference, robot = problem.reference, problem.robot
         p, q, tau = reference.positions, reference.quaternions, reference.seconds
-        C = None if q is None else matrix(q)
-        frames = [np.ones((tau.size, 1))]
-        frames += [] if C is None else [C.reshape(-1, 9)]
-        frames += [] if p is None else [p - p.mean(axis=0)]
-        usual = np.hstack(frames)
-        quantities = {"motion": _polynomials(_motion(reference), 1)}
+
+        def usual(which: Indices) -> Array:
+            frames = [np.ones((which.size, 1))]
+            frames += [] if q is None else [matrix(q[which]).reshape(-1, 9)]
+            frames += [] if p is None else [p[which] - p[0]]
+            return np.hstack(frames)
+
+        quantities = {"motion": _polynomials(lambda which: _motion(reference, which), tau.size, 1)}
         if p is not None:
-            quantities["position"] = _polynomials(p, 3)
-        if C is not None:
-            quantities["attitude"] = _polynomials(np.hstack([C[:, :, 0], C[:, :, 2]]), 2)
+            quantities["position"] = _polynomials(p.__getitem__, tau.size, 3)
+        if q is not None:
+            axes = [0, 3, 6, 2, 5, 8]  # of the tool, in r: the first and the third
+            quantities["attitude"] = _polynomials(lambda which: matrix(q[which]).reshape(-1, 9)[:, axes], tau.size, 2)
         if robot is not None:
             quantities["joints"] = _of_angles(robot.angles)
         rows = {"position": tuple(POSE_ROWS)[:3], "orientation": tuple(POSE_ROWS)[3:]}
         present = {"position": p is not None, "orientation": q is not None}
         for name, (raw, degree) in quantities.items():
-            functions = _separated(raw, degree, lambda which: usual[which], tau.size)
+            functions = _separated(raw, degree, usual, tau.size)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
         late = POSE_ROWS.stop
@@ -318,26 +341,30 @@ class DiscrepancyTerms:
     def _of_sensor(self, amplitudes: Array, rows: range) -> Array:
         """Return what the terms of a sensor add to its readings, (n, 3)."""
         total = np.zeros((self._grid.count, 3))
-        every = np.arange(self._grid.count)
         for i, family in enumerate(self._families):
             if family.rows == tuple(rows) and amplitudes[self.family == i].any():
-                total += self._functions[i](every) @ self._chosen(amplitudes, i).T
+                for block in _blocks(self._grid.count):
+                    total[block] += self._functions[i](block) @ self._chosen(amplitudes, i).T
         return self._grid.at_samples(total)
 
     def _of_poses(self, amplitudes: Array, count: int) -> Array:
         """Return what the terms add to poses, (n, 6)."""
-        every, total = np.arange(count), np.zeros((count, 6))
+        return np.concatenate([self._added(amplitudes, block) for block in _blocks(count)])
+
+    def _added(self, amplitudes: Array, which: Indices) -> Array:
+        """Return what the terms add to some poses, (n, 6)."""
+        total = np.zeros((which.size, 6))
         for i, family in enumerate(self._families):
             own = amplitudes[self.family == i]
             if family.owner in _SENSORS or not own.any():
                 continue
-            value = self._functions[i](every)
+            value = self._functions[i](which)
             if family.of == _OWN_ANGLE:
                 each = value.shape[1] // len(family.rows)
-                angle = (value * own).reshape(count, len(family.rows), each).sum(axis=2)
-                total += np.einsum("nij,nj->ni", self._jacobian(every), angle)
+                angle = (value * own).reshape(which.size, len(family.rows), each).sum(axis=2)
+                total += np.einsum("nij,nj->ni", self._jacobian(which), angle)
             elif family.rows[0] >= POSE_ROWS.stop:
-                total += _motion(self._recorded.reference) * (value @ own)[:, None]
+                total += _motion(self._recorded.reference, which) * (value @ own)[:, None]
             else:
                 places = [row - POSE_ROWS.start for row in family.rows]
                 total[:, places] += value @ self._chosen(amplitudes, i).T
@@ -397,9 +424,11 @@ class _Grid:
 
     def mean(self, functions: _Functions, first: Indices, last: Indices) -> Array:
         """Return the means of functions from samples `first` to `last`, (u, k)."""
-        value = functions(np.arange(self.count))
         edges = np.append(self.begin, self.samples).astype(float)
-        sums = np.concatenate([np.zeros((1, value.shape[1])), np.cumsum(value * np.diff(edges)[:, None], axis=0)])
+        sums = np.zeros((self.count + 1, functions.degree.size))
+        for block in _blocks(self.count):
+            added = functions(block) * np.diff(edges)[block, None]
+            sums[block + 1] = sums[block[0]] + np.cumsum(added, axis=0)
 
         def until(sample: Indices) -> Array:
             at = np.minimum(np.searchsorted(edges, sample, side="right") - 1, self.count - 1)
@@ -415,10 +444,9 @@ class _Grid:
         return np.stack([np.interp(every, middle, column) for column in values.T], axis=1)
 
 
-def _motion(reference: ReferencePoses, which: Indices | None = None) -> Array:
-    """Return velocity in r and rate in b by the poses themselves, (n, 6); zero where they are not given."""
+def _motion(reference: ReferencePoses, which: Indices) -> Array:
+    """Return velocity in r and rate in b at some poses, by the poses themselves, (n, 6); zero where not given."""
     tau = reference.seconds
-    which = np.arange(tau.size) if which is None else which
     width = max(1, round(_AROUND / max(reference.interval, 1e-9)))
     before, after = np.maximum(which - width, 0), np.minimum(which + width, tau.size - 1)
     seconds, out = (tau[after] - tau[before])[:, None], np.zeros((which.size, 6))

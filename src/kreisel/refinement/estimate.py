@@ -15,7 +15,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered
 from kreisel.model.layout import without
 from kreisel.model.parameters import PASSING_GROUPS
-from kreisel.model.problem import Problem, with_nominal
+from kreisel.model.problem import Problem, with_nominal, with_readings
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_terms import FoundFamily
 
@@ -30,7 +30,8 @@ class Estimate:
     given or none had to be raised. `moved` is the largest change of a parameter by the last pass, in standard
     deviations; 0 if one pass was enough. `considered` are all effects beyond the usual ones, found or not; `walks` the
     groups that walk, and what that gains in log-likelihood; `contradicted` the offsets whose stated prior had to be
-    widened, with their scores; `stated` the problem as it was stated.
+    widened, with their scores; `stated` the problem as it was stated; `discrepancy` the families of generic terms by
+    which its readings and poses are corrected.
     """
 
     problem: Problem
@@ -52,6 +53,14 @@ class Estimate:
     def belief(self) -> Belief:
         """Result with all that is known of its uncertainty."""
         return total(self.run.belief, self.contributions)
+
+    @property
+    def recorded(self) -> Problem:
+        """The problem with readings and poses as recorded, without corrections by terms for errors on no list."""
+        if self.stated is None or not self.discrepancy:
+            return self.problem
+        readings = replace(self.stated.sensor.readings, noise=self.problem.sensor.readings.noise)
+        return replace(with_readings(self.problem, readings), reference=self.stated.reference)
 
     @property
     def deviation(self) -> Array:

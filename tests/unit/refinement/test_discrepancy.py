@@ -76,6 +76,14 @@ def test_what_terms_leave_uncertain_is_a_contribution():
     np.testing.assert_allclose(total, found(SIZE).deviation[part] ** 2, rtol=1e-12)
 
 
+def test_what_was_recorded_is_kept():
+    given, kept = with_gyro_error(camera_problem(), SIZE), found(SIZE).recorded
+    np.testing.assert_array_equal(kept.sensor.readings.rates, given.sensor.readings.rates)
+    np.testing.assert_array_equal(kept.reference.positions, given.reference.positions)
+    assert kept.layout is found(SIZE).problem.layout
+    assert found(0.0).recorded is found(0.0).problem
+
+
 def test_a_fixed_number_of_passes_looks_for_nothing():
     problem = with_gyro_error(camera_problem(), SIZE)
     fixed = replace(problem, settings=replace(problem.settings, passes=2))
