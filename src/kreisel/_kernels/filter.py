@@ -57,7 +57,7 @@ def run(
     _check_belief(model, belief)
     _check_signal(signal, model)
     _check_steps(model, signal, steps, begin, end)
-    _check_record(record, begin, end, belief)
+    _check_record(record, begin, end, belief, int(model.tail[:, 1].sum()))
     check_lengths(bounds=(gate.bounds, (MEASURED + 1,)), rejected=(gate.rejected, (1,)))
     _run(model, signal, steps, begin, end, gate, belief, record, stopped)
     return int(stopped[0])
@@ -143,13 +143,20 @@ def _check_steps(model: Model, signal: Samples, steps: Steps, begin: int, end: i
         raise ValueError("an update whose last sample stands before its first")
 
 
-def _check_record(record: Record, begin: int, end: int, belief: Gaussian) -> None:
+def _check_record(record: Record, begin: int, end: int, belief: Gaussian, changing: int) -> None:
     u, m = len(record.used), MEASURED
     if end > u:
         raise ValueError(f"updates {begin} to {end} for a record of {u}")
     numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:12]
     shapes = {(u,): numbers, (u, m): wide, (u, 6): six}
     check_lengths(**{f"record_{len(s)}_{i}": (a, s) for s, arrays in shapes.items() for i, a in enumerate(arrays)})
+    n, tables = belief.upper.shape[0], len(record.transition)
+    if tables not in (0, u):
+        raise ValueError(f"{tables} tables of slopes for a record of {u}")
+    check_lengths(
+        transition=(record.transition, (tables, changing, n)), design=(record.design, (tables, m, n)),
+        gain=(record.gain, (tables, m, n)), whitening=(record.whitening, (tables, m, m)),
+    )  # fmt: skip
     for name, array, most in (
         ("mean", record.mean, belief.mean.size), ("deviation", record.deviation, belief.upper.shape[0])
     ):  # fmt: skip

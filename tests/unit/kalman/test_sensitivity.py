@@ -7,7 +7,9 @@ import pytest
 
 from kreisel.fitting.terms import Terms
 from kreisel.geometry.rotation import exp, multiply
+from kreisel.kalman import filter_pass
 from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.kernel_inputs import filter_record
 from kreisel.kalman.prior_exchange import narrowed_belief, start_near
 from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
@@ -93,6 +95,19 @@ def test_a_run_is_the_same_with_terms_beside_it(beside):
     plain = run_filter(problem, start, belief=begun, gate=100.0)
     np.testing.assert_array_equal(plain.belief.mean, run.belief.mean)
     np.testing.assert_array_equal(plain.belief.factor, run.belief.factor)
+
+
+@pytest.mark.parametrize("field", ["transition", "design", "gain", "whitening"])
+def test_slopes_have_room_for_every_update_or_for_none(beside, monkeypatch, field):
+    problem, (_, _, start, begun) = camera_problem(), beside
+
+    def short(*arguments, **options):
+        record = filter_record(*arguments, **options)
+        return record._replace(**{field: np.ascontiguousarray(getattr(record, field)[:, 1:])})
+
+    monkeypatch.setattr(filter_pass, "filter_record", short)
+    with pytest.raises(ValueError, match=f"{field} has the shape"):
+        run_filter(problem, start, belief=begun, sensitivity=Sensitivity(problem, terms()))
 
 
 @pytest.mark.parametrize("row", [0, 4, 8, 10])
