@@ -95,7 +95,9 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     causes = find_causes(estimate, evidence.halves, evidence.latitude)
     named = frozenset(cause.name for cause in causes)
     settings = estimate.problem.settings
-    by_scatter = evidence.moves >= _MIN_MOVES and "slipping mount" not in named  # it does not scatter
+    by_scatter = (
+        evidence.moves >= _MIN_MOVES and "slipping mount" not in named
+    )  # a slip is one change: moves do not scatter
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),

@@ -99,6 +99,15 @@ def correct_angular_rate(rates: Array, parameters: SensorParameters) -> Array:
     return np.asarray((rates + parameters.k_w[0]) @ parameters.K_omega.T)
 
 
+def linear_columns(rates: Array, accelerations: Array, angular_accelerations: Array) -> Array:
+    """Return what errors linear in a sensor's reading, and lever arms, are made of, (n, 16).
+
+    Columns: one, rates, accelerations, angular accelerations (n, 3), and products of rates.
+    """
+    products = [rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)]
+    return np.column_stack([np.ones(len(rates)), rates, accelerations, angular_accelerations, *products])
+
+
 def size_effect(
     omega_b: Array,
     alpha_b: Array,

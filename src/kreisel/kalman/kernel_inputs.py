@@ -161,7 +161,7 @@ def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -
 
 
 def filter_record(problem: Problem, u: int, *, slopes: bool = False) -> filter_arguments.Record:
-    """Return empty arrays for the record of so many updates; slopes: with what small changes of the state do."""
+    """Return empty arrays for the record of u updates; slopes: with each update's transition, design and gain."""
     m, n, k = filter_arguments.MEASURED, problem.layout.degrees, u if slopes else 0
     return filter_arguments.Record(
         mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),

@@ -52,7 +52,10 @@ class Sensitivity:
         self._standstill = [places[part.name] for part in STANDSTILL_ERROR if part.name in layout]
         fading = problem.noise.gauss_markov
         self._fading = [(places[group], 1.0 / process.time) for group, process in fading.items() if group in layout]
-        self._of_sensor, self._of_pose = np.flatnonzero(terms.row < 6), np.flatnonzero(terms.row >= 6)
+        self._of_sensor, self._of_pose = (
+            np.flatnonzero(terms.row < POSE_ROWS.start),
+            np.flatnonzero(terms.row >= POSE_ROWS.start),
+        )
         offsets = {
             row: layout[group].start + i
             for group, rows in (("gyro_offset", GYRO_ROWS), ("accel_offset", ACCEL_ROWS))
@@ -123,6 +126,6 @@ class Sensitivity:
         moving = self._moving.stop - self._moving.start
         self.state[self._moving] = predicted[:moving]
         innovation = predicted[moving:]
-        directions = whitening[:, :6] @ self._terms.directions[i]
+        directions = whitening[:, : len(POSE_ROWS)] @ self._terms.directions[i]
         innovation[:, self._of_pose] -= directions[:, self._direction] * pose
         return innovation

@@ -8,7 +8,7 @@ corrected by them, and the usual parameters found again; what the terms leave un
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning
-from kreisel.refinement.discrepancy_evidence import Weighed, families_in, undecided, weigh
+from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms, FoundFamily
+from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0
 """s; recordings beyond this are not searched: functions of all their readings would take gigabytes."""
@@ -45,9 +46,9 @@ class Discrepancy:
         Errors of the parameters by the amplitudes' uncertainty, and by families that may be there or not.
     """
 
-    found: tuple[FoundFamily, ...]
-    columns: Array
-    undecided: Array
+    found: tuple[FoundFamily, ...] = ()
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    undecided: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def contributions(self, degrees: int) -> list[Contribution]:
         """Return what terms add to the uncertainty of a state."""
@@ -76,10 +77,10 @@ def find_discrepancy(
     near: Fit,
     estimator: Estimator,
     settle: Settle,
-    quieter: Callable[[Problem], float],
+    least_noise: Callable[[Problem], float],
     progress: StepProgress | None = None,
-) -> Discrepancy | None:
-    """Return what the data ask for; None where there are no terms. The last problem that was settled is without it.
+) -> Discrepancy:
+    """Return what the data ask for. The last problem that was settled is without it.
 
     Parameters
     ----------
@@ -87,30 +88,29 @@ def find_discrepancy(
         The problem with the data as recorded, and the noise that they ask for without terms.
     near
         Its fit.
-    quieter
-        Factor on the variance of a problem's noise by which it may be smaller: noise that was found explains what terms
+    least_noise
+        Factor on the variance of a problem's noise that is left at least: noise that was found explains what terms
         would.
     """
     if float(np.ptp(recorded.sensor.readings.stamps)) > LONGEST:
-        return None
+        return Discrepancy()
     terms = DiscrepancyTerms(recorded)
     if not terms.families:
-        return None
+        return Discrepancy()
     problem, fit, amplitude = recorded, near, np.zeros(terms.family.size)
     for _ in range(MAX_ROUNDS):
         _, about = estimator.linearise(problem, fit, terms.terms(problem.schedule), progress)
         whole = _about_zero(about, amplitude)
-        weighed = weigh(whole, terms.family, terms.weight, quieter(problem))
+        weighed = weigh(whole, terms.family, terms.weight, least_noise(problem))
         if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude) < _MOVED):
             break
         amplitude = weighed.amplitude
         problem, fit = settle(terms.corrected(problem, amplitude), fit)
     found = tuple(
         FoundFamily(terms.families[f], float(weighed.gain[f]), terms.size(weighed.amplitude, f))
-        for f in families_in(weighed)
+        for f in weighed.families
     )
-    rest = undecided(whole, weighed, terms.family, terms.weight)
-    return Discrepancy(found, _root(whole.change, weighed), rest)
+    return Discrepancy(found, _root(whole.change, weighed), undecided(whole.change, weighed))
 
 
 def _about_zero(about: Linearisation, amplitude: Array) -> Linearisation:
@@ -126,7 +126,7 @@ def _about_zero(about: Linearisation, amplitude: Array) -> Linearisation:
 def _moved(about: Linearisation, weighed: Weighed, amplitude: Array) -> float:
     """Return the largest change of a parameter by new amplitudes, in deviations by the terms."""
     change = about.change @ (weighed.amplitude - amplitude)
-    deviation = np.sqrt(np.einsum("ni,ij,nj->n", about.change, weighed.covariance, about.change))
+    deviation = np.sqrt(np.sum((about.change @ weighed.covariance) * about.change, axis=1))
     return float(np.max(np.abs(change) / np.maximum(deviation, 1e-300), initial=0.0))
 
 
@@ -139,8 +139,8 @@ def _root(change: Array, weighed: Weighed) -> Array:
 
 
 _OWNERS = {"gyroscope": "gyros", "accelerometer": "accelerometers", "reference": "reference", "robot": "robot"}
-_UNITS = {"gyroscope": ("deg/s", np.pi / 180.0), "accelerometer": ("mg", 9.80665e-3), "robot": ("mrad", 1e-3)}
-_OF_POSES = {"position": ("mm", 1e-3), "orientation": ("mrad", 1e-3), "stamps": ("ms", 1e-3)}
+_UNITS = {"gyroscope": ("deg/s", DEG), "accelerometer": ("mg", MG), "robot": ("mrad", MRAD)}
+_OF_POSES = {"position": ("mm", MM), "orientation": ("mrad", MRAD), "stamps": ("ms", MS)}
 
 
 def describe(one: FoundFamily) -> str:

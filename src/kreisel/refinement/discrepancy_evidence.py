@@ -7,7 +7,6 @@ a family that explains nothing then has the size zero, and costs nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 MIN_GAIN = 10.0
 """Minimum logarithm of the ratio of evidences with which a family is part of the model: 1 : 22,000."""
 
-MIN_FORETOLD = 3.0
+MIN_PREDICTED = 3.0
 """Minimum gain in log-likelihood of parts of the recording by a family's amplitudes from all other parts."""
 
 ODDS = 1.0 / 50.0
@@ -42,32 +41,6 @@ _LEAST_DEGREES = 0.02
 
 _ROUNDING = 1e-8
 """Share of an information matrix's largest eigenvalue that is lost in rounding."""
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """What the data say of all families.
-
-    Attributes
-    ----------
-    chosen : (f,)
-        Which families are part of the model.
-    gain : (f,)
-        Logarithm of the ratio of evidences with and without a family, beside those that are chosen.
-    whole
-        The same for all that are chosen together.
-    amplitude : (m,), covariance : (m, m)
-        Of the terms of chosen families, zero for others.
-    noise
-        Factor on the variance of all noise that is left.
-    """
-
-    chosen: Mask
-    gain: Array
-    whole: float
-    amplitude: Array
-    covariance: Array
-    noise: float
 
 
 @dataclass(frozen=True)
@@ -99,6 +72,38 @@ class _Data:
     misfit: float
     degrees: float
     least: float
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the data say of all families.
+
+    Attributes
+    ----------
+    chosen : (f,)
+        Which families are part of the model.
+    gain : (f,)
+        Logarithm of the ratio of evidences with and without a family, beside those that are chosen.
+    amplitude : (m,), covariance : (m, m)
+        Of the terms of chosen families, zero for others.
+    noise
+        Factor on the variance of all noise that is left.
+    rest
+        What the data say beside the chosen families, for `undecided`.
+    """
+
+    chosen: Mask
+    gain: Array
+    amplitude: Array
+    covariance: Array
+    noise: float
+    rest: _Data
+
+    @property
+    def families(self) -> list[int]:
+        """Numbers of the families that are part of the model, that with the largest gain first."""
+        chosen = np.flatnonzero(self.chosen)
+        return [int(f) for f in chosen[np.argsort(-self.gain[chosen])]]
 
 
 @dataclass(frozen=True)
@@ -147,18 +152,23 @@ def weigh(found: Linearisation, family: Indices, weight: Array, least: float = 1
             state = _sized(data, state, _ROUNDS)
             weak = _weaker(data, state, MIN_GAIN)[:1]
         if weak.size == 0:
-            weak = _not_foretold(data, state)
+            weak = _not_predictive(data, state)
         if weak.size == 0:
             break
         state = _without(data, state, weak)
-    chosen = state.variance > 0.0
-    rest = replace(data, score=data.score - data.information[:, state.places] @ _amplitude(data, state))
-    gains = np.where(chosen, _gains(data, state), [max(_alone(rest, f, state.noise)[0], 0.0) for f in range(count)])
     amplitude, covariance = np.zeros(family.size), np.zeros((family.size, family.size))
     scale = _prior(data, state.variance)[state.places] * data.unit[state.places]
     amplitude[state.places] = scale * state.value
     covariance[np.ix_(state.places, state.places)] = scale[:, None] * state.P * scale
-    return Weighed(chosen, gains, _whole(data, state), amplitude, covariance, state.noise)
+    chosen, rest = state.variance > 0.0, _rest(data, amplitude)
+    gains = np.where(chosen, _gains(data, state), [max(_alone(rest, f, state.noise)[0], 0.0) for f in range(count)])
+    return Weighed(chosen, gains, amplitude, covariance, state.noise, rest)
+
+
+def _rest(data: _Data, amplitude: Array) -> _Data:
+    """Return what data say beside amplitudes."""
+    parts = data.part_scores - data.part_information @ amplitude.astype(np.float32) * data.unit
+    return replace(data, score=data.score - data.information @ (amplitude / data.unit), part_scores=parts)
 
 
 def _prepared(found: Linearisation, family: Indices, weight: Array, least: float) -> _Data:
@@ -247,30 +257,30 @@ def _weaker(data: _Data, state: _State, gain: float) -> Indices:
     return np.argsort(gains)[: int(np.sum(gains < gain))]
 
 
-def _not_foretold(data: _Data, state: _State) -> Indices:
-    """Return the families of a state that do not foretell parts of the recording from all others.
+def _not_predictive(data: _Data, state: _State) -> Indices:
+    """Return the families of a state that do not predict parts of the recording from all others.
 
     An error that is a function of what is measured comes back; one that is only correlated in time does not, however
-    well functions follow it where it is known. Several families may be wrong together, so those that foretell are
+    well functions follow it where it is known. Several families may be wrong together, so those that predict are
     looked for one by one, if all together do not.
     """
     inside = np.flatnonzero(state.variance > 0.0)
-    whole = _foretold(data, state, inside)
-    less = [whole - _foretold(data, state, inside[inside != f]) for f in inside]
-    if whole >= MIN_FORETOLD:
+    whole = _predicted(data, state, inside)
+    less = [whole - _predicted(data, state, inside[inside != f]) for f in inside]
+    if whole >= MIN_PREDICTED:
         worst = int(np.argmin(less))
-        return inside[[worst]] if less[worst] < MIN_FORETOLD else inside[:0]
+        return inside[[worst]] if less[worst] < MIN_PREDICTED else inside[:0]
     kept, best = inside[:0], 0.0
     while kept.size < inside.size:
-        tried = {int(f): _foretold(data, state, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
+        tried = {int(f): _predicted(data, state, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
         f = max(tried, key=lambda f: tried[f])
-        if tried[f] < best + MIN_FORETOLD:
+        if tried[f] < best + MIN_PREDICTED:
             break
         kept, best = np.append(kept, f), tried[f]
     return np.setdiff1d(inside, kept)
 
 
-def _foretold(data: _Data, state: _State, families: Indices) -> float:
+def _predicted(data: _Data, state: _State, families: Indices) -> float:
     """Return the gain in log-likelihood of parts of the recording by amplitudes of families from all other parts."""
     places = np.flatnonzero(np.isin(data.family, families))
     D = _prior(data, state.variance)[places]
@@ -307,25 +317,13 @@ def _gains(data: _Data, state: _State) -> Array:
     return out
 
 
-def _whole(data: _Data, state: _State) -> float:
-    """Return what all families of a state gain together."""
-    if state.places.size == 0:
-        return 0.0
-    D = _prior(data, state.variance)[state.places]
-    return float(0.5 * (D * data.score[state.places]) @ state.value / state.noise + 0.5 * np.linalg.slogdet(state.P)[1])
-
-
-def undecided(found: Linearisation, weighed: Weighed, family: Indices, weight: Array) -> Array:
+def undecided(change: Array, weighed: Weighed) -> Array:
     """Return columns (n, k) for families that are left out, and may be there or not.
 
     The square of a column is what a family would change in the parameters, and the uncertainty of that, times the
-    probability that it is there.
+    probability that it is there. change (n, m): of the parameters, for unit amplitudes.
     """
-    data = _prepared(found, family, weight, weighed.noise)
-    b = weighed.amplitude / data.unit
-    parts = data.part_scores - data.part_information @ weighed.amplitude.astype(np.float32) * data.unit
-    rest = replace(data, score=data.score - data.information @ b, part_scores=parts)
-    columns: list[Array] = [np.zeros((len(found.change), 0))]
+    rest, columns = weighed.rest, [np.zeros((len(change), 0))]
     for f in np.flatnonzero(~weighed.chosen):
         gain, size = _alone(rest, int(f), weighed.noise)
         if gain <= 0.0:
@@ -333,15 +331,8 @@ def undecided(found: Linearisation, weighed: Weighed, family: Indices, weight: A
         variance = np.zeros(weighed.chosen.size)
         variance[f] = size
         state = _solved(rest, variance, weighed.noise)
-        odds = ODDS * np.exp(min(gain, _foretold(rest, state, np.array([f])), MIN_GAIN))
-        scale = _prior(data, variance)[state.places] * data.unit[state.places]
-        U = found.change[:, state.places] * scale
+        odds = ODDS * np.exp(min(gain, _predicted(rest, state, np.array([f])), MIN_GAIN))
+        U = change[:, state.places] * _prior(rest, variance)[state.places] * rest.unit[state.places]
         part = np.hstack([(U @ state.value)[:, None], U @ np.linalg.cholesky(state.P)])
         columns.append(np.sqrt(odds / (1.0 + odds)) * part)
     return np.hstack(columns)
-
-
-def families_in(weighed: Weighed) -> Sequence[int]:
-    """Return the numbers of the families that are part of the model, that with the largest gain first."""
-    chosen = np.flatnonzero(weighed.chosen)
-    return [int(f) for f in chosen[np.argsort(-weighed.gain[chosen])]]

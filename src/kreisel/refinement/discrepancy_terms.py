@@ -19,6 +19,7 @@ import numpy as np
 from kreisel._kernels.recursions import gauss_markov
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, matrix, multiply
+from kreisel.inertial.sensor_model import linear_columns
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
@@ -71,6 +72,11 @@ class Family:
     def name(self) -> str:
         """Name in files."""
         return f"{self.owner}.{self.of}"
+
+    @property
+    def paired(self) -> bool:
+        """Whether each row has functions of its own, instead of all functions in each row."""
+        return self.of == _OWN_ANGLE
 
 
 @dataclass(frozen=True)
@@ -180,9 +186,7 @@ class DiscrepancyTerms:
     """All families that a problem may have, with their functions, by its readings and poses as recorded."""
 
     def __init__(self, problem: Problem) -> None:
-        readings = problem.sensor.readings
-        self._recorded, self._stamps = problem, readings.stamps
-        self._grid = _Grid.of(readings.stamps)
+        self._recorded, self._grid = problem, _Grid.of(problem.sensor.readings.stamps)
         self._families: list[Family] = []
         self._functions: list[_Functions] = []
         self._sensors(problem)
@@ -217,10 +221,8 @@ class DiscrepancyTerms:
         function, row = [], []
         for i, family in enumerate(self._families):
             own = np.arange(begin[i], begin[i + 1])
-            paired = family.of == _OWN_ANGLE  # each joint's functions move this joint alone
-            rows = np.repeat(family.rows, own.size // len(family.rows)) if paired else np.repeat(family.rows, own.size)
-            function.append(own if paired else np.tile(own, len(family.rows)))
-            row.append(rows)
+            function.append(own if family.paired else np.tile(own, len(family.rows)))
+            row.append(np.repeat(family.rows, self._size(i) // len(family.rows)))
         return Terms(np.hstack(columns), np.concatenate(function), np.concatenate(row), self._directions(pose))
 
     def corrected(self, problem: Problem, amplitudes: Array) -> Problem:
@@ -245,13 +247,13 @@ class DiscrepancyTerms:
     def size(self, amplitudes: Array, family: int) -> float:
         """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s."""
         own = amplitudes[self.family == family]
-        components = 1 if self._families[family].of == _OWN_ANGLE else len(self._families[family].rows)
+        components = 1 if self._families[family].paired else len(self._families[family].rows)
         return float(np.sqrt(np.sum(own**2) / components))
 
     def _size(self, i: int) -> int:
         """Return the number of a family's terms."""
         own, family = self._functions[i].degree.size, self._families[i]
-        return own if family.of == _OWN_ANGLE else own * len(family.rows)
+        return own if family.paired else own * len(family.rows)
 
     def _add(self, family: Family, functions: _Functions) -> None:
         if functions.kept.size:
@@ -264,8 +266,7 @@ class DiscrepancyTerms:
         rates, forces = grid.average(readings.rates), grid.average(readings.accelerations)
         t = grid.average(readings.stamps[:, None])[:, 0]
         alpha, jerk = np.gradient(rates, t, axis=0), np.gradient(forces, t, axis=0)
-        products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
-        usual = np.hstack([np.ones((t.size, 1)), rates, forces, alpha, products])
+        usual = linear_columns(rates, forces, alpha)
         usual = usual / np.maximum(np.linalg.norm(usual, axis=0), 1e-300) * t.size**0.5
         memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
@@ -359,7 +360,7 @@ class DiscrepancyTerms:
             if family.owner in _SENSORS or not own.any():
                 continue
             value = self._functions[i](which)
-            if family.of == _OWN_ANGLE:
+            if family.paired:
                 each = value.shape[1] // len(family.rows)
                 angle = (value * own).reshape(which.size, len(family.rows), each).sum(axis=2)
                 total += np.einsum("nij,nj->ni", self._jacobian(which), angle)

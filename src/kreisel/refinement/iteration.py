@@ -167,7 +167,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     factor = correlation_factor(passes.run)
     warnings: list[DataWarning] = []
     passes, attenuation = _without_attenuation(passes, work)
-    warnings += [] if discrepancy is None else discrepancy.warnings
+    warnings += discrepancy.warnings
     if adapted:
         warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
     warnings += _whiteness(passes.problem, factor)
@@ -189,11 +189,11 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
         walks=walks,
         contradicted=contradicted,
         stated=problem,
-        discrepancy=() if discrepancy is None else discrepancy.found,
+        discrepancy=discrepancy.found,
     )
+    of_terms = discrepancy.contributions(found.layout.degrees)
     estimate = estimate.adding([
-        *(replace(one, columns=factor * errors @ one.columns) for one in attenuation),
-        *(replace(one, columns=factor * errors @ one.columns) for one in _of_terms(discrepancy, found)),
+        *(replace(one, columns=factor * errors @ one.columns) for one in (*attenuation, *of_terms)),
         scaling("correlated innovations", Source.PATH, run.belief.factor, factor),
         *(() if last is None else [Contribution("undecided error terms", Source.EFFECTS, last.undecided())]),
     ])  # fmt: skip
@@ -365,10 +365,10 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     return passes
 
 
-def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Passes, Discrepancy | None]:
+def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Passes, Discrepancy]:
     """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them."""
     if passes.problem.settings.passes is not None:
-        return passes, None
+        return passes, Discrepancy()
     last = passes
 
     def settle(problem: Problem, near: Fit) -> tuple[Problem, Fit]:
@@ -377,20 +377,16 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
         last = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
         return last.problem, last.run
 
-    def quieter(problem: Problem) -> float:
+    def least_noise(problem: Problem) -> float:
         return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
 
     step = work.step("discrepancy")
-    found = find_discrepancy(passes.problem, passes.run, work.estimator, settle, quieter, step)
-    if found is None or not found.found:
+    found = find_discrepancy(passes.problem, passes.run, work.estimator, settle, least_noise, step)
+    if not found.found:
         return passes, found
     if bounded_likelihood(last.run) < bounded_likelihood(passes.run):
-        return passes, None
+        return passes, Discrepancy()
     return last, found
-
-
-def _of_terms(discrepancy: Discrepancy | None, problem: Problem) -> list[Contribution]:
-    return [] if discrepancy is None else discrepancy.contributions(problem.layout.degrees)
 
 
 def _relaxation(share: float, before: Array, after: Array) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.noise_figures import Grade
+from kreisel.inertial.sensor_model import linear_columns
 from kreisel.simulation.cell_settings import Unlisted
 from kreisel.units import STANDARD_GRAVITY
 
@@ -84,10 +85,8 @@ class RandomPhysics:
         """Return what is added to ideal raw rates and accelerations (n, 3) at times t (n,)."""
         if not self.gyro and not self.accel:
             return np.zeros_like(rates), np.zeros_like(accelerations)
-        products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
-        linear = _orthogonal(
-            [np.ones((t.size, 1)), rates, accelerations, np.gradient(rates, t, axis=0), products]
-        )  # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
+        # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
+        linear = _orthogonal([linear_columns(rates, accelerations, np.gradient(rates, t, axis=0))])
         out = []
         for streams, own, size in (
             (self.gyro, rates, grade.gyro_scale_sd * _rms(rates)),

@@ -16,6 +16,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import EFFECTS, RawReadings, added
+from kreisel.inertial.sensor_model import linear_columns
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples
 
@@ -23,7 +24,7 @@ _ENOUGH = 20_000
 """Samples by which a linear part is found."""
 
 _OWN = {"gyroscope": slice(1, 4), "accelerometer": slice(4, 7)}
-"""Of the basis of linear descriptions, the sensor's own readings."""
+"""Of the columns of `linear_columns`, the sensor's own readings."""
 
 
 class _Basis:
@@ -33,11 +34,9 @@ class _Basis:
         seconds = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
         cubics = local_cubics(seconds, usual_interval(seconds))
         difference = np.zeros(seconds.size)
-        rates = imu.rates
-        self._raw = RawReadings(seconds, rates, imu.accelerations, cubics.slopes, cubics.curvatures, difference)
-        products = np.stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)], axis=1)
+        self._raw = RawReadings(seconds, imu.rates, imu.accelerations, cubics.slopes, cubics.curvatures, difference)
         self._some = slice(None, None, max(1, seconds.size // _ENOUGH))
-        basis = np.hstack([np.ones((seconds.size, 1)), rates, imu.accelerations, cubics.slopes(rates), products])
+        basis = linear_columns(imu.rates, imu.accelerations, cubics.slopes(imu.rates))
         self._inverse = np.linalg.pinv(basis[self._some])
 
     def share(self, values: Mapping[str, Array], sensor: str) -> tuple[Array, Array]:

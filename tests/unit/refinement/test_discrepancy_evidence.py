@@ -103,7 +103,7 @@ def test_noise_larger_than_assumed_is_no_family(designs):
 
 
 def test_noise_that_lasts_is_no_family_although_functions_follow_it(designs, monkeypatch):
-    """Waves that are slow beside the noise's correlation follow it in every part, and foretell none."""
+    """Waves that are slow beside the noise's correlation follow it in every part, and predict none."""
     X, _ = designs
     rng, t = np.random.default_rng(6), np.linspace(0.0, 1.0, ROWS)
     Z, even = np.cos(np.pi * np.outer(t, np.arange(40, 40 + FAMILY.size))), np.ones(FAMILY.size)
@@ -112,7 +112,7 @@ def test_noise_that_lasts_is_no_family_although_functions_follow_it(designs, mon
         noise[i] = 0.8 * noise[i - 1] + rng.normal()
     found = linearised(X, Z, noise)
     assert not weigh(found, FAMILY, even).chosen.any()
-    monkeypatch.setattr(discrepancy_evidence, "MIN_FORETOLD", -np.inf)
+    monkeypatch.setattr(discrepancy_evidence, "MIN_PREDICTED", -np.inf)
     assert weigh(found, FAMILY, even).chosen.any()
 
 
@@ -121,6 +121,6 @@ def test_a_family_that_may_be_there_counts_with_its_probability(designs):
     rng = np.random.default_rng(8)
     found = linearised(X, Z, rng.normal(size=ROWS))
     hint = replace(found, score=found.score + found.information[:, 0] * 0.15)
-    plain, hinted = (undecided(one, weigh(one, FAMILY, WEIGHT), FAMILY, WEIGHT) for one in (found, hint))
+    plain, hinted = (undecided(one.change, weigh(one, FAMILY, WEIGHT)) for one in (found, hint))
     assert np.sum(plain**2) < 0.05 * np.trace(np.linalg.inv(X.T @ X))  # an honest recording pays nothing
     assert np.sum(hinted**2) > 2.0 * np.sum(plain**2)
