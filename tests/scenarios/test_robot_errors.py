@@ -97,14 +97,17 @@ def test_a_tool_without_a_fixed_joint_gets_one():
     np.testing.assert_allclose(log(multiply(conjugate(q), q0)), 0.0, atol=1e-10)
 
 
-def test_regressor_of_gears_and_sag_by_differences():
+def test_regressor_of_gears_sag_and_zeros_by_differences():
     arm = load_arm("kr125")
     rng = np.random.default_rng(3)
     angles = rng.uniform(0.5 * np.maximum(arm.lower, -2), 0.5 * np.minimum(arm.upper, 2), (5, 6))
-    errors = RobotParameters(np.zeros((7, 6)), 1e-6 * rng.normal(size=(6, 2)), 1e-10 * rng.normal(size=6))
+    errors = RobotParameters(
+        np.zeros((7, 6)), 1e-6 * rng.normal(size=(6, 2)), 1e-10 * rng.normal(size=6), 1e-6 * rng.normal(size=4)
+    )
     torque = kinematics.gravity_torques(arm, angles)
     moved = angles + errors.gears[:, 0] * np.sin(angles) + errors.gears[:, 1] * np.cos(angles)
     moved = moved - errors.compliance * torque
+    moved[:, 1:-1] += errors.zeros
     p, q = kinematics.poses(arm, angles)
     p1, q1 = kinematics.poses(arm, moved)
     change = pose_regressor(arm, angles) @ errors.vector

@@ -30,7 +30,7 @@ from kreisel.recording.recording_settings import RecordingSettings
 
 from ..small_cell import simulate
 
-LIMIT = 120.0
+LIMIT = 300.0
 """Seconds after which what is waited for is taken not to come; reached by failures alone."""
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

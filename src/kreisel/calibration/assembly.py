@@ -90,7 +90,9 @@ def assemble(
         covariance=covariance,
         prior_deviation=judged.observability.prior,
         estimates=_estimates(recording, found, n),
-        robot_urdf=None if robot is None else calibrated_urdf(robot.arm, run.parameters.robot.placement),
+        robot_urdf=None
+        if robot is None
+        else calibrated_urdf(robot.arm, run.parameters.robot.placement, run.parameters.robot.zeros),
     )
 
 
@@ -286,6 +288,7 @@ def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
         placement=measured("robot_placement", errors.placement),
         gears=measured("robot_gears", errors.gears) if "robot_gears" in layout else None,
         compliance=measured("robot_compliance", errors.compliance) if "robot_compliance" in layout else None,
+        zeros=measured("robot_zeros", errors.zeros) if "robot_zeros" in layout else None,
         before=expected_accuracy(robot, before),
         found=shift(robot, errors),
         after=expected_accuracy(robot, after),

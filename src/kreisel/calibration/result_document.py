@@ -352,7 +352,7 @@ def _estimator(table: Mapping[str, Any]) -> EstimatorFacts:
 
 def _robot_table(robot: RobotErrors) -> dict[str, Any]:
     table: dict[str, Any] = {"name": robot.name, "tcp": robot.tcp, "joints": list(robot.joints)}
-    for name in ("placement", "gears", "compliance"):
+    for name in ("placement", "gears", "compliance", "zeros"):
         errors = getattr(robot, name)
         if errors is not None:
             table[name] = _plain(errors.value)
@@ -380,7 +380,8 @@ def _robot(table: Mapping[str, Any]) -> RobotErrors:
         raise KeyError("robot.placement")
     return RobotErrors(
         str(table["name"]), str(table["tcp"]), _names(table["joints"]), placement, errors("gears"),
-        errors("compliance"), accuracy("believed_before"), accuracy("found"), accuracy("believed_after"),
+        errors("compliance"), errors("zeros"),
+        accuracy("believed_before"), accuracy("found"), accuracy("believed_after"),
         _names(table.get("not_separable", ())),
     )  # fmt: skip
 

@@ -168,7 +168,7 @@ class RobotErrors:
     ----------
     placement : (n + 1, 6)
         Of joints and tool; see `model.parameters.RobotParameters`.
-    gears, compliance : (n, 2), (n,)
+    gears, compliance, zeros : (n, 2), (n,), (n - 2,)
         None where they were not estimated.
     before, found, after
         Pose error expected before the estimation, removed by the estimated errors, and expected to remain.
@@ -182,6 +182,7 @@ class RobotErrors:
     placement: Measured
     gears: Measured | None
     compliance: Measured | None
+    zeros: Measured | None
     before: PoseAccuracy
     found: PoseAccuracy
     after: PoseAccuracy

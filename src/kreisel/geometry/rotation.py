@@ -110,6 +110,15 @@ def from_two_vectors(a: ArrayLike, b: ArrayLike) -> Array:
     return np.asarray(q / np.linalg.norm(q))
 
 
+def roll_pitch_yaw(C: Array) -> tuple[float, float, float]:
+    """Return the angles of R = Rz(yaw) Ry(pitch) Rx(roll); at a pitch of 90 deg, not unique, they fit together."""
+    yaw = np.arctan2(C[1, 0], C[0, 0])
+    pitch = np.arctan2(-C[2, 0], np.hypot(C[0, 0], C[1, 0]))
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(sine * C[0, 2] - cosine * C[1, 2], cosine * C[1, 1] - sine * C[0, 1])
+    return float(roll), float(pitch), float(yaw)
+
+
 def nearest_rotation(M: ArrayLike) -> Array:
     """Return the rotation matrix nearest to M (3, 3) in the Frobenius norm."""
     U, _, Vt = np.linalg.svd(np.asarray(M, dtype=float))

@@ -73,7 +73,7 @@ def run_filter(
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         reported = pose_regressor(problem, start, updates[chunk], reference_groups(problem, start))
-        steps = filter_steps(problem, updates[chunk], reported)
+        steps = filter_steps(problem, start, updates[chunk], reported)
         record = filter_record(problem, chunk.stop - chunk.start, slopes=sensitivity is not None)
         done = begin
         while done < chunk.stop:

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
 from kreisel.estimation.sigma_points import weights
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, exp, multiply
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import NOISE_STEP
@@ -136,8 +136,13 @@ def effect_sizes(problem: Problem) -> dict[str, int]:
     return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
 
 
-def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -> filter_arguments.Steps:
-    """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`."""
+def filter_steps(
+    problem: Problem, known: CellParameters, updates: Sequence[Update], reported: Array
+) -> filter_arguments.Steps:
+    """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`.
+
+    known: what a robot's errors are linear about.
+    """
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
     positions, quaternions = np.zeros((poses.size, 3)), np.zeros((poses.size, 4))
@@ -145,8 +150,16 @@ def filter_steps(problem: Problem, updates: Sequence[Update], reported: Array) -
         positions = reference.positions[poses]
     if reference.quaternions is not None:
         quaternions = reference.quaternions[poses]
-    robot = np.zeros((poses.size, 6, 0)) if problem.robot is None else problem.robot.regressor(poses)
-    regressor = np.concatenate([reported, robot], axis=2)
+    regressor = reported
+    if problem.robot is not None:
+        zeros = known.robot.zeros
+        robot = problem.robot.regressor(poses, zeros)
+        regressor = np.concatenate([reported, robot], axis=2)
+        if zeros.any():  # moved as by these zeros, and back by what the regressor makes of them
+            shift, turn = problem.robot.moved_poses(poses, zeros)
+            linear = robot[:, :, known.robot.part("robot_zeros")] @ zeros
+            positions = positions + shift - linear[:, :3]
+            quaternions = multiply(quaternions, multiply(turn, exp(-linear[:, 3:])))
     return filter_arguments.Steps(
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),

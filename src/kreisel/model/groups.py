@@ -129,6 +129,11 @@ def _each_joint(_order: int, joints: int) -> tuple[str, ...]:
     return tuple(f"[{j}]" for j in range(joints))
 
 
+def _inner_joints(_order: int, joints: int) -> tuple[str, ...]:
+    """Return the joints whose zeros no error of the base or the tool frame could stand for."""
+    return tuple(f"[{i}]" for i in range(1, joints - 1))
+
+
 REGISTRY: tuple[ParameterGroup, ...] = (
     ParameterGroup(
         "gyro_cross_coupling", "K_omega: scale, misalignment and mounting of the gyros", "K<sub>ω</sub>",
@@ -264,6 +269,10 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ParameterGroup(
         "robot_compliance", "elastic sag: compliance of each joint against gravity's torque, rad/(N m)", "sag",
         "robot", "robot.compliance", _each_joint, "rad/(N m)", 1.0, known_before=True, by_choice=True,
+    ),
+    ParameterGroup(
+        "robot_zeros", "zeros of the joints between the first and the last, beyond the placements' errors", "zeros",
+        "robot", "robot.zeros", _inner_joints, "mrad", MRAD, known_before=True, by_choice=True,
     ),
 )  # fmt: skip
 """All groups, in the order of the state: the sensors' first, gyros before accelerometers. See `kalman.kernel_inputs`

@@ -43,16 +43,25 @@ class RobotParameters:
         Angle of a joint beyond its motor's, gears[:, 0] sin(angle) + gears[:, 1] cos(angle), rad.
     compliance : (n,)
         Deflection of a joint by gravity's torque, rad/(N m).
+    zeros : (max(n - 2, 0),)
+        Angle of a joint between the first and the last beyond its motor's, rad (m if it slides). Errors of the zeros
+        of the first and the last joint are errors of the base and the tool frame.
     """
 
     placement: Array
     gears: Array
     compliance: Array
+    zeros: Array
 
     @classmethod
     def none(cls, joints: int = 0) -> RobotParameters:
         """Return a faultless arm of so many joints."""
-        return cls(np.zeros((joints + 1 if joints else 0, 6)), np.zeros((joints, 2)), np.zeros(joints))
+        return cls(
+            np.zeros((joints + 1 if joints else 0, 6)),
+            np.zeros((joints, 2)),
+            np.zeros(joints),
+            np.zeros(max(joints - 2, 0)),
+        )
 
     @property
     def joints(self) -> int:
@@ -61,12 +70,12 @@ class RobotParameters:
 
     @property
     def vector(self) -> Array:
-        """All errors (9 n + 6,), in the order of `ROBOT_GROUPS`."""
-        return np.concatenate([self.placement.ravel(), self.gears.ravel(), self.compliance])
+        """All errors (10 n + 4,), in the order of `ROBOT_GROUPS`."""
+        return np.concatenate([self.placement.ravel(), self.gears.ravel(), self.compliance, self.zeros])
 
     def part(self, group: str) -> slice:
         """Return where a group lies in `vector`."""
-        sizes = [self.placement.size, self.gears.size, self.compliance.size]
+        sizes = [self.placement.size, self.gears.size, self.compliance.size, self.zeros.size]
         i = ROBOT_GROUPS.index(group)
         return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
 
@@ -145,6 +154,7 @@ class CellParameters:
             "robot_placement": self.robot.placement.ravel(),
             "robot_gears": self.robot.gears.ravel(),
             "robot_compliance": self.robot.compliance,
+            "robot_zeros": self.robot.zeros,
         }
         if group in values:
             return np.asarray(values[group], dtype=float)
@@ -173,6 +183,7 @@ class CellParameters:
                 values["robot_placement"].reshape(-1, 6),
                 values["robot_gears"].reshape(-1, 2),
                 values["robot_compliance"],
+                values["robot_zeros"],
             ),
             float(values["earth_down"][0]),
             {group: value for group, value in values.items() if group not in {*_OF_FIELDS, *SENSOR_GROUPS}},

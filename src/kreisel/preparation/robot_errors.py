@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import RobotError
+from kreisel.geometry.rotation import Array
 from kreisel.model.robot_model import RobotModel
-from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
+from kreisel.preparation.arm_of_poses import arm_of_poses
+from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses
 from kreisel.robot import kinematics
-from kreisel.robot.description import parse_arm
+from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
 from kreisel.validation.joint_checks import angles_at, distance, in_degrees, near
 
@@ -18,6 +20,9 @@ LENGTH_SD, ANGLE_SD = 5e-4, 5e-4
 _GEAR_SD = 2e-4
 _SAG_SD = 5e-4
 """rad; eccentricity, and sag under the largest torque of the motion."""
+
+_ZERO_SD, _SLIDE_SD = 0.02, 5e-3
+"""rad and m; errors of zeros of arms whose calibration was lost: a counter set by the marks is off by degrees."""
 
 _MAX_WITHOUT = 0.01
 """Share of poses that may lie before or after the joint angles."""
@@ -29,14 +34,36 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
     Raises
     ------
     RobotError
-        If joint angles and description do not belong together.
+        If joint angles or poses and description do not belong together.
     """
-    joints, table = recording.joints, recording.settings.robot
-    if joints is None:
-        return None, []
+    table = recording.settings.robot
+    if recording.joints is None:
+        arm, angles, warnings = arm_of_poses(recording, reference)
+    else:
+        arm, angles, warnings = _recorded(recording, recording.joints, reference)
+    if arm is None:
+        return None, warnings
+    length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
+    angle = ANGLE_SD if table.angle_sd is None else max(table.angle_sd, 1e-9)
+    n = len(arm.joints)
+    torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
+    covariance = {
+        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n + 1) ** 2),
+        "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
+        "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
+        "robot_zeros": np.diag(np.where(arm.chain.turning, _ZERO_SD, _SLIDE_SD)[1:-1] ** 2),
+    }
+    return RobotModel(arm, angles, covariance, stated=table.angle_sd is not None), warnings
+
+
+def _recorded(
+    recording: Recording, joints: JointAngles, reference: ReferencePoses
+) -> tuple[Arm | None, Array, list[DataWarning]]:
+    """Return the arm of a recording with joint angles, the angles at every pose, and warnings; no arm if unusable."""
+    table, nothing = recording.settings.robot, np.zeros((0, 0))
     if recording.urdf is None:
         message = "there are joint angles, but no robot.urdf: with it, the robot's own errors would be estimated too"
-        return None, [DataWarning("robot", f"{message}; they are treated as noise")]
+        return None, nothing, [DataWarning("robot", f"{message}; they are treated as noise")]
     arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
     if joints.angles.shape[1] != len(arm.joints):
         raise RobotError(
@@ -50,7 +77,7 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
             f"{int(without.sum())} of {without.size} poses lie before or after the recorded joint angles; the robot's "
             "errors are treated as noise: record both all the time"
         )
-        return None, [DataWarning("robot", message)]
+        return None, nothing, [DataWarning("robot", message)]
     warnings: list[DataWarning] = []
     angles = angles_at(joints, stamps)
     far = distance(arm, angles, reference)
@@ -58,21 +85,16 @@ def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotM
         joints, warnings = in_degrees(joints)
         angles = angles_at(joints, stamps)
     elif not near(far):
-        return None, [
-            DataWarning(
-                "robot",
-                f"reported poses differ by {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those of "
-                f"{arm.name} at the recorded joint angles, so base or tool frame differ; errors are treated as noise. "
-                "Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
-            )
-        ]
-    length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
-    angle = ANGLE_SD if table.angle_sd is None else max(table.angle_sd, 1e-9)
-    n = len(arm.joints)
-    torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
-    covariance = {
-        "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n + 1) ** 2),
-        "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
-        "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
-    }
-    return RobotModel(arm, angles, covariance), warnings
+        return (
+            None,
+            nothing,
+            [
+                DataWarning(
+                    "robot",
+                    f"reported poses differ by {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those "
+                    f"of {arm.name} at the recorded joint angles, so base or tool frame differ; errors are treated as "
+                    "noise. Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
+                )
+            ],
+        )
+    return arm, angles, warnings

@@ -23,6 +23,10 @@ Metres = Annotated[float, _between(1e-9, 0.2)]
 Radians = Annotated[float, _between(1e-9, 0.3)]
 
 
+_Within = Annotated[float, _between(-3.0, 3.0)]
+_Unit = Annotated[float, _between(-1.0, 1.0)]
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -71,6 +75,9 @@ class RobotTable(_Table):
 
     urdf: str | None = None
     tcp: str | None = None
+    model: Annotated[str, Field(min_length=1, max_length=100)] | None = None
+    tool_position: Annotated[tuple[_Within, _Within, _Within], Field(strict=False)] | None = None
+    tool_quaternion: Annotated[tuple[_Unit, _Unit, _Unit, _Unit], Field(strict=False)] | None = None
     length_sd: Annotated[float, _between(0.0, 0.2)] | None = None
     angle_sd: Annotated[float, _between(0.0, 0.3)] | None = None
 

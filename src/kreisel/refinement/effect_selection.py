@@ -23,16 +23,16 @@ from kreisel.model.calibration_settings import BY_CHOICE
 from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
-from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal
+from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal, without_groups
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 
 MIN_GAIN = 6.0
 """Minimum logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
 
-USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1.0 / 20.0, 1.0, 20.0
-"""Odds, before any look at the data, that a device has an effect, one that is common in devices like it, and one that
-its grade states."""
+UNLIKELY_ODDS, USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1e-3, 1.0 / 20.0, 1.0, 20.0
+"""Odds, before any look at the data, that a device has an effect that contradicts what the user states, any effect, one
+that is common in devices like it, and one that its grade states."""
 
 _CAREFUL = 0.25
 """Power of the tempering by which more evidence is needed."""
@@ -48,6 +48,9 @@ _MIN_TEMPERATURE_CHANGE = 0.5
 
 _OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
 
+_JOINTS_OF_FRAMES = 2
+"""The first and the last joint: errors of their zeros are errors of the base and the tool frame."""
+
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
 
@@ -62,6 +65,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= not group_named(group).rare or group in problem.prior.expected
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
+        possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
         if possible and group not in problem.layout and group not in problem.settings.fixed:
             out.append(group)
     return tuple(group for group in GROUPS if group in out)
@@ -97,8 +101,7 @@ class Survey:
 
     def places(self, groups: tuple[str, ...]) -> Indices:
         """Return the degrees of freedom of groups."""
-        layout = self.problem.layout
-        return np.array([i for g in groups for i in range(layout[g].start, layout[g].stop)], dtype=np.int64)
+        return _places(self.problem, groups)
 
     def gain(self, groups: tuple[str, ...]) -> float:
         """Return the logarithm of the ratio of the evidences with some candidates and without any."""
@@ -122,15 +125,7 @@ class Survey:
         """
         rest = tuple(g for g in self.groups if g not in groups)
         problem = with_groups(self.before, groups, {group: self._priors[group] for group in groups})
-        all_of, P = self._without(rest)
-        before, after = self.problem.layout, problem.layout
-        kept = np.concatenate([np.r_[before[part.name]] for part in after])
-        mean = np.empty(after.size)
-        for part in after:
-            mean[after.stored(part.name)] = all_of[before.stored(part.name)]
-        known = with_nominal(self.problem, self.run.parameters, rest)
-        belief = Belief(mean, _factor(P[np.ix_(kept, kept)]))
-        return problem, replace(self.run, belief=belief, parameters=parameters_of(problem, known, mean))
+        return problem, _with_zero(self.problem, self.run, problem, rest)
 
     def shift(self, group: str) -> tuple[float, str]:
         """Return the largest change of a sensor's parameter by one candidate, in deviations, and its name."""
@@ -164,7 +159,9 @@ class Survey:
 
     def _odds(self, group: str) -> float:
         """Return the odds, before any look at the data, that the device has an effect."""
-        prior = self.before.prior
+        prior, robot = self.before.prior, self.before.robot
+        if group == "robot_zeros" and robot is not None and robot.stated:
+            return UNLIKELY_ODDS
         return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
 
     @cached_property
@@ -184,17 +181,12 @@ class Survey:
 
     def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return mean and covariance conditioned on zero values of candidates."""
-        belief, i = self.run.belief, self.places(groups)
-        P = belief.covariance
-        gain = np.linalg.solve(P[np.ix_(i, i)], P[i]).T
-        change = self.problem.layout.plus(belief.mean, -(gain @ self._values[i])[:, None])[:, 0]
-        return change, P - gain @ P[i]
+        return _conditioned(self.problem, self.run, groups)
 
     @cached_property
     def _values(self) -> Array:
         """Distance of the estimate from one with all candidates zero, for every degree of freedom."""
-        zero = stored_state(self.problem, with_nominal(self.problem, self.run.parameters, self.groups))
-        return np.asarray(self.problem.layout.minus(self.run.belief.mean[:, None], zero)[:, 0])
+        return _distance(self.problem, self.run, self.groups)
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
@@ -240,6 +232,51 @@ class Survey:
         along = strength[:, shown].T @ (scale * eta) / seen[shown]
         factor = float(np.mean(along**2 - 1.0 / seen[shown]))
         return usual * max(1.0, factor)
+
+
+def _places(problem: Problem, groups: tuple[str, ...]) -> Indices:
+    layout = problem.layout
+    return np.array([i for g in groups for i in range(layout[g].start, layout[g].stop)], dtype=np.int64)
+
+
+def _distance(problem: Problem, run: Fit, groups: tuple[str, ...]) -> Array:
+    """Return the distance of a run's estimate from one with groups zero, for every degree of freedom."""
+    zero = stored_state(problem, with_nominal(problem, run.parameters, groups))
+    return np.asarray(problem.layout.minus(run.belief.mean[:, None], zero)[:, 0])
+
+
+def _conditioned(problem: Problem, run: Fit, groups: tuple[str, ...]) -> tuple[Array, Array]:
+    """Return mean and covariance of a run conditioned on zero values of groups."""
+    i, P = _places(problem, groups), run.belief.covariance
+    gain = np.linalg.solve(P[np.ix_(i, i)], P[i]).T
+    change = -(gain @ _distance(problem, run, groups)[i])
+    return problem.layout.plus(run.belief.mean, change[:, None])[:, 0], P - gain @ P[i]
+
+
+def _with_zero(problem: Problem, run: Fit, smaller: Problem, groups: tuple[str, ...]) -> Fit:
+    """Return a run as one over a smaller problem, that without groups, which are zero."""
+    all_of, P = _conditioned(problem, run, groups)
+    before, after = problem.layout, smaller.layout
+    kept = np.concatenate([np.r_[before[part.name]] for part in after])
+    mean = np.empty(after.size)
+    for part in after:
+        mean[after.stored(part.name)] = all_of[before.stored(part.name)]
+    known = with_nominal(problem, run.parameters, groups)
+    belief = Belief(mean, _factor(P[np.ix_(kept, kept)]))
+    return replace(run, belief=belief, parameters=parameters_of(smaller, known, mean))
+
+
+def without_needless(problem: Problem, run: Fit, included: tuple[str, ...]) -> tuple[Problem, Fit] | None:
+    """Return the problem without the included effect that has least evidence, and the run with it zero.
+
+    None if there is evidence for each: one that was found with others may be needless with them.
+    """
+    gains = {group: gain_of(problem, run, group) for group in included}
+    least = min(gains, key=lambda group: gains[group], default="")
+    if not gains or gains[least] >= 0.0:
+        return None
+    smaller = without_groups(problem, (least,))
+    return smaller, _with_zero(problem, run, smaller, (least,))
 
 
 def _deviations(P: Array) -> Array:

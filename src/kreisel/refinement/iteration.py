@@ -24,7 +24,7 @@ from kreisel.recording.recording import DataWarning
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
-from kreisel.refinement.effect_selection import Survey, considered, selected, survey
+from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import (
     NoiseFactors,
@@ -37,7 +37,7 @@ from kreisel.refinement.noise_adaptation import (
 )
 from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks
-from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, with_wider_priors
+from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.tasks import Executor, sequential
 
@@ -158,7 +158,7 @@ def estimate(
 def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _until_settled(problem, 0, work)
     passes = _without_contradiction(problem, passes, work)
-    passes = _with_effects(problem, passes, work)
+    passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
     passes, discrepancy = _with_discrepancy(problem, passes, work)
     contradicted = _contradicted(problem, passes, problem)
@@ -357,11 +357,25 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         if problem.noise.correlation_time == 0.0:
             coloured = _with_coloured_noise(passes, work)
             tried += [coloured] if coloured.problem is not problem else []
-        best = max(tried, key=lambda one: bounded_likelihood(one.run))
-        if bounded_likelihood(best.run) < bounded_likelihood(passes.run):
+        best = max(tried, key=_probability)
+        if _probability(best) < _probability(passes):
             return as_it_is
         gain = {**passes.walk_gain, **walk[1]} if walk is not None and best is tried[0] else passes.walk_gain
         passes = replace(best, survey=found, walk_gain=gain)
+    return passes
+
+
+def _without_needless(first: Problem, passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes without effects for which there is no evidence beside those that were found after them."""
+    for _ in range(MAX_ROUNDS):
+        included = tuple(g for g in passes.problem.groups if g not in first.groups)
+        less = without_needless(passes.problem, passes.run, included)
+        if less is None:
+            break
+        again = _until_settled(less[0], passes.count, work, less[1])
+        if _probability(again) < _probability(passes) - MIN_LIKELIHOOD_GAIN:
+            break
+        passes = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
     return passes
 
 
@@ -384,9 +398,14 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     found = find_discrepancy(passes.problem, passes.run, work.estimator, settle, least_noise, step)
     if not found.found:
         return passes, found
-    if bounded_likelihood(last.run) < bounded_likelihood(passes.run):
+    if _probability(last) < _probability(passes):
         return passes, Discrepancy()
     return last, found
+
+
+def _probability(passes: _Passes) -> float:
+    """Return the logarithm of the probability of data and estimate, up to a constant."""
+    return bounded_likelihood(passes.run) - prior_penalty(passes.problem, passes.run)
 
 
 def _relaxation(share: float, before: Array, after: Array) -> float:

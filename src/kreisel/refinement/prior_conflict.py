@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -49,6 +50,15 @@ def largest_score(problem: Problem, parameters: CellParameters, deviation: Array
     """Return the largest score of a group's parameters that have the group's prior, not one of their own."""
     own = problem.known_places[problem.layout[group]]
     return float(np.max(prior_scores(problem, parameters, deviation, group)[~own], initial=0.0))
+
+
+def prior_penalty(problem: Problem, run: Fit) -> float:
+    """Return the log-likelihood that a run's estimate costs by its distance from the problem's prior."""
+    layout, prior = problem.layout, problem.prior
+    change = layout.minus(run.belief.mean[:, None], stored_state(problem, prior.value))[:, 0]
+    groups = [group for group in problem.groups if group in prior.covariance]
+    penalties = [change[layout[g]] @ np.linalg.solve(prior.covariance[g], change[layout[g]]) for g in groups]
+    return 0.5 * float(sum(penalties))
 
 
 def contradicted_offsets(problem: Problem, run: Fit) -> dict[str, float]:

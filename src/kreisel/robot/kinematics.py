@@ -15,11 +15,12 @@ from kreisel.errors import RobotError, unknown_name
 from kreisel.files import read_text
 from kreisel.geometry.pose import exp_motion, log_motion
 from kreisel.geometry.rotation import Array, exp, matrix
+from kreisel.robot.arm_library import LIBRARY, Tool
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import STANDARD_GRAVITY
 
 MODELS = ("kr125", "ur10e")
-"""Arms that come with kreisel."""
+"""Arms whose masses are described too."""
 
 _ATTEMPTS = 16
 """Number of start values of the inverse: the given joint angles, then others drawn from the ranges."""
@@ -48,7 +49,7 @@ class ToolMotion:
 
 
 def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
-    """Return an arm from a URDF file, or one of `MODELS` by name; meshes are not read.
+    """Return an arm from a URDF file, or one of `MODELS` or of the library by name; meshes are not read.
 
     Parameters
     ----------
@@ -63,9 +64,11 @@ def load_arm(source: str | Path, tcp: str | None = None) -> Arm:
     if str(source) in MODELS:
         text = resources.files("kreisel.robot").joinpath("models", f"{source}.urdf").read_text(encoding="utf-8")
         return parse_arm(text, tcp, str(source))
+    if str(source) in LIBRARY:
+        return parse_arm(LIBRARY[str(source)].urdf(Tool()), tcp, str(source))
     path = Path(source)
     if path.suffix.lower() not in (".urdf", ".xml"):
-        raise RobotError(f"{unknown_name('robot', str(source), MODELS)}; or give a .urdf file")
+        raise RobotError(f"{unknown_name('robot', str(source), (*MODELS, *LIBRARY))}; or give a .urdf file")
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 
 import numpy as np
 
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.pose import exp_motion
-from kreisel.geometry.rotation import Array, matrix
+from kreisel.geometry.rotation import Array, matrix, roll_pitch_yaw
 from kreisel.markup import screened
 from kreisel.robot.description import Arm
 
 
-def calibrated_urdf(arm: Arm, placement: Array) -> str:
+def calibrated_urdf(arm: Arm, placement: Array, zeros: Sequence[float] | Array = ()) -> str:
     """Return the arm's description with the placements of joints and tool moved by errors (joints + 1, 6).
 
+    zeros: of the joints between the first and the last (joints - 2,), whose origins they move as these joints do.
     Each error moves the origin of its joint; the error of the tool moves the fixed joint that the tool is attached
     to, or a new one where there is none. Comments and everything else are not changed.
     """
@@ -24,6 +26,9 @@ def calibrated_urdf(arm: Arm, placement: Array) -> str:
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     for name, error in zip(arm.joints, placement[:-1], strict=True):
         _move(joints[name], error)
+    for k, zero in enumerate(zeros, 1):
+        own = zero * arm.chain.axes[k]
+        _move(joints[arm.joints[k]], np.r_[np.zeros(3), own] if arm.chain.turning[k] else np.r_[own, np.zeros(3)])
     holder = next((j for j in root.findall("joint") if _child(j) == arm.tcp), None)
     if holder is not None and holder.get("type") == "fixed":
         _move(holder, placement[-1])
@@ -52,15 +57,6 @@ def _move(joint: ElementTree.Element, error: Array) -> None:
     turn, shift = exp_motion(error)
     C = matrix(from_abc(yaw, pitch, roll))
     moved = xyz + C @ shift
-    turned = _roll_pitch_yaw(C @ turn)
+    turned = roll_pitch_yaw(C @ turn)
     origin.set("xyz", " ".join(f"{v:.12g}" for v in moved))
     origin.set("rpy", " ".join(f"{v:.12g}" for v in turned))
-
-
-def _roll_pitch_yaw(C: Array) -> tuple[float, float, float]:
-    """Return the angles of a rotation matrix; near a pitch of 90 deg, where they are not unique, they fit together."""
-    yaw = np.arctan2(C[1, 0], C[0, 0])
-    pitch = np.arctan2(-C[2, 0], np.hypot(C[0, 0], C[1, 0]))
-    sine, cosine = np.sin(yaw), np.cos(yaw)
-    roll = np.arctan2(sine * C[0, 2] - cosine * C[1, 2], cosine * C[1, 1] - sine * C[0, 1])
-    return float(roll), float(pitch), float(yaw)

@@ -373,6 +373,7 @@ def write_truth(truth: Truth, file: Path) -> None:
             "compliance": truth.arm.compliance.tolist(),
             "lag": truth.arm.lag.tolist(),
             "backlash": truth.arm.backlash.tolist(),
+            "zeros": truth.arm.zeros.tolist(),
         },
     }
     if truth.slip is not None:

@@ -57,6 +57,9 @@ class Errors(_Table):
         3e-4, "AP: placement of every joint and of the tool, each direction, m", ge=0.0, le=0.05
     )
     geometry_angle_sd: float = _key(3e-4, "AP: the same about each axis, rad", ge=0.0, le=0.05)
+    zero_sd: float = _key(
+        0.0, "AP: zero of each joint between the first and the last, beyond its placement, rad", ge=0.0, le=0.1
+    )
     gear_eccentricity_sd: float = _key(0.0, "AP: once per turn of each joint, rad", ge=0.0, le=0.01)
     sag_sd: float = _key(0.0, "AP: elastic sag of each joint at its largest gravity torque, rad", ge=0.0, le=0.01)
     repeatability_position_sd: float = _key(1e-4, "RP: one draw for each rest, m", ge=0.0, le=0.05)

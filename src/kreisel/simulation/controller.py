@@ -39,6 +39,8 @@ class ArmErrors:
         rad/(N m), and s.
     backlash : (joints,)
         Play of the gears, rad.
+    zeros : (max(joints - 2, 0),)
+        Angles of the joints between the first and the last beyond the motors', rad (m if they slide).
     """
 
     placement: Array
@@ -47,6 +49,7 @@ class ArmErrors:
     compliance: Array
     lag: Array
     backlash: Array
+    zeros: Array
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,8 @@ def draw_errors(rng: np.random.Generator, arm: Arm, errors: Errors) -> ArmErrors
     size = np.where(largest > 1.0, size / np.maximum(largest, 1.0), 0.0)
     lag = errors.servo_lag * rng.uniform(0.7, 1.3, n)
     backlash = errors.backlash_sd * np.abs(rng.spawn(1)[0].normal(size=n))
-    return ArmErrors(placement, eccentricity, phase, size, lag, backlash)
+    zeros = errors.zero_sd * rng.spawn(1)[0].normal(size=n)[1:-1]
+    return ArmErrors(placement, eccentricity, phase, size, lag, backlash, zeros)
 
 
 def swing(plan: Plan, t: Array, errors: Errors) -> tuple[Array, Array, Array]:
@@ -156,11 +160,12 @@ def reported(
 def motor_angles(nominal: Arm, plan: Plan, t: Array, own: ArmErrors) -> tuple[Array, Array]:
     """Return the angles and rates of the motors, (n, joints), for joints that follow the plan."""
     angle, rate, _ = plan.at(t)
-    motor = angle - own.eccentricity * np.sin(angle + own.phase)
+    motor = angle - own.eccentricity * np.sin(angle + own.phase)  # a new array
     if np.any(own.compliance != 0.0):
         motor = motor + own.compliance * kinematics.gravity_torques(nominal, angle)
     if np.any(own.backlash != 0.0):  # the motor is ahead of its joint, in the direction of motion
         motor = motor + 0.5 * own.backlash * np.tanh(rate / _SLOW)
+    motor[:, 1:-1] -= own.zeros
     return motor, rate
 
 

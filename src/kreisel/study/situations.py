@@ -344,6 +344,10 @@ def _arm() -> tuple[_Effect, ...]:
         _Effect("robot_placement", "joints are elsewhere than the controller believes", geometry,
                 ("robot_placement",), _ROBOTS),
         _Effect(
+            "robot_zeros", "joints whose zeros were lost",
+            _sizes("errors", "zero_sd", "mrad", MRAD, 2, 10, 40), ("robot_zeros",), _ROBOTS,
+        ),
+        _Effect(
             "robot_gears", "eccentric gears",
             _sizes("errors", "gear_eccentricity_sd", "mrad", MRAD, 0.03, 0.15, 1), ("robot_gears",), _ROBOTS,
         ),

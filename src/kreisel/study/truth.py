@@ -43,7 +43,7 @@ def true_parameters(truth: Truth, recording: Recording, problem: Problem, found:
     if problem.joints:
         size, phase = truth.arm.eccentricity, truth.arm.phase
         gears = np.column_stack([size * np.cos(phase), size * np.sin(phase)])
-        robot = RobotParameters(truth.arm.placement, gears, truth.arm.compliance)
+        robot = RobotParameters(truth.arm.placement, gears, truth.arm.compliance, truth.arm.zeros)
     down = truth.gravity_r / np.linalg.norm(truth.gravity_r)
     earth_down = float(truth.earth_rate_r @ down) / problem.site.earth_rate_units[1]
     return CellParameters(

@@ -19,6 +19,7 @@ from kreisel.recording.recording import (
     Recording,
     ReferencePoses,
 )
+from kreisel.validation.finite_values import IMPOSSIBLE
 from kreisel.validation.masking import CHANNELS, part_of
 from kreisel.validation.stamp_checks import Rows, runs
 
@@ -115,7 +116,7 @@ def _filled(poses: ReferencePoses, gone: Mask) -> Mask:
     """
     p, q = poses.positions, poses.quaternions
     out = np.zeros(gone.size, dtype=bool)
-    if p is None:  # not turned may be where it begins
+    if p is None or not (np.abs(p[~gone]) < IMPOSSIBLE).all():  # may begin not turned; sizes are checked later
         return out
     zero = (p == 0.0).all(axis=1) & ~gone
     if q is not None:

@@ -33,6 +33,7 @@ def test_a_groups_part_has_one_degree_of_freedom_for_each_name(order, joints):
         "gyro_gauss_markov": 3, "accel_gauss_markov": 3,
         "position_scale": 1, "reference_smoothing": 1,
         "robot_placement": 6 * (joints + 1) if joints else 0, "robot_gears": 2 * joints, "robot_compliance": joints,
+        "robot_zeros": max(joints - 2, 0),
     }  # fmt: skip
     for group in REGISTRY:
         part = group_part(group.name, order, joints)

@@ -170,6 +170,18 @@ def test_written_angles_are_those_of_the_arm(pitch):
         np.testing.assert_allclose(own, other, atol=1e-11)
 
 
+@pytest.mark.parametrize("model", ["kr125", "irb2400"])
+def test_zeros_move_the_description_as_the_joints_do(model):
+    arm, zeros = kinematics.load_arm(model), np.array([0.03, -0.02, 0.05, 0.01])
+    errors = 1e-3 * np.random.default_rng(2).normal(size=(7, 6))
+    angles = np.random.default_rng(3).uniform(-0.5, 0.5, (5, 6))
+    moved = angles + np.concatenate([[0.0], zeros, [0.0]])
+    expected = kinematics.poses(kinematics.with_placement_errors(arm, errors), moved)
+    again = kinematics.poses(parse_arm(calibrated_urdf(arm, errors, zeros), arm.tcp), angles)
+    for own, other in zip(again, expected, strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-10)
+
+
 def test_transmissions_are_no_joints():
     """They name the joint again; the error belongs to the joint itself."""
     text = f'<robot>{LINKS}{JOINT}<transmission name="t"><joint name="j"/></transmission></robot>'
