@@ -60,7 +60,7 @@ def joint_path(arm: Arm, positions: Array, quaternions: Array) -> Array:
     for begin in range(0, len(start), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
         angles[part], distance[part] = _solve(arm, positions[part], quaternions[part], start[part])
-    for k in np.flatnonzero(distance > REACHED):  # between knots on both sides of a singular posture
+    for k in np.flatnonzero(distance > REACHED).tolist():  # between knots on both sides of a singular posture
         here = slice(k, k + 1)
         angles[here], distance[here] = _solve(arm, positions[here], quaternions[here], angles[max(k - 1, 0)][None])
     if distance.max() > REACHED:
