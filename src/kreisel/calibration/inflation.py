@@ -20,7 +20,10 @@ from kreisel.preparation.gravity import ANOMALY_SD
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
 
-_TERMS = {"accel_delay": 0.01, "accel_smoothing": 1.5e-4, "reference_smoothing": 1.5e-4}
+_TERMS = {
+    **dict.fromkeys(("accel_delay", "accel_axis_delay"), 0.01),
+    **dict.fromkeys(("accel_smoothing", "reference_smoothing"), 1.5e-4),
+}
 """Sizes (s, s^2) at which the terms that the model of an effect leaves out are as large as other uncertainties."""
 
 _SMALL = 0.3

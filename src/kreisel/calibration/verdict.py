@@ -45,7 +45,10 @@ MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
 """Scale factor, difference of scale factors between axes, and angle between axes less a right one (rad): no device has
 more."""
 
-_LARGEST = {"accel_delay": 50e-3, "accel_smoothing": 1.5e-3, "reference_smoothing": 1.5e-3}
+_LARGEST = {
+    **dict.fromkeys(("accel_delay", "accel_axis_delay"), 50e-3),
+    **dict.fromkeys(("accel_smoothing", "reference_smoothing"), 1.5e-3),
+}
 """Sizes (s, s^2) up to which the first terms of a series describe an effect."""
 
 _NEEDED = ("gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.offset")

@@ -101,7 +101,7 @@ def _effect(group: str, value: Array) -> list[str]:
     if gyro >= _SMALLEST_DEG_H * DEG_PER_HOUR:
         return [f"{group} ({meaning}): {gyro / DEG_PER_HOUR:.3g} deg/h at 1 g, 100 deg/s{condition}"]
     if accel >= _SMALLEST_MG * MG:
-        moving = " and 10 m/s^3" if group in ("accel_delay", "accel_smoothing") else condition
+        moving = " and 10 m/s^3" if group in ("accel_delay", "accel_axis_delay", "accel_smoothing") else condition
         return [f"{group} ({meaning}): {accel / MG:.3g} mg at 1 g{moving}"]
     return []
 

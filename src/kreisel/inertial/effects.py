@@ -161,6 +161,7 @@ EFFECTS: dict[str, SensorEffect] = {
     "accel_asymmetry": SensorEffect("accelerometer", (Factor.MAGNITUDE,)),
     "accel_delay": SensorEffect("accelerometer", (Factor.SLOPE,), Arrangement.ALL_AXES),
     "accel_smoothing": SensorEffect("accelerometer", (Factor.CURVATURE,), Arrangement.ALL_AXES),
+    "accel_axis_delay": SensorEffect("accelerometer", (Factor.SLOPE,)),
     "accel_temperature": SensorEffect("accelerometer", (Factor.TEMPERATURE,)),
     "accel_scale_temperature": SensorEffect("accelerometer", (Factor.READING, Factor.TEMPERATURE)),
     "accel_gauss_markov": SensorEffect("accelerometer"),

@@ -206,6 +206,11 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         shape=lambda _: (),
     ),
     ParameterGroup(
+        "accel_axis_delay", "delay of each accelerometer axis beyond the common one, s: times da'/dt", "τ<sub>a</sub>",
+        "accelerometer", "accelerometer.axis_delay", _axes, "ms", MS, 1e-3, known_before=True, by_choice=True,
+        shape=lambda _: (3,),
+    ),
+    ParameterGroup(
         "accel_temperature", "temperature coefficient of the accelerometer offsets: times T - T_0", "c<sub>a</sub>",
         "accelerometer", "accelerometer.temperature", _axes, "mg/K", MG, 1e-2, known_before=True,
         by_choice=True, shape=lambda _: (3,),

@@ -2,9 +2,10 @@
 
 A family is one kind of error, such as an error of the gyros that depends on the acceleration: polynomials of a few
 quantities, or waves in time, each with an unknown amplitude for every component. What the usual model already has is
-taken out of each function over the recording: of a sensor's a constant, the readings, the angular acceleration and the
-products of rates, of a reference's what another frame or tool point would do. So the usual parameters are those of the
-linear description that fits best over the recording, and a family adds to it what is not linear.
+taken out of each function over the recording: of a sensor's a constant and the readings, of an accelerometer's the
+angular acceleration and the products of rates too, of a reference's what another frame or tool point would do. So the
+usual parameters are those of the linear description that fits best over the recording, and a family adds to it what is
+not linear.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ STEP = 0.02
 
 WAVES = 8
 """Half waves of a function of time over the recording."""
+
+_SLOW = 4
+"""Half waves of a scale factor that changes over the recording."""
 
 MEMORY = 15.0
 """s; time constant of a sensor that depends on what happened before."""
@@ -76,7 +80,7 @@ class Family:
     @property
     def paired(self) -> bool:
         """Whether each row has functions of its own, instead of all functions in each row."""
-        return self.of == _OWN_ANGLE
+        return self.of in (_OWN_ANGLE, _SCALE)
 
 
 @dataclass(frozen=True)
@@ -167,10 +171,37 @@ def _polynomials(
     return values, np.array([len(c) for c in chosen], dtype=float)
 
 
+def _changes(first: Array, second: Array) -> tuple[Callable[[Indices], Array], Array]:
+    """Return products of two of the first derivatives (n, 3) of readings, and both derivatives as they are.
+
+    A delay of single axes is proportional to the first, an unequal bandwidth to the second.
+    """
+    products, degree = _polynomials(first.__getitem__, len(first), 2)
+    linear = np.hstack([_unit(first), _unit(second)])
+    return lambda which: np.hstack([linear[which], products(which)]), np.concatenate([np.ones(linear.shape[1]), degree])
+
+
+def _unit(values: Array) -> Array:
+    """Return columns (n, k) over their rms."""
+    return np.asarray(values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
+
+
 def _waves(t: Array) -> tuple[Callable[[Indices], Array], Array]:
     """Return half waves over times t (n,), and their orders as degrees."""
     z, orders = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9), np.arange(1, WAVES + 1)
     return lambda which: np.cos(z[which, None] * orders), np.maximum(orders / 2.0, 1.0)
+
+
+def _scales(own: Array, t: Array) -> tuple[Callable[[Indices], Array], Array]:
+    """Return own readings (n, 3) times slow half waves over times t (n,), axis by axis, and their degrees."""
+    waves, degree = _waves(t)
+    slow = slice(0, _SLOW)
+
+    def values(which: Indices) -> Array:
+        products = own[which, :, None] * waves(which)[:, None, slow]
+        return np.asarray(products.reshape(which.size, -1))
+
+    return values, np.tile(degree[slow], own.shape[1])
 
 
 def _remembered(values: Array) -> Array:
@@ -266,14 +297,17 @@ class DiscrepancyTerms:
         rates, forces = grid.average(readings.rates), grid.average(readings.accelerations)
         t = grid.average(readings.stamps[:, None])[:, 0]
         alpha, jerk = np.gradient(rates, t, axis=0), np.gradient(forces, t, axis=0)
-        usual = linear_columns(rates, forces, alpha)
-        usual = usual / np.maximum(np.linalg.norm(usual, axis=0), 1e-300) * t.size**0.5
+        # a gyro has no lever arm: by its axes, angular accelerations and products of rates are errors of its own
+        usual = {"gyroscope": np.column_stack([np.ones(t.size), rates, forces])}
+        usual["accelerometer"] = linear_columns(rates, forces, alpha)
+        for columns in usual.values():
+            columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
             "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
             "acceleration": _polynomials(forces.__getitem__, t.size, 3, 6),
-            "angular_acceleration": _polynomials(alpha.__getitem__, t.size, 2),
-            "jerk": _polynomials(jerk.__getitem__, t.size, 2),
+            "angular_acceleration": _changes(alpha, np.gradient(alpha, t, axis=0)),
+            "jerk": _changes(jerk, np.gradient(jerk, t, axis=0)),
             "past_rate": _polynomials(memories[0].__getitem__, t.size, 2),
             "past_acceleration": _polynomials(memories[1].__getitem__, t.size, 2),
             "time": _waves(t),
@@ -282,10 +316,13 @@ class DiscrepancyTerms:
             difference = grid.average(readings.temperature_difference[:, None])
             quantities["temperature"] = _polynomials(difference.__getitem__, t.size, 3)
         for owner, (group, rows, names) in _SENSORS.items():
-            for name in names:
-                if name in quantities and group in problem.layout:
-                    raw, degree = quantities[name]
-                    self._add(Family(owner, name, tuple(rows)), _separated(raw, degree, usual.__getitem__, t.size))
+            if group not in problem.layout:
+                continue
+            own = _scales(rates if owner == "gyroscope" else forces, t)
+            for name, (raw, degree) in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
+                functions = _separated(raw, degree, usual[owner].__getitem__, t.size)
+                if name != _SCALE or functions.kept.size == degree.size:
+                    self._add(Family(owner, name, tuple(rows)), functions)
 
     def _poses(self, problem: Problem) -> None:
         """Find the families of reference and robot."""
@@ -345,7 +382,12 @@ class DiscrepancyTerms:
         for i, family in enumerate(self._families):
             if family.rows == tuple(rows) and amplitudes[self.family == i].any():
                 for block in _blocks(self._grid.count):
-                    total[block] += self._functions[i](block) @ self._chosen(amplitudes, i).T
+                    value = self._functions[i](block)
+                    if family.paired:
+                        own = amplitudes[self.family == i]
+                        total[block] += (value * own).reshape(block.size, len(rows), -1).sum(axis=2)
+                    else:
+                        total[block] += value @ self._chosen(amplitudes, i).T
         return self._grid.at_samples(total)
 
     def _of_poses(self, amplitudes: Array, count: int) -> Array:
@@ -372,7 +414,7 @@ class DiscrepancyTerms:
         return total
 
 
-_OWN_ANGLE = "own_angle"
+_OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
 
 _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (

@@ -214,7 +214,7 @@ class Stated(_Table):
 
 
 class Unlisted(_Table):
-    """Errors that are on no list: numbers of random smooth functions of what each goes through, and their size."""
+    """Errors that the sensor model has no name for: numbers of random smooth functions, and sizes of known shapes."""
 
     gyro: int = _key(0, "of rates, forces, their slopes, what was before, time", ge=0, le=5)
     accel: int = _key(0, "the same for accelerometers", ge=0, le=5)
@@ -222,6 +222,19 @@ class Unlisted(_Table):
     joints: int = _key(0, "of each joint's angle, in the reported poses of an arm", ge=0, le=5)
     clock: int = _key(0, "of time: by how much poses are late", ge=0, le=5)
     size: float = _key(1.0, "factor on the sizes, which go up to what data sheets state", ge=0.0, le=10.0)
+    gyro_cubic: float = _key(0.0, "coefficient of w'^3, either sign, (rad/s)^-2", ge=0.0, le=0.01)
+    accel_products: float = _key(0.0, "sd of the coefficients of products of two axes, (m/s^2)^-1", ge=0.0, le=1e-3)
+    axis_delay: float = _key(0.0, "s: x is so much earlier, z so much later than y", ge=0.0, le=0.05)
+    axis_smoothing: float = _key(0.0, "s: z is a mean over a window of this sd, y of half of it", ge=0.0, le=0.1)
+    scale_drift: float = _key(0.0, "change of the scale factors over the recording, up or down", ge=0.0, le=0.1)
+    hysteresis: float = _key(0.0, "share of a play of half the rms of the readings", ge=0.0, le=0.1)
+    dead_zone: float = _key(0.0, "rad/s: smaller rates read zero", ge=0.0, le=0.1)
+    axis_scale: float = _key(0.0, "reported x are shorter by this, z longer", ge=0.0, le=0.05)
+    base_tilt: float = _key(0.0, "rad/m: the base tilts by the tool's weight, not reported", ge=0.0, le=0.02)
+    reference_jump: float = _key(
+        0.0, "m, and rad: the reference's frame jumps once, in the middle half", ge=0.0, le=0.5
+    )
+    reference_drift: float = _key(0.0, "m and rad per root s: its random walk", ge=0.0, le=0.1)
 
 
 class Cell(_Table):

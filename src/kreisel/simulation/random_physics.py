@@ -18,6 +18,7 @@ from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.noise_figures import Grade
 from kreisel.inertial.sensor_model import linear_columns
 from kreisel.simulation.cell_settings import Unlisted
+from kreisel.simulation.shaped_errors import of_delays, of_poses, of_readings
 from kreisel.units import STANDARD_GRAVITY
 
 _WAVES = 12
@@ -55,6 +56,8 @@ class RandomPhysics:
         Random streams of the functions, one each.
     size
         Factor on all sizes.
+    shapes, of_shapes
+        Sizes of errors of known shape, and their random stream.
     jacobian
         From joint angles (n, joints) to the pose's change for a unit of each, (n, 6, joints); see
         `kinematics.Derivatives`.
@@ -66,6 +69,8 @@ class RandomPhysics:
     joints: tuple[np.random.Generator, ...]
     clock: tuple[np.random.Generator, ...]
     size: float
+    shapes: Unlisted
+    of_shapes: np.random.Generator
     jacobian: Callable[[Array], Array]
 
     @classmethod
@@ -79,20 +84,25 @@ class RandomPhysics:
                 strict=True,
             )
         )
-        return cls(gyro, accel, reference, joints, clock, settings.size, jacobian)
+        return cls(gyro, accel, reference, joints, clock, settings.size, settings, rng.spawn(1)[0], jacobian)
 
     def readings(self, grade: Grade, t: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
         """Return what is added to ideal raw rates and accelerations (n, 3) at times t (n,)."""
-        if not self.gyro and not self.accel:
+        shaped = of_readings(self.shapes, self.of_shapes.spawn(1)[0], t, rates, accelerations)
+        late = of_delays(self.shapes, t, rates, accelerations)
+        if not self.gyro and not self.accel and not np.any(shaped) and not np.any(late):
             return np.zeros_like(rates), np.zeros_like(accelerations)
         # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
         linear = _orthogonal([linear_columns(rates, accelerations, np.gradient(rates, t, axis=0))])
         out = []
-        for streams, own, size in (
-            (self.gyro, rates, grade.gyro_scale_sd * _rms(rates)),
-            (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY),
+        readings = _orthogonal([np.ones((t.size, 1)), rates, accelerations])
+        for streams, own, size, shape, delay in (
+            (self.gyro, rates, grade.gyro_scale_sd * _rms(rates), shaped[0], late[0]),
+            (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY, shaped[1], late[1]),
         ):
-            total = np.zeros_like(own)
+            total = shape - linear @ (linear.T @ shape)
+            basis = readings if own is rates else linear  # a gyro's own delay is an angular acceleration
+            total += delay - basis @ (basis.T @ delay)
             for rng in streams:
                 value = _waves(rng, _of_sensor(rng, t, own, rates, accelerations), own.shape[1])
                 value = value - linear @ (linear.T @ value)
@@ -104,6 +114,10 @@ class RandomPhysics:
         """Return reported positions (n, 3) and quaternions (n, 4) with the errors of reference and joints."""
         C = matrix(q)
         frames = _orthogonal([np.ones((t.size, 1)), C.reshape(-1, 9), p])  # as another tool point, frame or scale would
+        shaped = of_poses(self.shapes, self.of_shapes.spawn(1)[0], t, p)
+        if np.any(shaped):
+            shaped = shaped - frames @ (frames.T @ shaped)
+            p, q = p + shaped[:, :3], multiply(exp(shaped[:, 3:]), q)
         for rng in self.reference:
             quantities = [p, C[:, :, 0], C[:, :, 2], t[:, None]]
             chosen = np.hstack([quantities[k] for k in _some(rng, len(quantities))])

@@ -9,8 +9,8 @@ Rules for the truth, where an effect leaves it open:
 - Offsets that change during the recording have the mean over it as their true value, flicker noise of the grade
   included, because that is the offset the device has in this run. Where the cell's settings let offsets drift, step,
   walk or warm up, an offset counts as wrong by the smaller of its distances from this mean and from the last value.
-- A random function has no linear part over its recording. Of a result's further terms, less those that the device has,
-  the linear part over the recording counts with offsets and matrices: it is what the two have in common.
+- An error without a name has no linear part over its recording. Of a result's further terms, less those that the
+  device has, the linear part over the recording counts with offsets and matrices: it is what the two have in common.
 - After a slip of the mount there are two truths, before and after it; the result counts as wrong by the smaller of its
   worst errors against either.
 """
@@ -37,7 +37,7 @@ from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import Truth, simulate, write_truth
 from kreisel.simulation.cell_settings import Cell
 from kreisel.study.linear_part import with_linear_part
-from kreisel.study.situations import RANDOM, Situation, random_situation, situations
+from kreisel.study.situations import Situation, random_situation, situations
 from kreisel.study.stored_trials import whole_rows
 from kreisel.study.truth import further_terms
 from kreisel.validation.checks import check_streams
@@ -108,7 +108,7 @@ def run_situation(situation: Situation, seed: int) -> Row:
         text = f"{type(error).__name__}: {error}"
         return Row(*place, "crashed", reasons=(text,), seconds=time.perf_counter() - began)
     seconds = time.perf_counter() - began
-    worst, parameter, ratio = worst_error(outcome, truth, linear=situation.name == RANDOM)
+    worst, parameter, ratio = worst_error(outcome, truth, linear="unlisted" in situation.cell)
     verdict = outcome.verdict
     said = "accepted" if verdict.accepted else "rejected"
     return Row(*place, said, worst, parameter, ratio, verdict.reasons, named_causes(outcome), seconds)

@@ -98,7 +98,8 @@ def situations(seconds: float = 150.0) -> tuple[Situation, ...]:
             (*effect.causes, *_of_grade(effect.causes, basis)),
         )
         for effect in (
-            *_sensors(), *_samples(), *_changes(), *_reference(), *_arm(), *_statements(), *_motion(), *_foreign()
+            *_sensors(), *_samples(), *_changes(), *_reference(), *_arm(), *_statements(), *_motion(), *_foreign(),
+            *_shapes(),
         )
         for basis in effect.bases
         for size, change in effect.sizes
@@ -372,6 +373,38 @@ def _arm() -> tuple[_Effect, ...]:
             "encoder steps", "coarse joint angles",
             _sizes("errors", "encoder_step", "mrad", MRAD, 0.1, 1), ("encoder steps",), _ROBOTS,
         ),
+    )  # fmt: skip
+
+
+def _shapes() -> tuple[_Effect, ...]:
+    """Return errors of known shape without a name in the sensor model; what they resemble may be named."""
+    per_g2, at_250 = 1e-6 / STANDARD_GRAVITY, (250.0 * DEG) ** 2
+    shaking = {"imu": {"vibration": 5.0, "vibration_frequency": 83.0}}
+    products = _sizes("unlisted", "accel_products", "ug/g^2", per_g2, 20, 100, 500)
+    return (
+        _Effect("gyro cubic", "cubic term of the gyros, at 250 deg/s",
+                _sizes("unlisted", "gyro_cubic", "ppm", PPM / at_250, 100, 1000, 5000)),
+        _Effect("accel products", "products of axes in the accelerometers", products),
+        _Effect("vibration rectification", "the same while the IMU vibrates by 5 m/s^2",
+                tuple((size, {**content, **shaking}) for size, content in products)),
+        _Effect("axis delays", "axes are sampled one after another",
+                _sizes("unlisted", "axis_delay", "ms", MS, 0.1, 0.5, 3),
+                ("accel_axis_delay", "accel_delay")),
+        _Effect("axis bandwidths", "axes have unequal bandwidths",
+                _sizes("unlisted", "axis_smoothing", "ms", MS, 2, 5, 15)),
+        _Effect("scale drift", "scale factors drift over the run, without a thermometer",
+                _sizes("unlisted", "scale_drift", "ppm", PPM, 50, 300, 2000)),
+        _Effect("hysteresis", "readings lag by a play of half their rms",
+                _sizes("unlisted", "hysteresis", "%", 0.01, 0.01, 0.1, 1)),
+        _Effect("dead zone", "small rates read zero", _sizes("unlisted", "dead_zone", "deg/s", DEG, 0.02, 0.1, 0.5)),
+        _Effect("axis scales", "cameras with a scale for each axis",
+                _sizes("unlisted", "axis_scale", "ppm", PPM, 100, 500, 3000), bases=("mocap",)),
+        _Effect("base tilt", "the base tilts by the tool's weight",
+                _sizes("unlisted", "base_tilt", "mrad/m", MRAD, 0.1, 0.3, 1), bases=_ROBOTS),
+        _Effect("reference jumps", "the reference's frame jumps once",
+                _sizes("unlisted", "reference_jump", "mm and mrad", MM, 0.5, 3, 20), bases=("mocap",)),
+        _Effect("reference drifts", "the reference's frame walks",
+                _sizes("unlisted", "reference_drift", "mm and mrad/√s", MM, 0.1, 0.5, 3), bases=("mocap",)),
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ WRITTEN_OUT = {
     "accel_asymmetry": (B, 0.0, B * np.abs(A)),
     "accel_delay": (np.array([2.0]), 0.0, 2.0 * A_SLOPE),
     "accel_smoothing": (np.array([2.0]), 0.0, -2.0 * A_CURVATURE),
+    "accel_axis_delay": (B, 0.0, B * A_SLOPE),
     "accel_temperature": (B, 0.0, B * TEMPERATURE_CHANGE[:, None]),
     "accel_scale_temperature": (B, 0.0, B * A * TEMPERATURE_CHANGE[:, None]),
     "accel_gauss_markov": (B, 0.0, B),
