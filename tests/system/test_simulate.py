@@ -11,12 +11,17 @@ import pytest
 import kreisel
 from kreisel.errors import RobotError, SettingsError
 from kreisel.inertial.noise_figures import GRADES
+from kreisel.robot.arm_library import LIBRARY
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.program import EXAMPLE
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell, Errors, example, read_cell
 
 from ..felt import FAULTLESS, rests_of, run
+
+UNKNOWN_ARM = (
+    f"unknown robot 'kr126'; known are: {', '.join(sorted({*LIBRARY, 'kr125', 'ur10e'}))}; or give a .urdf file"
+)
 
 # Cells in files
 
@@ -81,7 +86,7 @@ def test_what_is_wrong_with_a_cell_stands_in_one_line(tmp_path, text, telling):
 
 def test_arms_that_are_not_there_are_named():
     for robot, telling in (
-        ({"model": "kr126"}, "unknown robot 'kr126'; known are: kr125, ur10e"),
+        ({"model": "kr126"}, UNKNOWN_ARM),
         ({"tcp": "gripper"}, "unknown frame 'gripper'; known are: base_link"),
     ):
         with pytest.raises(RobotError, match=telling):
@@ -137,7 +142,7 @@ def test_a_simulated_folder_is_a_recording(tmp_path):
         ),
         ('[imu]\ngrade = "best"\n', f"unknown grade 'best'; known are: {', '.join(sorted(GRADES))}"),
         ('[motion]\nprogram = "moves.toml"\n', "move 1: out of reach: the arm comes no nearer than"),
-        ('[robot]\nmodel = "kr126"\n', "unknown robot 'kr126'; known are: kr125, ur10e"),
+        ('[robot]\nmodel = "kr126"\n', UNKNOWN_ARM),
     ],
 )
 def test_failures_are_one_line_and_status_one(tmp_path, cell, telling):

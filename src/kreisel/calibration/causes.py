@@ -61,23 +61,32 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
     return tuple(sorted(found, key=lambda cause: -cause.weight))
 
 
-def _slip(halves: SplitHalves | None) -> list[Cause]:
-    """Return a slip of the mount: a rotation between the halves that both sensors share."""
+def slip_of_mount(halves: SplitHalves | None) -> tuple[Array, float] | None:
+    """Return the rotation of the mount between the halves, (3,), rad, and its score; None where none shows."""
     if halves is None:
-        return []
+        return None
     turns = [_turn(halves, sensor) for sensor in ("gyroscope", "accelerometer")]
     if any(turn is None for turn in turns):
-        return []
+        return None
     (a, a_sd), (b, b_sd) = (turn for turn in turns if turn is not None)
     score = np.abs(0.5 * (a + b)) / np.hypot(a_sd, b_sd) * 2.0**0.5
     apart = np.abs(a - b) / np.hypot(a_sd, b_sd)
     worst = int(np.argmax(score))
     if score[worst] < MAX_SCORE or apart[worst] > score[worst]:
+        return None
+    return 0.5 * (a + b), float(score[worst])
+
+
+def _slip(halves: SplitHalves | None) -> list[Cause]:
+    """Return a slip of the mount."""
+    found = slip_of_mount(halves)
+    if found is None:
         return []
-    angle = np.degrees(float(np.linalg.norm(0.5 * (a + b))))
+    turn, score = found
+    angle = np.degrees(float(np.linalg.norm(turn)))
     text = f"the IMU turned in its mount by about {angle:.2g} deg"
     certain = _CERTAIN if angle > _LARGE_TURN else 0.0
-    return [Cause("slipping mount", text, certain + 0.5 * float(score[worst]) ** 2)]
+    return [Cause("slipping mount", text, certain + 0.5 * score**2)]
 
 
 def _turn(halves: SplitHalves, sensor: str) -> tuple[Array, Array] | None:

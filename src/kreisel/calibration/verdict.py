@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes
+from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, slip_of_mount
 from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
@@ -31,6 +31,10 @@ and the largest where the innovations are white, or the data show why, and all e
 
 _MIN_MOVES = 15
 """Moves between standstills from which their scatter is known well enough to take the place of noise figures."""
+
+_BOTH_MOUNTS = 3.0
+"""Deviations of the result's mount up to which it contains the mounts before and after a slip: a mean of both lies
+nearer to each."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -104,6 +108,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
         *_halves(evidence.halves),
+        *_slip(estimate, evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
         *_known(evidence.known),
@@ -170,6 +175,25 @@ def _halves(halves: SplitHalves | None) -> list[Reason]:
             )
             found.append((score, Reason(text, (sensor,))))
     return [reason for _, reason in sorted(found, key=lambda one: -one[0])]
+
+
+def _slip(estimate: Estimate, halves: SplitHalves | None) -> list[Reason]:
+    """Return the reason about a slip of the mount, unless the deviations contain the mounts before and after it."""
+    found = slip_of_mount(halves)
+    if found is None:
+        return []
+    d = estimate.problem.layout["gyro_cross_coupling"]
+    # the rotation's share in K, row by row: half the difference of two elements
+    P = estimate.belief.covariance[d, d]
+    columns = np.array([[7, 2, 3], [5, 6, 1]])
+    deviation = 0.5 * np.sqrt([P[i, i] + P[j, j] - 2.0 * P[i, j] for i, j in columns.T])
+    if np.all(np.abs(found[0]) <= _BOTH_MOUNTS * deviation):
+        return []
+    text = (
+        f"the two halves of the recording give mounts {np.degrees(np.linalg.norm(found[0])):.2g} deg apart, more than "
+        "the deviations of the result contain: it describes neither"
+    )
+    return [Reason(text)]
 
 
 def _latitude(check: LatitudeCheck | None) -> list[Reason]:

@@ -28,6 +28,17 @@ def arm_of_poses(recording: Recording, reference: ReferencePoses) -> tuple[Arm |
         If the arm that the user states is unknown, or does not reach the poses.
     """
     table = recording.settings.robot
+    arm, angles, warnings = _arm(recording, table, reference)
+    tool = [key for key in ("tool_position", "tool_quaternion") if getattr(table, key) is not None]
+    if tool and table.model in (None, NO_MODEL):
+        message = f"robot.{tool[0]} in recording.toml is not used: it is the tool of an arm that robot.model names"
+        warnings = [*warnings, DataWarning("robot", message)]
+    return arm, angles, warnings
+
+
+def _arm(
+    recording: Recording, table: RobotTable, reference: ReferencePoses
+) -> tuple[Arm | None, Array, list[DataWarning]]:
     p, q = reference.positions, reference.quaternions
     if p is None or q is None or table.model == NO_MODEL or recording.reference_kind != "robot":
         return _NOTHING

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import read_text
@@ -25,6 +25,7 @@ Radians = Annotated[float, _between(1e-9, 0.3)]
 
 _Within = Annotated[float, _between(-3.0, 3.0)]
 _Unit = Annotated[float, _between(-1.0, 1.0)]
+_Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 
 
 class _Table(BaseModel):
@@ -76,8 +77,8 @@ class RobotTable(_Table):
     urdf: str | None = None
     tcp: str | None = None
     model: Annotated[str, Field(min_length=1, max_length=100)] | None = None
-    tool_position: Annotated[tuple[_Within, _Within, _Within], Field(strict=False)] | None = None
-    tool_quaternion: Annotated[tuple[_Unit, _Unit, _Unit, _Unit], Field(strict=False)] | None = None
+    tool_position: Annotated[tuple[_Within, _Within, _Within], _Listed] | None = None
+    tool_quaternion: Annotated[tuple[_Unit, _Unit, _Unit, _Unit], _Listed] | None = None
     length_sd: Annotated[float, _between(0.0, 0.2)] | None = None
     angle_sd: Annotated[float, _between(0.0, 0.3)] | None = None
 

@@ -1,8 +1,9 @@
 """Joint angles along a path of reported poses: a controller computes poses by its model, so they give the angles back.
 
 A pose of an arm of six joints has up to eight solutions, and near singular postures they meet. The path is followed
-from each solution of the first pose, pose by pose where the tool has moved a little, and the one along which the joints
-move most evenly within their ranges is taken. The poses between start from there and are solved together.
+from each solution of the first pose, pose by pose where the tool has moved a little. Of the paths along which the
+joints move about as evenly as possible, the one nearest to the middle of their ranges is taken. The poses between start
+from there and are solved together.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _DRAWS, _SAME = 40, 1e-3
 
 _KEPT, _DEAR = 12, 1e3
 """Number of paths that are followed at once, and what an angle outside its range costs, rad."""
+
+_ALIKE = 1.05
+"""Factor on the least unevenness up to which paths are alike; arms rarely work over their heads."""
 
 _AT_ONCE = 5000
 """Poses solved together, for the memory they take."""
@@ -104,7 +108,7 @@ def _follow(arm: Arm, positions: Array, quaternions: Array, starts: Array) -> Ar
     RobotError
         If no path reaches the last pose.
     """
-    here, ahead, cost = starts, starts, 1e-6 * np.abs(starts).sum(axis=1)
+    here, ahead, cost = starts, starts, np.zeros(len(starts))
     paths, parents = [starts], [np.zeros(0, dtype=np.int64)]
     for k in range(1, len(positions)):
         each = np.ones((2 * len(here), 1))
@@ -123,8 +127,15 @@ def _follow(arm: Arm, positions: Array, quaternions: Array, starts: Array) -> Ar
         here, cost = angles[kept], costs[kept]
         paths.append(here)
         parents.append(parent[kept])
-    out, at = np.empty((len(positions), starts.shape[1])), int(np.argmin(cost))
-    for k in range(len(positions) - 1, -1, -1):
+    found = [_traced(paths, parents, i) for i in np.flatnonzero(cost <= _ALIKE * cost.min())]
+    middle, range_ = 0.5 * (arm.lower + arm.upper), np.maximum(arm.upper - arm.lower, _SAME)
+    return min(found, key=lambda angles: float((np.abs(angles - middle) / range_).sum()))
+
+
+def _traced(paths: list[Array], parents: list[Indices], last: int) -> Array:
+    """Return the path that ends with one of the last solutions, (m, joints)."""
+    out, at = np.empty((len(paths), paths[0].shape[1])), int(last)
+    for k in range(len(paths) - 1, -1, -1):
         out[k] = paths[k][at]
         at = int(parents[k][at]) if k else 0
     return out
