@@ -127,7 +127,7 @@ def _follow(arm: Arm, positions: Array, quaternions: Array, starts: Array) -> Ar
         here, cost = angles[kept], costs[kept]
         paths.append(here)
         parents.append(parent[kept])
-    found = [_traced(paths, parents, i) for i in np.flatnonzero(cost <= _ALIKE * cost.min())]
+    found = [_traced(paths, parents, i) for i in np.flatnonzero(cost <= _ALIKE * cost.min()).tolist()]
     middle, range_ = 0.5 * (arm.lower + arm.upper), np.maximum(arm.upper - arm.lower, _SAME)
     return min(found, key=lambda angles: float((np.abs(angles - middle) / range_).sum()))
 
