@@ -13,6 +13,7 @@ from kreisel.formats.loading import load
 from kreisel.formats.write import write
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording import Recording
+from kreisel.report.report_page import write_report
 
 from ..small_problem import recorded
 
@@ -67,9 +68,49 @@ def test_all_parameters_of_a_group_fixed_one_by_one_are_the_group_fixed(group):
     np.testing.assert_allclose(parts.sensor_sd.K_a, whole.sensor_sd.K_a, rtol=0.01)
     deviation = parts.sensor_sd.lever_arms if group == "lever_arms" else parts.sensor_sd.k_a
     assert not deviation.any()
-    fixed = [parts.names.index(name) for name in single]
-    assert not parts.covariance[fixed].any()
+    assert parts.names == whole.names
     assert set(parts.estimator.fixed) == set(single)
+
+
+def test_a_parameter_that_is_fixed_is_not_in_the_state(tmp_path):
+    """Some of every matrix and vector; against priors of a hundredth of the usual deviations."""
+    base = usual().calibration
+    values = {
+        "gyroscope.cross_coupling[1,2]": base.sensors.K_omega[1, 2],
+        "gyroscope.offset[1]": base.sensors.k_w[0, 1],
+        "accelerometer.cross_coupling[0,0]": base.sensors.K_a[0, 0] + 2.0 * base.sensor_sd.K_a[0, 0],
+        "accelerometer.offset[2]": base.sensors.k_a[0, 2],
+        "accelerometer.lever_arms[2,0]": base.sensors.lever_arms[2, 0],
+        "alignment.north[1]": 0.1,
+        "timing.skew": 2e-6,
+    }
+    fixed = calibrated(fixed=values)
+    sd = dict(zip(base.names, np.sqrt(np.diag(base.covariance)), strict=True))
+    narrow = calibrated(priors={name: (value, 0.01 * sd.get(name, 1e-4)) for name, value in values.items()})
+    found, other = fixed.calibration, narrow.calibration
+    assert set(found.names) == set(other.names) - set(values)
+    assert fixed.problem.layout.degrees == narrow.problem.layout.degrees - len(values)
+    assert found.sensors.K_omega[1, 2] == values["gyroscope.cross_coupling[1,2]"]
+    assert found.sensors.K_a[0, 0] == values["accelerometer.cross_coupling[0,0]"]
+    assert found.sensors.k_a[0, 2] == values["accelerometer.offset[2]"]
+    assert found.timing.skew == pytest.approx(2e-6, rel=1e-9)
+    for part in ("K_omega", "k_w", "K_a", "k_a", "lever_arms"):
+        own, theirs = (getattr(one.sensor_sd, part) for one in (found, other))
+        kept = own > 0.0
+        assert (kept.size - kept.sum()) == 1
+        np.testing.assert_allclose(own[kept], theirs[kept], rtol=0.02)
+        change = getattr(found.sensors, part) - getattr(other.sensors, part)
+        assert np.abs(change[kept] / own[kept]).max() < 0.05
+    fixed.calibration.save(tmp_path)
+    document = fixed.calibration.document
+    assert document["standard_deviation"]["gyroscope"]["offset"][1] == 0.0
+    write_report(fixed, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size > 0
+
+
+def test_what_the_recording_does_not_have_cannot_be_fixed():
+    with pytest.raises(SettingsError, match=r"'alignment.earth_down' has a prior or a value, but is no parameter"):
+        calibrated(fixed={"alignment.earth_down": 0.5})
 
 
 def test_a_prior_far_from_the_data_is_named():

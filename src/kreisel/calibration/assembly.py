@@ -142,18 +142,15 @@ def _estimator_facts(found: Estimate, judged: Assessment) -> EstimatorFacts:
 
 
 def _covariance(found: Estimate, n: int) -> Array:
-    """Return the covariance of the first n parameters; zero for those the user fixed."""
-    estimated = ~found.problem.fixed_places[:n]
-    return np.asarray(found.belief.covariance[:n, :n] * np.outer(estimated, estimated))
+    """Return the covariance of the first n parameters."""
+    return np.asarray(found.belief.covariance[:n, :n])
 
 
 def _deviation_of(found: Estimate, group: str) -> Array:
-    """Return the standard deviations of a group, zero for a fixed one."""
+    """Return the standard deviations of a whole group, zero for what is not estimated."""
     problem = found.problem
     if group in problem.layout:
-        deviation = found.deviation[problem.layout[group]].copy()
-        deviation[problem.fixed_places[problem.layout[group]]] = 0.0
-        return deviation
+        return problem.whole(group, found.deviation[problem.layout[group]])
     return np.zeros(group_named(group).degrees(problem.settings.polynomial_order, problem.joints))
 
 
@@ -208,8 +205,11 @@ def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
 
 
 def _propagated(found: Estimate, J: Array, *groups: str) -> Array:
-    """Return the standard deviations of J (k, n) times the groups' parameters (n,)."""
-    index = np.concatenate([np.r_[found.problem.layout[group]] for group in groups])
+    """Return the standard deviations of J (k, n) times all the groups' parameters (n,)."""
+    layout = found.problem.layout
+    index = np.concatenate([np.r_[layout[group]] for group in groups])
+    begin = np.cumsum([0, *(layout.whole(group) for group in groups)])
+    J = J[:, np.concatenate([first + layout.present(group) for first, group in zip(begin, groups, strict=False)])]
     P = found.belief.covariance[np.ix_(index, index)]
     return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", J, P, J)))
 
@@ -240,7 +240,7 @@ def _derived(found: Estimate) -> Mapping[str, Measured]:
     def moved(change: Array) -> SensorParameters:
         values = dict(stored)
         for group in estimated:
-            values[group] = stored[group] + change[layout[group]]
+            values[group] = stored[group] + problem.whole(group, change[layout[group]])
         return CellParameters.from_stored(values).sensors
 
     return derive(p.sensors, _covariance(found, n), moved, _not_determined(problem))
@@ -269,11 +269,11 @@ def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
     after = np.zeros((errors.vector.size,) * 2)
     before = np.zeros_like(after)
     index = np.concatenate([np.r_[layout[group]] for group in present])
-    place = np.concatenate([np.r_[errors.part(group)] for group in present])
+    place = np.concatenate([np.r_[errors.part(group)][layout.present(group)] for group in present])
     after[np.ix_(place, place)] = found.belief.covariance[np.ix_(index, index)]
     for group in present:
-        part = errors.part(group)
-        before[part, part] = problem.prior.covariance[group]
+        own = np.r_[errors.part(group)][layout.present(group)]
+        before[np.ix_(own, own)] = problem.prior.covariance[group]
     deviation, prior = np.sqrt(np.diag(after)), np.sqrt(np.diag(before))
     names = [name for group in ROBOT_GROUPS for name in parameter_names(group, 1, errors.joints)]
     lost = [n for n, a, b in zip(names, deviation, prior, strict=True) if b > 0.0 and a > NOT_SEPARABLE * b]
@@ -303,12 +303,11 @@ def _estimates(recording: Recording, found: Estimate, n: int) -> Array:
     for group in found.problem.groups:
         if group != "alignment":
             d = layout[group]
-            table[-1, 1 + d.start : 1 + d.stop] = run.parameters.stored(group)
+            table[-1, 1 + d.start : 1 + d.stop] = found.problem.stored(run.parameters, group)
     if "time_offset" in layout:
         # from the first pose's IMU time to the offset between stamps, as in the result
         first = int(recording.imu.stamps_ns[0]), int(found.problem.reference.stamps_ns[0])
         column, own = 1 + layout["time_offset"].start, 1.0 + recording.imu.stretch
         table[:, column] = own * table[:, column] + Clock(0.0).offset(*first)
     table[-1, 1 + n :] = found.deviation[:n]
-    table[:, 1 + n :][:, found.problem.fixed_places[:n]] = 0.0
     return table

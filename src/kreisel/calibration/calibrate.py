@@ -243,5 +243,6 @@ def _known_scores(
         group, index = place_of(name, settings.polynomial_order)
         if group in layout:
             far = found.run.parameters.stored(group)[index] - problem.prior.value.stored(group)[index]
-            scores[name] = abs(float(far)) / float(deviation[layout[group]][index] ** 2 + sd**2) ** 0.5
+            own = float(found.problem.whole(group, deviation[layout[group]])[index])
+            scores[name] = abs(float(far)) / (own**2 + sd**2) ** 0.5
     return scores

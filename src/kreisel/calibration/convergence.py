@@ -47,7 +47,7 @@ def offset_convergence(outcome: Outcome) -> Convergence:
     known = outcome.preparation.imu_noise.accel_offset_sd or _UNKNOWN_OFFSET
     belief = first_belief(problem, start)
     factor = belief.factor.copy()
-    factor[layout[group], layout[group]] = known * np.eye(3)
+    factor[layout[group], layout[group]] = known * np.eye(layout.present(group).size)
     run = SigmaPointFilter().begin(problem, start, Belief(belief.mean, factor))
     history, d = run.history, layout[group]
     return Convergence(history.seconds, history.parameters[:, d], history.deviations[:, d])

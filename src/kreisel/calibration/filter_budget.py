@@ -44,7 +44,6 @@ def budget_of(found: Estimate, parts: Mapping[Source, Array]) -> Budget:
     rows = [(str(source), source, share * own) for source, share in parts.items()]
     rows += [(one.cause, one.source, one.variance[:n]) for one in found.contributions]
     variance = np.column_stack([values for _, _, values in rows])
-    variance[found.problem.fixed_places] = 0.0
     return Budget.of(names, {cause: source for cause, source, _ in rows}, variance)
 
 

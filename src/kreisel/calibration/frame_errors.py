@@ -38,7 +38,8 @@ def axis_columns(problem: Problem, parameters: CellParameters) -> Array:
         for own, share in zip(axes, to_axes, strict=True):
             for across in np.linalg.svd(own[None])[2][1:]:
                 column = np.zeros((layout.degrees, 1))
-                column[layout[group], 0] = problem.noise.axis_sd * np.outer(across, share).ravel()
+                turned = problem.noise.axis_sd * np.outer(across, share).ravel()
+                column[layout[group], 0] = problem.columns(group, turned)
                 columns.append(column)
     return np.hstack([np.zeros((layout.degrees, 0)), *columns])
 
@@ -62,9 +63,9 @@ def frame_columns(problem: Problem, parameters: CellParameters, frame_sd: tuple[
             ("lever_arms", sensors.lever_arms @ turned.T),
         ):
             if group in layout:
-                columns[layout[group], i] = value.ravel()
+                columns[layout[group], i] = problem.columns(group, value.ravel())
         if "lever_arms" in layout:
-            columns[layout["lever_arms"], 3 + i] = np.tile(length * axis, 3)
+            columns[layout["lever_arms"], 3 + i] = problem.columns("lever_arms", np.tile(length * axis, 3))
     if "alignment" in layout:
         columns[layout["alignment"], 6:] = angle * np.eye(2)
     return columns

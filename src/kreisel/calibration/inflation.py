@@ -57,7 +57,8 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         columns = each(layout.degrees, layout["time_offset"], noise.lateness)
         out.append(Contribution("lateness of stamps", Source.CLOCKS, columns))
     if "gyro_cross_coupling" in layout:
-        column = along(layout.degrees, layout["gyro_cross_coupling"], noise.time_base_sd * K_omega.ravel())
+        longer = problem.columns("gyro_cross_coupling", noise.time_base_sd * K_omega.ravel())
+        column = along(layout.degrees, layout["gyro_cross_coupling"], longer)
         out.append(Contribution("whose seconds are true", Source.CLOCKS, column))
     factor = series_factor(found)
     if factor > 1.0:
@@ -159,7 +160,8 @@ def _gravity_warning(problem: Problem, run: Fit) -> list[DataWarning]:
     P = run.belief.covariance
     g, K = layout["gravity"].start, layout["accel_cross_coupling"]
     # the mean relative change of the three scale factors, as a function of the entries of K_a
-    mean_scale = np.linalg.inv(run.parameters.sensors.K_a).T.ravel() / 3.0
+    of_entries = np.asarray(np.linalg.inv(run.parameters.sensors.K_a).T.ravel() / 3.0)
+    mean_scale = problem.columns("accel_cross_coupling", of_entries)
     with_gravity = float(mean_scale @ P[K, K] @ mean_scale)
     known = with_gravity - float(mean_scale @ P[K, g]) ** 2 / float(P[g, g])
     if known > _GRAVITY_SHARE * with_gravity:

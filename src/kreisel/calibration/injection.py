@@ -13,7 +13,9 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import SENSOR_GROUPS, CellParameters
+from kreisel.model.stated_parameters import Known, place_of
 from kreisel.progress import Progress
 from kreisel.units import DEG_PER_HOUR, MG
 
@@ -36,7 +38,9 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
     known = {
         g: tuple(injected.stored(g).tolist()) if g in SENSOR_GROUPS else v for g, v in problem.settings.fixed_values
     }
-    settings = replace(problem.settings, fixed_values=tuple(known.items()))  # known values change with the readings
+    settings = replace(
+        problem.settings, fixed_values=tuple(known.items()), priors=_changed(problem.settings, injected)
+    )  # known values change with the readings
     again = run_calibration(replace(outcome.recording, imu=changed), settings, progress)
     n = len(problem.parameter_names)
     zero = stored_state(problem, base)
@@ -50,6 +54,16 @@ def inject(outcome: Outcome, progress: Progress | None = None) -> Injection:
         moved(again.estimate.run.parameters),
         outcome.estimate.deviation[:n],
     )
+
+
+def _changed(settings: CalibrationSettings, injected: CellParameters) -> tuple[Known, ...]:
+    """Return what is known of single parameters, with the injected values of those of the sensors that are fixed."""
+    out = []
+    for name, value, deviation in settings.priors:
+        group, index = place_of(name, settings.polynomial_order)
+        changes = deviation == 0.0 and value is not None and group in SENSOR_GROUPS
+        out.append((name, float(injected.stored(group)[index]) if changes else value, deviation))
+    return tuple(out)
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Sharing:
             for group in SENSOR_GROUPS
             if group not in PASSING_GROUPS
             and ("offsets" in common or group not in _OFFSETS)
-            and all(group in one.problem.layout for one in self._found)
+            and all(_alike(one, self._found[0], group) for one in self._found)
         ]
         self._names = [{g: g for g in device} | _named_by_owner(one, common) for one in outcomes]
         shared = "robot" in common
@@ -95,8 +95,8 @@ class Sharing:
         return Gaussian(self._whole[i].mean[index], self._whole[i].covariance[np.ix_(index, index)])
 
     def _prior_of(self, i: int, group: str) -> Gaussian:
-        prior = self._found[i].problem.prior
-        return Gaussian(prior.value.stored(group), prior.covariance[group])
+        problem = self._found[i].problem
+        return Gaussian(problem.stored(problem.prior.value, group), problem.prior.covariance[group])
 
     def contributions(self) -> list[Contribution]:
         """Return what each recording contributes."""
@@ -132,7 +132,7 @@ class Sharing:
         x = np.zeros(self.layout.size)
         for found, names in zip(reversed(self._found), reversed(self._names), strict=True):
             for group, name in names.items():
-                x[self.layout.stored(name)] = found.run.parameters.stored(group)
+                x[self.layout.stored(name)] = found.problem.stored(found.run.parameters, group)
         first = self._found[0].run.parameters.sensors
         for i in self._mounts:
             own = self._found[i].run.parameters.sensors
@@ -143,12 +143,15 @@ class Sharing:
 
     def _predict(self, i: int, x: Array) -> Array:
         """Return the shared numbers of a recording that follow from the common parameters."""
-        values = {group: x[self.layout.stored(name)] for group, name in self._names[i].items()}
+        found = self._found[i]
+        values = {group: found.run.parameters.stored(group).copy() for group in self._names[i]}
+        for group, name in self._names[i].items():
+            values[group][found.problem.layout.present(group)] = x[self.layout.stored(name)]
         if i in self._mounts:
             values = turned(values, x[self.layout.stored(turn_of(i))], x[self.layout.stored(shift_of(i))])
         values = self._at_temperature(i, values)
         errors = x[self.layout.stored(_ERRORS)] if self._errors[i] else np.zeros(0)
-        return np.concatenate([*values.values(), errors])
+        return np.concatenate([*(found.problem.columns(group, value) for group, value in values.items()), errors])
 
     def _at_temperature(self, i: int, values: dict[str, Array]) -> dict[str, Array]:
         """Return the device's values at the temperature that a recording's parameters belong to."""
@@ -180,7 +183,7 @@ def values_of(found: Estimate) -> Array:
     out = np.zeros(len(found.problem.parameter_names))
     for group in found.problem.groups:
         if not group_named(group).rotation:
-            out[found.problem.layout[group]] = found.run.parameters.stored(group)
+            out[found.problem.layout[group]] = found.problem.stored(found.run.parameters, group)
     return out
 
 
@@ -192,6 +195,12 @@ def turn_of(i: int) -> str:
 def shift_of(i: int) -> str:
     """Return the name of the shift of a recording's mount against the first one's."""
     return f"shift of recording {i + 1}"
+
+
+def _alike(one: Estimate, other: Estimate, group: str) -> bool:
+    """Return whether the same parameters of a group are in both states."""
+    a, b = one.problem.layout, other.problem.layout
+    return group in a and group in b and np.array_equal(a.present(group), b.present(group))
 
 
 def _degrees(found: Estimate, group: str) -> int:

@@ -87,11 +87,11 @@ def with_either(found: Estimate, other: Estimate) -> Estimate:
     Gyros follow the difference of the clocks, accelerometers its double as far as motion, and not gravity, determines
     their scale: the difference of the two estimates is one deviation.
     """
-    layout, there = found.problem.layout, other.problem.layout
+    problem, layout, there = found.problem, found.problem.layout, other.problem.layout
     column = np.zeros((layout.degrees, 1))
     for group in (*SENSOR_GROUPS, "gravity"):
         if group in layout and group in there:
-            change = other.run.parameters.stored(group) - found.run.parameters.stored(group)
-            column[layout[group], 0] = change if change.size == layout[group].stop - layout[group].start else 0.0
-    problem = replace(found.problem, noise=replace(found.problem.noise, time_base_sd=0.0))
+            change = problem.columns(group, other.run.parameters.stored(group) - found.run.parameters.stored(group))
+            column[layout[group], 0] = change
+    problem = replace(problem, noise=replace(problem.noise, time_base_sd=0.0))
     return replace(found, problem=problem).adding([Contribution("whose seconds are true", Source.CLOCKS, column)])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel._kernels import manifold
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,24 @@ class Part:
         Degrees of freedom. A rotation may have fewer than three; the others are held.
     rotation
         Whether it is a rotation.
+    absent
+        Which of its numbers are known and not in the state.
     """
 
     name: str
     degrees: int
     rotation: bool = False
+    absent: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
         """Numbers it is stored in."""
         return 4 if self.rotation else self.degrees
+
+    @property
+    def whole(self) -> int:
+        """Degrees of freedom with those that are not in the state."""
+        return self.degrees + len(self.absent)
 
 
 class StateLayout:
@@ -61,6 +69,8 @@ class StateLayout:
         self.size = place
         rows = [(self[p.name].start, p.degrees, self.stored(p.name).start, int(p.rotation)) for p in self.parts]
         self.table = np.array(rows, dtype=np.int64).reshape(-1, 4)
+        self._whole = {p.name: p.whole for p in self.parts}
+        self._present = {p.name: np.setdiff1d(np.arange(p.whole), p.absent) for p in self.parts}
         self._tails: dict[int, StateLayout] = {}
 
     def __contains__(self, name: str) -> bool:
@@ -75,6 +85,14 @@ class StateLayout:
     def stored(self, name: str) -> slice:
         """Return the slice of a part in the stored state."""
         return self._stored[name]
+
+    def present(self, name: str) -> Indices:
+        """Return which of a part's degrees of freedom are in the state, (degrees,): all but those that are known."""
+        return self._present[name]
+
+    def whole(self, name: str) -> int:
+        """Return a part's degrees of freedom with those that are not in the state."""
+        return self._whole[name]
 
     def tail(self, degrees: int) -> StateLayout:
         """Return the layout of the last parts alone, which have so many degrees of freedom together."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
-from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem
 
 
@@ -36,6 +36,4 @@ def result_moved(problem: Problem, run: Fit, step: Array, covariance: Array | No
         scale = np.sqrt(np.diag(new))
         correlation = new / np.outer(scale, scale)
         factor = scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-13 * np.eye(scale.size))
-    values = {g: run.parameters.stored(g) for g in GROUPS}
-    values.update({g: mean[layout.stored(g)] for g in problem.groups})
-    return replace(run, belief=Belief(mean, factor), parameters=CellParameters.from_stored(values))
+    return replace(run, belief=Belief(mean, factor), parameters=parameters_of(problem, run.parameters, mean))

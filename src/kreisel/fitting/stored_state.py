@@ -6,6 +6,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.geometry.rotation import Array
+from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem
 
@@ -18,16 +19,21 @@ def stored_state(problem: Problem, parameters: CellParameters) -> Array:
     x = np.zeros(problem.layout.size)
     x[problem.layout.stored("attitude")] = (1.0, 0.0, 0.0, 0.0)
     for group in problem.groups:
-        x[problem.layout.stored(group)] = parameters.stored(group)
+        x[problem.layout.stored(group)] = problem.stored(parameters, group)
     return x
 
 
 def parameters_of(problem: Problem, known: CellParameters, x: Array) -> CellParameters:
-    """Return the parameters in a stored state (size,), and known ones for groups that are not in it."""
+    """Return the parameters in a stored state (size,), and known ones for what is not in it."""
     layout = problem.layout
-    return CellParameters.from_stored(
-        {group: (x[layout.stored(group)] if group in layout else known.stored(group)).copy() for group in GROUPS}
-    )
+    values = {group: known.stored(group).copy() for group in GROUPS}
+    for group in problem.groups:
+        own = x[layout.stored(group)]
+        if group_named(group).rotation:
+            values[group] = own.copy()
+        else:
+            values[group][layout.present(group)] = own
+    return CellParameters.from_stored(values)
 
 
 def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, Array] | None = None) -> Belief:

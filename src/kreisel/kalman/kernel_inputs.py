@@ -9,11 +9,13 @@ import numpy as np
 from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
 from kreisel.estimation.sigma_points import weights
-from kreisel.geometry.rotation import Array, exp, multiply
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.inertial.strapdown import NOISE_STEP
 from kreisel.model.assumed_noise import AssumedNoise, ColouredNoise
+from kreisel.model.groups import group_named
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR, group_part
 from kreisel.model.parameters import POSE_GROUPS, REFERENCE_GROUPS, ROBOT_GROUPS, CellParameters
 from kreisel.model.problem import Problem
@@ -63,11 +65,8 @@ def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Mo
 
     def rows(groups: Sequence[str]) -> filter_arguments.ParameterRows:
         stored = {group: known.stored(group) for group in groups}
-        places = np.arange(layout.size)
-        source = [places[layout.stored(g)] if g in layout else np.full(stored[g].size, -1) for g in groups]
-        return filter_arguments.ParameterRows(
-            np.concatenate(source).astype(np.int64), np.concatenate(list(stored.values()))
-        )
+        source = [_rows_of(layout, group, value.size) for group, value in stored.items()]
+        return filter_arguments.ParameterRows(np.concatenate(source), np.concatenate(list(stored.values())))
 
     sizes = effect_sizes(problem)
     gyro, accel = (groups_of(sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
@@ -104,6 +103,15 @@ def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Mo
     )  # fmt: skip
 
 
+def _rows_of(layout: StateLayout, group: str, size: int) -> Indices:
+    """Return the rows of the stored state that hold a group's numbers, (size,); -1 for those that are known."""
+    out = np.full(size, -1, dtype=np.int64)
+    if group in layout:
+        row = layout.stored(group)
+        out[slice(None) if group_named(group).rotation else layout.present(group)] = np.arange(row.start, row.stop)
+    return out
+
+
 def _but_effects(order: Mapping[str, int]) -> list[str]:
     """Return the groups of an order, less the effects', which follow them."""
     return [group for group in order if not group.endswith("_effects")]
@@ -131,9 +139,8 @@ def reference_groups(problem: Problem, known: CellParameters) -> tuple[str, ...]
 
 
 def effect_sizes(problem: Problem) -> dict[str, int]:
-    """Return the numbers of parameters of the sensors' effects that are in the state, by group."""
-    layout = problem.layout
-    return {g: layout[g].stop - layout[g].start for g in EFFECTS if g in layout}
+    """Return the numbers of parameters of the sensors' effects that have some in the state, by group."""
+    return {g: problem.layout.whole(g) for g in EFFECTS if g in problem.layout}
 
 
 def filter_steps(

@@ -57,10 +57,10 @@ class Sensitivity:
             np.flatnonzero(terms.row >= POSE_ROWS.start),
         )
         offsets = {
-            row: layout[group].start + i
+            rows[axis]: layout[group].start + i
             for group, rows in (("gyro_offset", GYRO_ROWS), ("accel_offset", ACCEL_ROWS))
             if group in layout
-            for i, row in enumerate(rows)
+            for i, axis in enumerate(layout.present(group).tolist())
         }
         self._offset = np.array([offsets[int(row)] for row in terms.row[self._of_sensor]], dtype=np.int64)
         self._direction = terms.row[self._of_pose] - POSE_ROWS.start

@@ -17,10 +17,15 @@ PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 """The reference's coloured noise on the path."""
 
 
-def group_part(group: str, order: int, joints: int = 0) -> Part:
-    """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints."""
+def group_part(group: str, order: int, joints: int = 0, fixed: Collection[str] = ()) -> Part:
+    """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints.
+
+    fixed: names of parameters that are not in the state.
+    """
     known = group_named(group)
-    return Part(group, known.degrees(order, joints), rotation=known.rotation)
+    names = known.names(order, joints)
+    absent = tuple(i for i, name in enumerate(names) if name in fixed)
+    return Part(group, len(names) - len(absent), rotation=known.rotation, absent=absent)
 
 
 def with_coloured_noise(layout: StateLayout, present: tuple[bool, bool]) -> StateLayout:

@@ -165,10 +165,20 @@ class Problem:
         """Which degrees of freedom of the parameters have a prior or a value that the user states, (n,)."""
         return np.isin(self.parameter_names, [name for name, _, _ in self.settings.priors])
 
-    @property
-    def fixed_places(self) -> Mask:
-        """Which of them are single parameters that the user fixed, (n,)."""
-        return np.isin(self.parameter_names, self.settings.fixed_parameters)
+    def stored(self, parameters: CellParameters, group: str) -> Array:
+        """Return the numbers of a group that are in the state, as they are stored."""
+        value = parameters.stored(group)
+        return value if group_named(group).rotation else value[self.layout.present(group)]
+
+    def columns(self, group: str, whole: Array) -> Array:
+        """Return those columns (k, degrees) of a matrix (k, whole), one for each parameter, that are in the state."""
+        return np.asarray(whole[..., self.layout.present(group)])
+
+    def whole(self, group: str, own: Array) -> Array:
+        """Return changes of all parameters of a group (whole,) from those in the state; of others they are zero."""
+        out = np.zeros(self.layout.whole(group))
+        out[self.layout.present(group)] = own
+        return out
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -176,7 +186,7 @@ class Problem:
         names: list[str] = []
         for group in self.groups:
             own = parameter_names(group, self.settings.polynomial_order, self.joints)
-            names.extend(own[: self.layout[group].stop - self.layout[group].start])
+            names.extend(own[i] for i in self.layout.present(group))
         return tuple(names)
 
 

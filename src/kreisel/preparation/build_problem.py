@@ -88,11 +88,8 @@ def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, A
     """Return all covariances that are known, and those of usual devices for other groups in a layout."""
     out = {group: P for group, P in covariance.items() if P.size}
     for group in REGISTRY:
-        if group.name not in layout:
-            continue
-        degrees = layout[group.name].stop - layout[group.name].start
-        usual = (group.usual_sd or 1.0) ** 2 * np.eye(degrees)
-        out.setdefault(group.name, usual)
+        if group.name in layout:
+            out.setdefault(group.name, (group.usual_sd or 1.0) ** 2 * np.eye(layout.present(group.name).size))
     return out
 
 
@@ -141,19 +138,23 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
     start = _with_held_values(start, preparation, settings)
     schedule = _schedule(preparation, settings, start.clock)
     noise = _assumed_noise(preparation)
-    layout = build_layout(
-        settings,
-        latitude=site.earth_rate_n is not None,
-        skew=skewed,
-        standstill_error=any(update.standstill is not None for update in schedule.updates),
-        path_error=(
-            noise.pose_error.position > 0.0 and reference.positions is not None,
-            noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
-        ),
-        joints=preparation.joints,
-        gauss_markov=tuple(noise.gauss_markov),
+    # with and without single parameters that are fixed
+    whole, layout = (
+        build_layout(
+            one,
+            latitude=site.earth_rate_n is not None,
+            skew=skewed,
+            standstill_error=any(update.standstill is not None for update in schedule.updates),
+            path_error=(
+                noise.pose_error.position > 0.0 and reference.positions is not None,
+                noise.pose_error.orientation > 0.0 and reference.quaternions is not None,
+            ),
+            joints=preparation.joints,
+            gauss_markov=tuple(noise.gauss_markov),
+        )
+        for one in (replace(settings, priors=()), settings)
     )
-    prior = _prior(preparation, settings.polynomial_order, layout, start, start_covariance)
+    prior = _prior(preparation, settings.polynomial_order, whole, start, start_covariance)
     return Problem(
         sensors=(Sensor(_SENSOR, preparation.readings),),
         reference=reference,
@@ -161,7 +162,7 @@ def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Pr
         settings=settings,
         site=site,
         layout=layout,
-        prior=with_known(prior, preparation, settings, layout),
+        prior=with_known(prior, preparation, settings, whole),
         noise=noise,
         robot=preparation.robot,
     )

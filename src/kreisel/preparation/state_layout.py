@@ -43,6 +43,7 @@ def build_layout(
         absent.add("earth_down")
     if not skew:
         absent.add("time_skew")
-    parts = [group_part(g.name, settings.polynomial_order, joints) for g in REGISTRY if g.name not in absent]
+    order, fixed = settings.polynomial_order, settings.fixed_parameters
+    parts = [group_part(g.name, order, joints, fixed) for g in REGISTRY if g.name not in absent]
     parts = [part for part in parts if part.degrees > 0]
     return with_coloured_noise(StateLayout([*parts, *(STANDSTILL_ERROR if standstill_error else ())]), path_error)

@@ -1,4 +1,7 @@
-"""What the user knows of single parameters, in the prior and in the start of the filter."""
+"""What the user knows of single parameters, in the prior and in the start of the filter.
+
+Parameters that are fixed are not in the state: others are known given their values.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,6 @@ from kreisel.model.stated_parameters import place_of, with_marginal, with_observ
 from kreisel.preparation.preparation import Preparation
 from kreisel.synchronization.clock import Clock
 
-_FIXED = 1e-7
-"""Deviation of a parameter that is fixed, in those it would have: too small to matter, and still a number."""
-
 
 def apart(preparation: Preparation) -> float:
     """Return what a time offset between stamps, as in the result, is more than that from first sample to first pose."""
@@ -26,7 +26,9 @@ def apart(preparation: Preparation) -> float:
 
 
 def with_known(prior: Prior, preparation: Preparation, settings: CalibrationSettings, layout: StateLayout) -> Prior:
-    """Return the prior with what the user knows of single parameters.
+    """Return the prior of what is in the state, with what the user knows of single parameters.
+
+    layout: the state with those that are fixed.
 
     Raises
     ------
@@ -36,28 +38,31 @@ def with_known(prior: Prior, preparation: Preparation, settings: CalibrationSett
     places: dict[str, list[tuple[int, float | None, float]]] = {}
     for name, value, deviation in settings.priors:
         group, index = place_of(name, settings.polynomial_order)
-        if group not in layout or index >= layout[group].stop - layout[group].start:
+        if group not in layout or index >= layout.whole(group):
             raise SettingsError(f"'{name}' has a prior or a value, but is no parameter of this recording")
         if value is not None and group == "time_offset":
             value -= apart(preparation)
         places.setdefault(group, []).append((index, value, deviation))
     start, centre = ({g: p.stored(g) for g in GROUPS} for p in (prior.start, prior.value))
-    start_covariance, covariance = dict(prior.start_covariance), dict(prior.covariance)
+    start_covariance, covariance, width = dict(prior.start_covariance), dict(prior.covariance), dict(prior.width)
     for group, known in places.items():
         chosen = np.array([i for i, _, _ in known], dtype=np.int64)
         values = np.array([start[group][i] if value is None else value for i, value, _ in known])
         stated = np.array([deviation for _, _, deviation in known])
-        usual = np.sqrt(np.diag(covariance[group]))
         centre[group], covariance[group] = with_marginal(centre[group], covariance[group], chosen, values, stated)
         start[group], start_covariance[group] = with_observed(
             start[group], start_covariance[group], chosen, values, stated
         )
-        for i in chosen[stated == 0.0]:
-            covariance[group][i, i] = start_covariance[group][i, i] = (_FIXED * usual[i]) ** 2
+        present = np.setdiff1d(np.arange(len(covariance[group])), chosen[stated == 0.0])
+        if group in width:
+            width[group] = np.resize(width[group], len(covariance[group]))[present]
+        for P in (covariance, start_covariance):
+            P[group] = P[group][np.ix_(present, present)]
     return replace(
         prior,
         start=CellParameters.from_stored(start),
         start_covariance=start_covariance,
         value=CellParameters.from_stored(centre),
         covariance=covariance,
+        width=width,
     )

@@ -125,8 +125,9 @@ def _false_information(problem: Problem, run: Fit, pull: Array) -> Array:
     for group in _MATRICES:
         if group in problem.layout:
             d = problem.layout[group]
-            K, own = run.parameters.stored(group).reshape(3, 3), pull[d].reshape(3, 3)
-            out[d] = np.tile(np.maximum(np.sum(K * own, axis=0) / np.sum(K**2, axis=0), 0.0), 3)
+            K, own = run.parameters.stored(group).reshape(3, 3), problem.whole(group, pull[d]).reshape(3, 3)
+            each = np.tile(np.maximum(np.sum(K * own, axis=0) / np.sum(K**2, axis=0), 0.0), 3)
+            out[d] = problem.columns(group, each)
     return out
 
 
@@ -189,5 +190,5 @@ def _most(run: Fit, rows: Indices) -> float:
 def _bound(problem: Problem, run: Fit, group: str, size: float) -> float:
     """Return how far so much false information about each element of a matrix moves any parameter, in deviations."""
     lasting = problem.lasting
-    pull = run.belief.covariance[np.ix_(lasting, np.r_[problem.layout[group]])] @ run.parameters.stored(group)
+    pull = run.belief.covariance[np.ix_(lasting, np.r_[problem.layout[group]])] @ problem.stored(run.parameters, group)
     return size * float(np.max(np.abs(pull) / run.belief.standard_deviation[lasting]))

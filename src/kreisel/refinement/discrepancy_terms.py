@@ -260,7 +260,7 @@ class DiscrepancyTerms:
         """Return a problem with readings and poses as recorded, corrected by terms."""
         recorded = self._recorded
         readings, reference = recorded.sensor.readings, recorded.reference
-        gyro, accel = (self._of_sensor(amplitudes, rows) for rows in (GYRO_ROWS, ACCEL_ROWS))
+        gyro, accel = (self._of_sensor(amplitudes, owner) for owner in _SENSORS)
         changed = replace(
             problem.sensor.readings,
             rates=readings.rates + gyro,
@@ -318,11 +318,13 @@ class DiscrepancyTerms:
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:
                 continue
-            own = _scales(rates if owner == "gyroscope" else forces, t)
+            axes = problem.layout.present(group)
+            own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
+            own_rows = tuple(rows[axis] for axis in axes)
             for name, (raw, degree) in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
                 functions = _separated(raw, degree, usual[owner].__getitem__, t.size)
                 if name != _SCALE or functions.kept.size == degree.size:
-                    self._add(Family(owner, name, tuple(rows)), functions)
+                    self._add(Family(owner, name, own_rows), functions)
 
     def _poses(self, problem: Problem) -> None:
         """Find the families of reference and robot."""
@@ -376,18 +378,20 @@ class DiscrepancyTerms:
         own = amplitudes[self.family == i]
         return own.reshape(-1, self._functions[i].degree.size)
 
-    def _of_sensor(self, amplitudes: Array, rows: range) -> Array:
+    def _of_sensor(self, amplitudes: Array, owner: str) -> Array:
         """Return what the terms of a sensor add to its readings, (n, 3)."""
-        total = np.zeros((self._grid.count, 3))
+        total, begin = np.zeros((self._grid.count, 3)), _SENSORS[owner][1].start
         for i, family in enumerate(self._families):
-            if family.rows == tuple(rows) and amplitudes[self.family == i].any():
+            if family.owner == owner and amplitudes[self.family == i].any():
+                axes = [row - begin for row in family.rows]
                 for block in _blocks(self._grid.count):
                     value = self._functions[i](block)
                     if family.paired:
                         own = amplitudes[self.family == i]
-                        total[block] += (value * own).reshape(block.size, len(rows), -1).sum(axis=2)
+                        added = (value * own).reshape(block.size, len(axes), -1).sum(axis=2)
                     else:
-                        total[block] += value @ self._chosen(amplitudes, i).T
+                        added = value @ self._chosen(amplitudes, i).T
+                    total[block[:, None], axes] += added
         return self._grid.at_samples(total)
 
     def _of_poses(self, amplitudes: Array, count: int) -> Array:
@@ -428,7 +432,7 @@ _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
         ("rate", "acceleration", "jerk", "past_acceleration", "time", "temperature"),
     ),
 }
-"""By sensor: its offset, in which its terms enter, its rows, and what its error may depend on."""
+"""By sensor: its offset, in which its terms enter, axis by axis, its rows, and what its error may depend on."""
 
 
 @dataclass(frozen=True)

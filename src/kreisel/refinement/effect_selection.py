@@ -346,8 +346,9 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
         size = own.stop - own.start
         means = effect.features(raw, size).mean(axis=1)
         for mean, places in zip(means, effect.places(size), strict=True):
-            for axis in np.flatnonzero((places >= 0) & ~known[offset : offset + 3]):
-                T[offset + axis, own.start + places[axis]] -= mean
+            for i, axis in enumerate(layout.present(_OFFSET_OF[effect.sensor])):
+                if places[axis] >= 0 and not known[offset + i]:
+                    T[offset + i, own.start + places[axis]] -= mean
     return T
 
 
@@ -379,7 +380,11 @@ def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
 def gain_of(problem: Problem, run: Fit, group: str) -> float:
     """Return the logarithm of the ratio of the evidences with and without a group of the state."""
     d = problem.layout[group]
-    value, P, prior = run.parameters.stored(group), run.belief.covariance[d, d], problem.prior.covariance[group]
+    value, P, prior = (
+        problem.stored(run.parameters, group),
+        run.belief.covariance[d, d],
+        problem.prior.covariance[group],
+    )
     return float(0.5 * value @ np.linalg.solve(P, value) + 0.5 * np.linalg.slogdet(np.linalg.solve(prior, P))[1])
 
 
@@ -387,7 +392,7 @@ def considered(found: Survey | None, problem: Problem, run: Fit, included: tuple
     """Return all effects: those that are part of a model, with their run's result, and those that were left out."""
     out = []
     for group in included:
-        value, sd = run.parameters.stored(group), run.belief.standard_deviation[problem.layout[group]]
+        value, sd = problem.stored(run.parameters, group), run.belief.standard_deviation[problem.layout[group]]
         gain, (shift, name) = gain_of(problem, run, group), _shift_without(problem, run, group)
         out.append(Considered(group, value, sd, gain, included=True, shift=shift, shifted=name))
     if found is not None:
@@ -403,7 +408,7 @@ def _shift_without(problem: Problem, run: Fit, group: str) -> tuple[float, str]:
     """Return the largest change of a sensor's parameter if a group were zero, in deviations, and its name."""
     d, P = problem.layout[group], run.belief.covariance
     others = [i for i in range(problem.sensor_degrees) if not d.start <= i < d.stop]
-    change = P[others, d] @ np.linalg.solve(P[d, d], run.parameters.stored(group))
+    change = P[others, d] @ np.linalg.solve(P[d, d], problem.stored(run.parameters, group))
     score = np.abs(change) / np.sqrt(np.diag(P)[others])
     worst = int(np.argmax(score))
     return float(score[worst]), problem.parameter_names[others[worst]]

@@ -33,7 +33,7 @@ def with_nominal_values(problem: Problem, run: Fit, factor: float = 1.0) -> tupl
     layout, n = problem.layout, len(problem.parameter_names)
     errors = np.eye(layout.degrees)
     for group in _CONSIDERED:
-        if group not in layout or problem.settings.partial:
+        if group not in layout or problem.settings.partial or layout.present(group).size < layout.whole(group):
             continue
         d, P = layout[group], run.belief.covariance[:n, :n]
         ratio = factor * np.sqrt(np.diag(P)[d]) / problem.prior.width[group]

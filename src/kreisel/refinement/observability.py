@@ -44,16 +44,15 @@ def observability(problem: Problem, deviation: Array) -> Observability:
     posterior: list[float] = []
     unobservable: list[str] = []
     not_narrowed: list[str] = []
-    order = problem.settings.polynomial_order
     stated = {name for name, _, _ in problem.settings.priors}
+    own = problem.parameter_names
     for known in REGISTRY:
-        group, own = known.name, known.names(order, problem.joints)
+        group = known.name
         if group not in problem.layout:
             continue
         d = problem.layout[group]
-        size = d.stop - d.start
-        width = np.resize(problem.prior.width[group], size)
-        for name, before, after in zip(own, width, deviation[d], strict=False):
+        width = np.resize(problem.prior.width[group], d.stop - d.start)
+        for name, before, after in zip(own[d], width, deviation[d], strict=True):
             names.append(name)
             prior.append(float(before))
             posterior.append(float(after))

@@ -38,7 +38,7 @@ def prior_scores(problem: Problem, parameters: CellParameters, deviation: Array,
     """
     prior = np.diag(problem.prior.covariance[group])
     own = deviation[problem.layout[group]] ** 2
-    moved = np.abs(parameters.stored(group) - problem.prior.value.stored(group))
+    moved = np.abs(problem.stored(parameters, group) - problem.stored(problem.prior.value, group))
     if group in _MIXED:
         return np.asarray(moved / np.sqrt(prior))
     share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give

@@ -55,7 +55,8 @@ def budget_picture(outcome: Outcome) -> BudgetPicture | None:
         title = group.replace("_", " ")
         parts = {title: places}
         if group in _MATRICES:
-            parts = {f"{title}, diagonal": places[::4], f"{title}, other": np.delete(places, slice(None, None, 4))}
+            diagonal = layout.present(group) % 4 == 0
+            parts = {f"{title}, diagonal": places[diagonal], f"{title}, other": places[~diagonal]}
         for words, own in parts.items():
             if budget.deviation[own].any():
                 rms = float(np.sqrt(np.mean(budget.deviation[own] ** 2))) / known.size

@@ -500,15 +500,18 @@ def _tracks(outcome: Outcome, groups: tuple[str, ...], correlation: Array) -> di
         if relative:
             value, reported = value - reported, np.zeros_like(reported)
         tracks[group] = tuple(
-            track(label, value[:, i], sd[:, i], float(reported[i]), float(np.sqrt(own[i, i])))
-            for i, label in enumerate(labels)
+            track(labels[axis], value[:, i], sd[:, i], float(reported[i]), float(np.sqrt(own[i, i])))
+            for i, axis in enumerate(outcome.problem.layout.present(group).tolist())
         )
     for group in ("gyro_cross_coupling", "accel_cross_coupling"):
         if group in groups:
-            c = columns(group)
-            scale, sd = _scales(values[:, c], deviations[:, c], correlation[c, c])
-            K = parameters.stored(group)[None]
-            reported, reported_sd = _scales(K, np.sqrt(np.diag(covariance)[c])[None], correlation[c, c])
+            c, present = columns(group), outcome.problem.layout.present(group)
+            K = parameters.stored(group)
+            matrices, own = np.tile(K, (seconds.size, 1)), np.zeros((9, 9))
+            matrices[:, present], own[np.ix_(present, present)] = values[:, c], correlation[c, c]
+            scale, sd = _scales(matrices, _padded(deviations[:, c], present), own)
+            final_sd = np.sqrt(np.diag(covariance)[c])[None]
+            reported, reported_sd = _scales(K[None], _padded(final_sd, present), own)
             tracks[group] = tuple(
                 track("xyz"[i], scale[:, i], sd[:, i], float(reported[0, i]), float(reported_sd[0, i]))
                 for i in range(3)
@@ -534,6 +537,13 @@ def _around_prior(outcome: Outcome, values: Array, deviations: Array) -> Array:
         left = final[part] - moved[-1, part]
         moved[:, part] += left * np.minimum((1.0 - share) / np.maximum(1.0 - share[-1], 1e-9), 1.0)
     return moved
+
+
+def _padded(own: Array, present: Indices) -> Array:
+    """Return deviations of all elements of matrices, (u, 9), from those that are estimated; others have none."""
+    out = np.zeros((len(own), 9))
+    out[:, present] = own
+    return out
 
 
 def _scales(K: Array, deviation: Array, correlation: Array) -> tuple[Array, Array]:

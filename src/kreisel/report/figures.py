@@ -221,15 +221,14 @@ def track_figures(u: Uncertainty) -> list[Figure]:
         ("gyro_cross_coupling", "gyro-scales", "Gyro scale factor errors", "ppm"),
     ):
         if group in u.tracks:
-            panels = [[track] for track in u.tracks[group]]
-            figures.append(Figure(name, title, _track_caption(group), _stack(panels, unit, AXES), link="tracks"))
+            panels = {track.axis: [track] for track in u.tracks[group]}
+            figures.append(Figure(name, title, _track_caption(group), _stack(panels, unit), link="tracks"))
     if "lever_arms" in u.tracks:
-        arms = u.tracks["lever_arms"]
-        plot = _stack(
-            [list(arms[3 * j : 3 * j + 3]) for j in range(3)],
-            "mm",
-            ["r of x", "r of y", "r of z"],
-        )
+        names = [name for name, group in zip(u.names, u.groups, strict=True) if group == "lever_arms"]
+        arms: dict[str, list[Track]] = {}
+        for name, track in zip(names, u.tracks["lever_arms"], strict=True):
+            arms.setdefault(f"r of {AXES[int(name[-4])]}", []).append(track)  # lever_arms[j,i]
+        plot = _stack(arms, "mm")
         figures.append(
             Figure(
                 "lever-arms",
@@ -247,7 +246,7 @@ def track_figures(u: Uncertainty) -> list[Figure]:
                 "Time offset, less the reported value",
                 "Good: the band narrows to a small part of the IMU's sampling interval; a ramp means clocks of "
                 "different rates.",
-                _stack([list(u.tracks["time_offset"])], "ms", ["t"]),
+                _stack({"t": list(u.tracks["time_offset"])}, "ms"),
                 link="tracks",
             )
         )
@@ -400,14 +399,13 @@ def _autocorrelation(r: Residuals) -> Plot:
     return plots.plot(x, plots.panel(data, plots.axis("Autocorrelation (1)"), height=230, **more))
 
 
-def _stack(panels: Sequence[Sequence[Track]], unit: str, titles: Sequence[str]) -> Plot:
-    """Return tracks in panels above each other over a common time axis."""
+def _stack(panels: Mapping[str, Sequence[Track]], unit: str) -> Plot:
+    """Return tracks in titled panels above each other over a common time axis."""
     made = []
-    for row, (tracks, title) in enumerate(zip(panels, titles, strict=True)):
+    for row, (title, tracks) in enumerate(panels.items()):
         data: list[Trace] = []
-        for i, track in enumerate(tracks):
-            colour = AXES[row % 3] if len(tracks) == 1 else AXES[i]
-            data += _track(track, colour, legend=row == len(panels) - 1 and len(tracks) > 1)
+        for track in tracks:
+            data += _track(track, track.axis, legend=row == len(panels) - 1 and len(tracks) > 1)
         y = plots.axis(f"{title} ({unit})", range=list(_settled_range(tracks)))
         made.append(plots.panel(data, y, height=_PANEL if len(panels) > 1 else plots.HEIGHT))
     return plots.plot(plots.axis(plots.TIME), *made)

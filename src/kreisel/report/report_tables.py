@@ -186,7 +186,7 @@ def parameter_table(data: ReportData) -> Table:
     support, parameters = Support.of(outcome), outcome.estimate.run.parameters
     values: list[float | None] = []
     for group in outcome.problem.groups:
-        stored = [None] * 3 if group == "alignment" else list(parameters.stored(group))
+        stored = [None] * 3 if group == "alignment" else list(outcome.problem.stored(parameters, group))
         if group == "time_offset":
             stored = [outcome.calibration.timing.offset]
         part = outcome.problem.layout[group]
