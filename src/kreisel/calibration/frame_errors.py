@@ -8,18 +8,23 @@ from kreisel.geometry.rotation import Array, skew
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 
+_LASTS = 10.0
+"""s; how long the error of a standstill lasts: a slow move of an arm to the next one."""
+
 
 def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array:
-    """Return the effect of an arm's repeatability on the state, one deviation each, (degrees, 8).
+    """Return the effect of the reference's errors at standstills on the state, one deviation each, (degrees, 8).
 
     The error of a standstill lasts in the move that follows, where the filter takes errors for independent. On average
-    over all standstills it acts like an error of the frames. It matters in short recordings of a good arm.
+    over all standstills it acts like an error of the frames, for the share of the recording that is near one. It
+    matters in short recordings of a good arm or of good cameras. Where errors of an arm's frames count in full, it is
+    part of them.
     """
     standstills = len(problem.schedule.standstills)
-    if problem.robot is None or standstills == 0:
+    if max(problem.noise.frame_sd) > 0.0 or standstills == 0:
         return np.zeros((problem.layout.degrees, 8))
-    noise = problem.noise.reference
-    share = standstills**-0.5
+    noise, seconds = problem.noise.reference, float(np.ptp(problem.sensor.readings.stamps))
+    share = min(1.0, standstills * _LASTS / seconds) * standstills**-0.5
     return frame_columns(problem, parameters, (share * noise.standstill_position, share * noise.standstill_orientation))
 
 

@@ -51,7 +51,7 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
     out.append(
-        Contribution("the robot's repeatability", Source.STANDSTILL, repeatability_columns(problem, run.parameters))
+        Contribution("the reference's repeatability", Source.STANDSTILL, repeatability_columns(problem, run.parameters))
     )
     if "time_offset" in layout:
         columns = each(layout.degrees, layout["time_offset"], noise.lateness)

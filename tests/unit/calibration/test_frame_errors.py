@@ -80,13 +80,16 @@ def test_held_groups_take_no_part(columns):
 
 
 def test_repeatability_acts_as_errors_of_the_frames_that_average_over_the_rests():
-    problem = small_problem()
-    assert not repeatability_columns(problem, parameters()).any()  # no arm
-    arm = replace(problem, robot=object())
+    problem = with_noise(small_problem(), frame_sd=(0.0, 0.0))
     noise, rests = problem.noise.reference, len(problem.schedule.standstills)
     assert rests > 3
-    found = repeatability_columns(arm, parameters())
+    found = repeatability_columns(problem, parameters())
     sd = noise.standstill_position, noise.standstill_orientation
     np.testing.assert_allclose(found * rests**0.5, frame_columns(with_noise(problem, frame_sd=sd), parameters()))
-    moving = replace(arm, schedule=replace(arm.schedule, standstills=()))
+    moving = replace(problem, schedule=replace(problem.schedule, standstills=()))
     assert not repeatability_columns(moving, parameters()).any()
+    one = replace(problem, schedule=replace(problem.schedule, standstills=problem.schedule.standstills[:1]))
+    seconds = np.ptp(problem.sensor.readings.stamps)
+    np.testing.assert_allclose(repeatability_columns(one, parameters()), found * rests**0.5 * 10.0 / seconds)
+    frames = with_noise(small_problem(), frame_sd=(1e-3, 1e-3))
+    assert not repeatability_columns(frames, parameters()).any()  # part of the frames' errors
