@@ -18,12 +18,13 @@ from kreisel.calibration.lack_of_fit import (
     lack_of_fit_disagreement,
     larger_deviations,
     moves_in,
-    within_halves,
+    within_subsets,
 )
 from kreisel.calibration.latitude_check import check_latitude
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.split_halves import halves_disagreement, middle_of, split_halves
+from kreisel.calibration.splits import compare_splits, splits_disagreement
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
@@ -105,8 +106,12 @@ def run_calibration(
     shares_of_filter = filter_parts(found, progress, executor) if budget else None
     by_halves = halves_disagreement(without_passing(found), raw_halves)
     by_parts = lack_of_fit_disagreement(found, larger)
+    compared = compare_splits(found, lack)
+    by_splits = splits_disagreement(found, compared)
     found = found.adding(by_interval.contributions, by_interval.warnings)
-    found = without_passing(found.adding(by_parts.contributions, by_parts.warnings))
+    for more in (by_parts, by_splits):
+        found = found.adding(more.contributions, more.warnings)
+    found = without_passing(found)
     found = found.adding(by_halves.contributions, by_halves.warnings)
     seen = observability(found.problem, found.deviation)
     found = with_doubtful_latitude(with_walked_deviations(found), latitude)
@@ -129,7 +134,8 @@ def run_calibration(
         warnings,
         calibration,
         lack,
-        *crossed,
+        crossed[0] if crossed else None,
+        tuple(split for split, _ in compared),
     )
 
 
@@ -153,7 +159,8 @@ def _by_scatter(halves: SplitHalves | None, found: Estimate, lack: LackOfFit | N
     """Return halves that may differ by as much as the parts of one half do."""
     if halves is None:
         return None
-    factor = larger_deviations(found, within_halves(lack, middle_of(found.problem)))
+    within = None if lack is None else within_subsets(lack, lack.blocks.ends <= middle_of(found.problem))
+    factor = larger_deviations(found, within)
     return replace(halves, deviation=factor[found.problem.lasting] * halves.deviation)
 
 

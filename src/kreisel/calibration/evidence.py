@@ -62,6 +62,33 @@ class LackOfFit:
 
 
 @dataclass(frozen=True)
+class Split:
+    """How parts that are low and high in a quantity differ in a group of parameters.
+
+    Attributes
+    ----------
+    quantity, group
+        Along what, and in what.
+    parameter, score
+        The parameter that differs most, and its difference over its deviation.
+    size, limit
+        Rms of the independent scores of the group, and what it exceeds by chance in one case of 10,000.
+    """
+
+    quantity: str
+    group: str
+    parameter: str
+    score: float
+    size: float
+    limit: float
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the subsets differ by more than by chance."""
+        return self.size > self.limit
+
+
+@dataclass(frozen=True)
 class LatitudeCheck:
     """Stated latitude, latitude by the Earth's rotation in the readings, and the latter's standard deviation (deg).
 

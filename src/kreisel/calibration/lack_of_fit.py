@@ -18,7 +18,7 @@ from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -106,16 +106,10 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     return LackOfFit(blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, degrees)
 
 
-def within_halves(lack: LackOfFit | None, middle: int) -> LackOfFit | None:
-    """Return the scatter of blocks about what the half that each lies in says: a change in between does not count.
-
-    middle: number of the update between the halves.
-    """
-    if lack is None:
-        return None
-    first = lack.blocks.ends <= middle
+def within_subsets(lack: LackOfFit, subset: Mask) -> LackOfFit:
+    """Return the scatter of blocks about what a subset of them (B,), and all others, say: no difference of the two."""
     rest = lack.influence.copy()
-    for half in (first, ~first):
+    for half in (subset, ~subset):
         share = lack.variance[half] / np.maximum(lack.variance[half].sum(axis=0), 1e-300)
         rest[half] -= share * lack.influence[half].sum(axis=0)
     count = len(rest)

@@ -37,6 +37,8 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
     if north_sd > SEEN and abs(level) > 0.1 * EARTH_RATE and _MIMICS not in layout:
         return None
     step = of_step(progress, "latitude")
+    # what is not estimated is in the north as it is in the Earth's rotation
+    larger = float(np.max(found.deviation[layout["north"]] / run.belief.standard_deviation[layout["north"]]))
     free = _with_free_earth_rate(problem, run)
     fit, stated = estimator.fit(free, progress=step), down / EARTH_RATE
     if _MIMICS in layout:
@@ -45,17 +47,20 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
         simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
         other = estimator.fit(simpler, progress=step)
         if other.history.log_likelihood.sum() > fit.history.log_likelihood.sum() - _AS_GOOD:
-            check = _check_of(simpler, other, stated)
+            check = _check_of(simpler, other, stated, larger)
             if check is not None:
                 return check
-    return _check_of(free, fit, stated)
+    return _check_of(free, fit, stated, larger)
 
 
-def _check_of(free: Problem, found: Fit, stated: float) -> LatitudeCheck | None:
-    """Return the check of a run with a free Earth's rotation; None where it says nothing of the latitude."""
+def _check_of(free: Problem, found: Fit, stated: float, larger: float) -> LatitudeCheck | None:
+    """Return the check of a run with a free Earth's rotation; None where it says nothing of the latitude.
+
+    larger: factor on its deviations.
+    """
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
-    P = found.belief.covariance[np.ix_(index, index)]
+    P = larger**2 * found.belief.covariance[np.ix_(index, index)]
     if float(np.sqrt(np.diag(P)).max()) > SEEN:
         return None
     return _compared(found.parameters.north, found.parameters.earth_down, P, stated)

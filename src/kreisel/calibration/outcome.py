@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kreisel.calibration.evidence import CrossValidation, LackOfFit, SplitHalves
+from kreisel.calibration.evidence import CrossValidation, LackOfFit, Split, SplitHalves
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Consistency, Verdict
 from kreisel.model.problem import Problem
@@ -30,3 +30,4 @@ class Outcome:
     calibration: Calibration
     lack: LackOfFit | None = None
     cross: CrossValidation | None = None
+    splits: tuple[Split, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,16 +25,16 @@ MAX_REJECTED = 0.05
 MAX_OUTLIERS = 0.3
 """Share of rejected updates, if they are single ones among poses that fit."""
 
-MAX_CONTRADICTION, MAX_MEASURED_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 10.0, 20.0
+MAX_CONTRADICTION, MAX_MEASURED_CONTRADICTION, MAX_WHITE_CONTRADICTION = 3.0, 20.0, 20.0
 """Factors on given noise figures: a larger one where the deviations follow the scatter of many moves,
 and the largest where the innovations are white, or the data show why, and all else fits."""
 
 _MIN_MOVES = 15
 """Moves between standstills from which their scatter is known well enough to take the place of noise figures."""
 
-_BOTH_MOUNTS = 3.0
-"""Deviations of the result's mount up to which it contains the mounts before and after a slip: a mean of both lies
-nearer to each."""
+_BOTH_MOUNTS, _BOTH_HALVES = 3.0, 4.0
+"""Deviations of the result between what two halves say, up to which it contains both: a mean of them lies half as far
+from each. A mount before and after a slip is a fact; what errors do to a half is drawn."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -107,7 +107,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
     )  # a slip is one change: moves do not scatter
     reasons = [
         *_innovations(evidence.consistency, outliers="pose outliers" in named),
-        *_halves(evidence.halves),
+        *_halves(estimate, evidence.halves),
         *_slip(estimate, evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
@@ -161,12 +161,16 @@ def _innovations(facts: Consistency, *, outliers: bool) -> list[Reason]:
     return reasons
 
 
-def _halves(halves: SplitHalves | None) -> list[Reason]:
-    found = []
+def _halves(estimate: Estimate, halves: SplitHalves | None) -> list[Reason]:
+    """Return the reasons about parameters of which the halves differ, by more than the result's deviations contain."""
     if halves is None:
         return []
+    total = dict(zip(estimate.problem.parameter_names, estimate.deviation, strict=False))
+    contained = np.array([_BOTH_HALVES * total.get(name, 0.0) for name in halves.names])
+    open_ = replace(halves, difference=np.where(np.abs(halves.difference) > contained, halves.difference, 0.0))
+    found = []
     for sensor in SENSORS:
-        name, score = halves.worst((f"{sensor}.",))
+        name, score = open_.worst((f"{sensor}.",))
         if score > MAX_SCORE:
             text = (
                 f"the two halves of the recording give values of {name} that differ by {score:.1f} standard "

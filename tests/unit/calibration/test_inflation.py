@@ -19,7 +19,8 @@ from ...small_problem import camera_problem, estimate_of, small_problem, small_r
 
 
 def without(problem):
-    return with_noise(problem, frame_sd=(0.0, 0.0), lateness=0.0)
+    moving = replace(problem, schedule=replace(problem.schedule, standstills=()))
+    return with_noise(moving, frame_sd=(0.0, 0.0), lateness=0.0)
 
 
 def test_without_such_errors_the_belief_stays_as_it_is():
