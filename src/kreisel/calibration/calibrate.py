@@ -107,7 +107,7 @@ def run_calibration(
     by_halves = halves_disagreement(without_passing(found), raw_halves)
     by_parts = lack_of_fit_disagreement(found, larger)
     compared = compare_splits(found, lack)
-    by_splits = splits_disagreement(found, compared)
+    by_splits = splits_disagreement(compared)
     found = found.adding(by_interval.contributions, by_interval.warnings)
     for more in (by_parts, by_splits):
         found = found.adding(more.contributions, more.warnings)

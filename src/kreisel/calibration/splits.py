@@ -144,7 +144,7 @@ def _by_group(
     return out
 
 
-def splits_disagreement(found: Estimate, compared: tuple[tuple[Split, Array], ...]) -> Disagreement:
+def splits_disagreement(compared: tuple[tuple[Split, Array], ...]) -> Disagreement:
     """Return what groups add to the uncertainty in which subsets contradict each other.
 
     Either subset may be right: half of their difference, less what is by chance, is one deviation of the result.

@@ -1,11 +1,13 @@
-"""By how much each part of a recording moves the estimate: numbers and figures of section 5."""
+"""By how much each part of a recording moves the estimate, and what differs between parts: figures of section 5."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.calibration.evidence import Split
 from kreisel.calibration.outcome import Outcome
 from kreisel.report import plots
 from kreisel.report.plots import Figure, Plot
@@ -71,3 +73,47 @@ def _of_parts(influence: Influence, sensor: str) -> Plot:
     x = plots.axis(plots.TIME, range=[float(influence.seconds[0]) - half, float(influence.seconds[-1]) + half])
     y = plots.axis("Moved by (sd)", range=[0.0, 1.1 * float(max(found.max(), expected.max()))])
     return plots.plot(x, plots.panel(data, y))
+
+
+def splits_figures(splits: Sequence[Split]) -> list[Figure]:
+    """Return how subsets of the parts differ, along each quantity, of section 5."""
+    if not splits:
+        return []
+    quantities = sorted({split.quantity for split in splits})
+    places = np.arange(len(quantities), dtype=float)
+    data = [
+        plots.line(Curve(np.array([-0.5, len(places) - 0.5], np.float32), np.ones(2, np.float32)), "limit", "muted")
+    ]
+    for sensor, colour in (("gyro", "x"), ("accel", "y")):
+        worst = [_largest(splits, quantity, sensor) for quantity in quantities]
+        values = np.array([0.0 if one is None else one.size / one.limit for one in worst], np.float32)
+        texts = ["" if one is None else f"{one.parameter}: {one.score:.1f} deviations" for one in worst]
+        data.append(plots.markers(places, values, f"{sensor}s", colour, size=7, texts=texts))
+    high = 1.1 * max(1.0, *(split.size / split.limit for split in splits))
+    x = plots.axis(
+        "Quantity", range=[-0.5, len(places) - 0.5], ticks=[places.tolist(), [_short(q) for q in quantities]]
+    )
+    y = plots.axis("Difference / limit (1)", range=[0.0, high])
+    return [
+        Figure(
+            "splits",
+            "Parts with low and high values of what could matter",
+            "By how much parts of the recording with low and with high values of a quantity differ in what they say of "
+            "a sensor's group that differs most, over what one pair in 10,000 exceeds by chance. Good: all below one. "
+            "Above it, an error that is not modelled changes with that quantity; deviations contain it.",
+            plots.plot(x, plots.panel(data, y, texts=True)),
+        )
+    ]
+
+
+def _largest(splits: Sequence[Split], quantity: str, sensor: str) -> Split | None:
+    """Return the group of a sensor that differs most along a quantity; lever arms are the accelerometers'."""
+    own = [s for s in splits if s.quantity == quantity and s.group.startswith("gyro") == (sensor == "gyro")]
+    return max(own, key=lambda one: one.size / one.limit, default=None)
+
+
+def _short(quantity: str) -> str:
+    """Return a quantity as a short text for an axis."""
+    for long, short in (("angle of joint ", "A"), ("gravity along ", "g "), ("sense of rotation about ", "turn ")):
+        quantity = quantity.replace(long, short)
+    return quantity.replace("position ", "at ").replace("temperature", "temp.")

@@ -12,7 +12,7 @@ from kreisel.report import figures, report_tables, result_tables
 from kreisel.report.budget_figure import budget_picture
 from kreisel.report.cells import by_group
 from kreisel.report.data import ReportData, extract
-from kreisel.report.influence import influence_figures, influence_of
+from kreisel.report.influence import influence_figures, influence_of, splits_figures
 from kreisel.report.plots import Figure
 from kreisel.report.snippet import snippet
 from kreisel.report.template import fill
@@ -68,6 +68,7 @@ def _figures(data: ReportData) -> dict[str, list[Figure]]:
         "correlations": [figures.matrix_figure(data.uncertainty)] if estimated else [],
         "drift": [] if data.unseen is None else figures.drift_figures(data.unseen),
         "influence": influence_figures(influence_of(data.outcome)),
+        "splits": splits_figures(data.outcome.splits),
         "halves": [] if data.halves is None else [figures.halves_figure(data.halves, groups)],
     }
 
