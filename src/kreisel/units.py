@@ -26,3 +26,4 @@ PPM = 1e-6
 MRAD = 1e-3
 MM = 1e-3
 MS = 1e-3
+"""1, rad, m and s; by the prefixes of the SI."""

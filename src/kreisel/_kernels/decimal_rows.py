@@ -16,6 +16,8 @@ from kreisel._kernels.views import (
 )
 
 _ODD = 1000
+"""Cells of one call that are left to `float`. Chosen: plain tables have none or a few of them; a call with more returns
+None, and the table is read by other means."""
 
 _read_rows = function("read_rows", BytesView, IndicesView, TableView, IndexTableView, IndicesView)
 

@@ -28,7 +28,7 @@ from kreisel._kernels.views import (
     check_lengths,
 )
 
-_RATES = 4
+_RATES = 4  # features of a rate without error terms, 1 and the three rates: RATES in coefficients.hpp
 check_count("rates", _RATES)
 
 _run = function(

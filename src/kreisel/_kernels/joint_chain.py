@@ -7,6 +7,8 @@ from typing import NamedTuple
 from kreisel._kernels.views import Mask, Table
 
 MAX_JOINTS = 64
+"""Joints of a chain, as MAX_JOINTS in chain.hpp, whose arrays on the stack have this size. Chosen: arms have six or
+seven, with a track and a positioner a few more."""
 
 
 class Chain(NamedTuple):

@@ -20,6 +20,8 @@ from kreisel.robot.motion import Move
 from kreisel.robot.program import Program
 
 _TICK = 0.01
+"""s between two checks for a reason to stop. Chosen: about the interval of the controllers' poses (2 to 12 ms), and far
+below the times after which the watch stops the arm (`motion_watch.OVERDUE`)."""
 
 STRAY = math.radians(2.0)
 """rad; largest distance of a joint from its path, or from its rest position, that is not a fault."""

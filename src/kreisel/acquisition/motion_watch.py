@@ -27,6 +27,9 @@ DRIFT = 5e-5
 """rad; largest difference between the mean angles of both halves of a standstill; detects slow motion."""
 
 SETTLED = 0.3
+"""s; duration of a standstill at a target. Chosen: six poses of the slowest source, KUKAVARPROXY with 20 a second, and
+less than the rests of programs."""
+
 MARGIN = math.radians(1.0)
 """rad; an arm is stopped when a joint is within this distance of its limit."""
 
@@ -37,9 +40,20 @@ ENDED = 1.0
 """Seconds at standstill, with no program running on the controller, after which a move has ended off its target."""
 
 _KEPT_NS = 4_000_000_000
+"""ns; poses that are older are dropped. Chosen: twice the longest standstill that is asked for,
+`stopping.SETTLE_TIME_BEFORE_MOVES`."""
+
 _FRESH_NS = 300_000_000
+"""ns; joint angles that are older say nothing of the present. Chosen: six intervals of the slowest source, 20 poses a
+second, and less than `OVERDUE`."""
+
 _FEWEST = 5
+"""Poses that show a standstill. Chosen: each half has a mean (`DRIFT`), so that there are two in a half at least; 20
+poses a second give ten within `stopping.SETTLE_TIME`."""
+
 _SATURATED = 20
+"""Equal readings in a row of a channel, while three or more change, that are saturation; as in `validation.masking`.
+Chosen: rounded readings repeat a few times; 20 readings at 400 Hz are 50 ms."""
 
 Row = tuple[int, int, tuple[float, ...]]
 """Host's time and stamp in ns, joint angles in rad."""

@@ -17,11 +17,14 @@ from kreisel.geometry.rotation import Array
 from kreisel.protocols import ekrl, secondary, urscript
 
 _PATIENCE = 3.0
+"""s to wait for a connection, and for the answer to a move. Chosen: in a local network answers come within
+milliseconds, from a KRL program within some cycles; the arm stands still meanwhile."""
+
 _QUICK = 1.0
 """Longest time for one way to stop, s."""
 
-_DASHBOARD = 29999
-_CHUNK = 4096
+_DASHBOARD = 29999  # TCP port of Universal Robots' dashboard server, by the maker's description of it
+_CHUNK = 4096  # bytes read at once; chosen: a TCP segment is smaller, and splitters take pieces of any size
 
 
 def mover_at(address: Address, speed: float, fastest: float) -> Mover:

@@ -24,6 +24,8 @@ CHECKED = 1
 """Number of the last move that is slow."""
 
 _ROUNDING = 1e-6
+"""Share of a limit by which a value may exceed it. Chosen: a speed equal to its limit is allowed, with the rounding of
+float64 (1e-16) and of decimal numbers in descriptions; far below what an arm can follow."""
 
 
 @dataclass(frozen=True)

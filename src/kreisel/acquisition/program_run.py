@@ -22,6 +22,8 @@ from kreisel.robot.description import Arm
 from kreisel.robot.program import Program
 
 _PATIENCE = 10.0
+"""s to wait for readings of both devices before the first move. Chosen: time for a second attempt to connect, after the
+5 s of the first (`devices.drivers`); nothing moves meanwhile."""
 
 
 @dataclass(frozen=True)

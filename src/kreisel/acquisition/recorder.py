@@ -29,6 +29,8 @@ SHOW = 0.5
 """Seconds between two calls of `show`."""
 
 _QUEUE = 50_000
+"""Events that may wait to be written. Chosen: 50 s of an IMU and an arm at 500 Hz each, for a disk that stalls;
+limited, because a disk that no longer writes must not fill the memory."""
 
 
 @dataclass

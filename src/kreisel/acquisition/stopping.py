@@ -18,10 +18,21 @@ SETTLE_TIME_BEFORE_MOVES = 2.0
 """The same if a move was sent and the arm has not visibly begun it: it may still begin."""
 
 _WAY = 0.8
+"""s to wait for a standstill after one way to stop; then the next way follows. Chosen: braking besides `SETTLE_TIME`,
+and no longer, because the arm may still move."""
+
 _BLIND = 0.1
+"""s to wait in place of `_WAY` if no joint angles are received: nothing can confirm the stop. Chosen: two intervals of
+the slowest source, 20 poses a second."""
+
 _LAST = 0.5
+"""s to wait, besides the duration of the standstill, after all ways. Chosen: time to brake after the last of them."""
+
 _ROUNDS = 2
-_TICK = 0.02
+"""Times that all ways are taken; after the first the user is asked to press the emergency stop. Chosen: one repetition
+for a connection that failed for a moment; more would delay the report."""
+
+_TICK = 0.02  # s between two checks; chosen: a few poses, and a small part of `_BLIND`
 _BEGUN = 1e-2  # rad; an arm that has moved farther since a move was sent has begun it
 
 Say = Callable[[str], None]

@@ -15,7 +15,7 @@ from kreisel.formats.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic,
 from kreisel.recording.recording import Recording
 from kreisel.validation.checks import check_streams
 
-_MAGIC = 8
+_MAGIC = 8  # bytes; length of the magic at the beginning of a file, by the MCAP specification
 
 
 @dataclass

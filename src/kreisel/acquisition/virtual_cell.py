@@ -31,8 +31,8 @@ INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy
 """Default time between two poses of each kind of controller, s."""
 
 _HOST = "127.0.0.1"
-_TICK = 0.004
-_STATE = 0.1
+_TICK = 0.004  # s between two steps of an arm that takes moves: the shorter interval of RSI, and that of EGM
+_STATE = 0.1  # s between two states on the script port: a controller sends about ten a second (`protocols.secondary`)
 _HEAD_START = 0.2  # so that the controller reads the start time before the motion begins
 
 

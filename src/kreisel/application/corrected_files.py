@@ -21,6 +21,8 @@ from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning, ImuSamples
 
 _BLOCK = 1 << 20
+"""Bytes of a table that are read at once; the header line must lie within the first of them. Chosen: ten thousand rows
+of a hundred bytes: few calls for each row, and little memory for tables of any length."""
 
 TOPIC = "/imu/data_calibrated"
 """Topic of corrected readings in bags, beside the raw ones."""

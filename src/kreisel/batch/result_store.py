@@ -13,6 +13,7 @@ from kreisel.batch.job_result import Run
 from kreisel.errors import RecordingError
 
 SCHEMA = 1
+"""Version of the tables below, `user_version` in the file; to be increased with every change of them."""
 
 _TABLES = """
 create table runs (

@@ -30,10 +30,13 @@ _STUDENT = (np.inf, 235.8, 19.21, 9.219, 6.620, 5.507, 4.904, 4.530, 4.277, 4.09
 """The same probability by Student's distribution, where 0, 1, 2, ... degrees of freedom tell the scatter."""
 
 _MIN = 2
+"""Calibrations with a date: of one there is no history."""
+
 _LONGEST = 20.0
 """Years ahead in which a due date is looked for."""
 
 _STEPS = 60
+"""Halvings of the interval in which the scatter lies: 2^-60 of it is below the resolution of float64, 2^-53."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,8 @@ Unpack = Callable[[Array], SensorParameters]
 """From changes of the estimated parameters to the parameters."""
 
 _STEP = 1e-6
+"""SI; step of central differences by a sensor parameter. Chosen: the square of it is the error by curvature, 1e-12, and
+1e-16 over it that by rounding, 1e-10."""
 
 
 def vector_of(p: SensorParameters) -> Array:

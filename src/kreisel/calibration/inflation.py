@@ -27,6 +27,8 @@ _TERMS = {
 """Sizes (s, s^2) at which the terms that the model of an effect leaves out are as large as other uncertainties."""
 
 _SMALL = 0.3
+"""Size, over that of `_TERMS`, up to which nothing is added: deviations would grow by 4 %, the root of 1 + 0.3^2."""
+
 _SERIES = "delay or smoothing are large for a model that is the first terms of a series;"
 
 _CAREFUL = 300.0

@@ -28,6 +28,8 @@ RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.
 """Files of a result; all of them belong to one recording."""
 
 _MAX_ARRAYS = 1 << 26
+"""Bytes of the arrays of a result, 64 MiB. Chosen: a covariance of a thousand parameters has 8 MB, and no result has so
+many; a file that is no result must not take all memory before it is refused."""
 
 
 @dataclass(frozen=True)

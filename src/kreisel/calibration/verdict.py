@@ -21,7 +21,13 @@ from kreisel.refinement.prior_conflict import MAX_SCORE, largest_score
 from kreisel.synchronization.fits import Correlation
 
 MAX_NIS = 4.0
+"""Largest mean NIS over the degrees of freedom, expected to be 1. Chosen: errors twice as large as assumed; smaller
+ones are left to the comparison of noise figures, `MAX_CONTRADICTION`."""
+
 MAX_REJECTED = 0.05
+"""Share of rejected updates. Chosen: of a right model the gate rejects one in a million
+(`estimation.consistency.GATE`); single ones among poses that fit have a limit of their own."""
+
 MAX_OUTLIERS = 0.3
 """Share of rejected updates, if they are single ones among poses that fit."""
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from kreisel.calibration.result_sections import CalibrationParts
 
 FAILED, REJECTED, UNDECIDED = 1, 3, 4
+"""Exit statuses. 1 is usual for any failure, and 2 is that of a wrong command line (click); 3 and 4 are the next."""
 
 _MOST_SERIOUS_FIRST = (FAILED, REJECTED, UNDECIDED, 0)
 

@@ -113,7 +113,7 @@ def run_program(
 _JOIN = 60.0
 """Seconds to wait for the end of the check of the targets."""
 
-_UNITS = {"mg": MG, "deg/h": DEG_PER_HOUR, "ppm": PPM, "mm": MM, "ms": MS, "": 1.0}
+_UNITS = {"mg": MG, "deg/h": DEG_PER_HOUR, "ppm": PPM, "mm": MM, "ms": MS, "": 1.0}  # in SI, by `units`
 
 
 def _target(text: str) -> tuple[str, float]:

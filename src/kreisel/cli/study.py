@@ -28,6 +28,8 @@ _OUTPUT = typer.Option(
 _SCHEDULER = typer.Option(None, help="A running dask scheduler, tcp://host:port.")
 _WORKERS = typer.Option(2, help="Local processes, if no scheduler is given.", min=1)
 _JSON = typer.Option(False, "--json", help="Print the summary as one JSON object.")
+"""Arguments of several commands. Defaults are chosen: of 100 trials a standard deviation is known to 7 %, 1 /
+sqrt(200); two processes suit any machine."""
 
 
 @app.command()

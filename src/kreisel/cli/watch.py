@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 DASHBOARD: Any = typer.Option(False, "--dashboard", help="Serve a page that shows the recording.")
 PORT: Any = typer.Option(8321, "--port", min=0, max=65535, help="The page's port; 0 for any.")
+"""Options of several commands. 8321 is chosen: a port above those that need privileges, up to 1023."""
 
 
 def watch(

@@ -40,12 +40,18 @@ ROBOTS = {
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
 }
+"""Protocols for poses, with their usual ports. 30004 is RTDE's, by Universal Robots; 54601 is explained in
+`devices.krl`. RSI and EGM send to the port that their configuration names: 49152, the first dynamic one (RFC 6335), is
+chosen; 6510 is usual for EGM, and 7000 for KUKAVARPROXY; no document is known for these."""
+
 IMUS = {
     "ixcom": Scheme(3000, "ixcom://192.168.1.30:3000 (?channel=0&divider=1)", ("channel", "divider")),
     "csv": Scheme(4000, "csv://127.0.0.1:4000 (?columns=t [ms],w_x [deg/s],…)", ("columns",)),
     "serial": Scheme(0, "serial:///dev/ttyUSB0?baud=115200 (&columns=…)", ("columns", "baud")),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/imu/data_raw&speed=1)", ("topic", "speed"), device="imu"),
 }
+"""Protocols for readings, with their usual ports. 3000 is usual for iXCOM; no document is known for it. 4000 is chosen:
+lines of text have no usual port."""
 
 MOVERS = {
     "urscript": Scheme(30002, "urscript://192.168.1.20 (?dashboard=29999)", ("dashboard",)),

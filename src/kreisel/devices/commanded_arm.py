@@ -24,6 +24,9 @@ NEAR = 1e-2
 """rad; targets that differ by less are considered equal."""
 
 _MIN_STANDSTILL = 0.7
+"""s; shorter standstills are no rests of the program. Chosen: without both `_EDGE`s 0.4 s are left to repeat; rests of
+programs are longer, and an arm that reverses stands still for some samples."""
+
 _EDGE = 0.15  # s at both ends of a standstill that are not repeated: the clocks differ by less
 
 

@@ -29,11 +29,19 @@ RETRY = 0.5
 """Seconds between attempts to connect."""
 
 _PATIENCE = 5.0
+"""s for one attempt to connect. Chosen: a lost packet is sent again after one second, and after two more; the system's
+own limit is minutes, and a device that was switched on meanwhile would wait as long."""
+
 _WAITING = 20_000  # datagrams that may wait for a slow consumer
-_BUFFER = 1 << 22
-_CHUNK = 65536
+_BUFFER = 1 << 22  # bytes of the system's buffer for datagrams; chosen: two seconds of 8 KiB every 4 ms
+_CHUNK = 65536  # bytes read at once; the buffer of asyncio's StreamReader by default
+
 _KINDS = 20
+"""Kinds of faults that are counted apart. Chosen: a protocol has fewer; limited, because messages quote what is
+sent."""
+
 _PAUSE_NS = 1_000_000_000
+"""ns in which a kind of fault is reported once. Chosen: a person can read as much; the number is reported, too."""
 
 Clock = Callable[[], int]
 

@@ -14,6 +14,8 @@ from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.recording import ImuSamples, Recording
 
 _ROWS = 1000
+"""Readings that are converted at once. Chosen: seconds of an IMU, so that the first of a long recording comes at once,
+and conversion of whole arrays is still fast."""
 
 
 def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:

@@ -24,6 +24,8 @@ _NAME, _UNIT, _KIND, _FILE, _STORAGE, _TYPE, _SKIP, _LENGTH, _FIRST, _OFFSET, _F
     200, 202, 210, 211, 213, 214, 222, 220, 221, 240, 241,
 )  # fmt: skip
 _BYTE_ORDER = 112
+"""Codes in the header, and that of the byte order before it: see docs/reference/kuka-trace.md, with their sources."""
+
 _LINE = re.compile(r"(\d{1,3})(?:\s*,\s*|\s+|$)(.*)")
 _TIMES = ("zeit", "time", "t")
 _REAL64 = np.dtype("<f8")

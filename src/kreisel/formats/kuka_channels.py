@@ -28,6 +28,8 @@ _UNITS = {
     "angle": {"°": DEG, "deg": DEG, "grad": DEG, "rad": 1.0},
     "length": {"mm": 1e-3, "m": 1.0},
 }
+"""Units of each quantity, in SI; `grad` is German for degree."""
+
 _EVERY_UNIT = {unit for units in _UNITS.values() for unit in units}
 
 

@@ -14,7 +14,7 @@ from kreisel.formats.kuka_channels import Channel, is_unit
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning
 
-_MAX_LINE = 1 << 16
+_MAX_LINE = 1 << 16  # characters; chosen as in `csv_table`: a row of tens of channels has some hundred
 _NAME = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\[\]()]*?)\s*[\])])?\s*")
 
 

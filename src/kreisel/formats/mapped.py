@@ -31,7 +31,7 @@ from kreisel.recording.recording import (
 from kreisel.recording.recording_settings import ColumnsTable, RecordingSettings, ReferenceColumns, read_settings
 from kreisel.units import ZERO_CELSIUS
 
-_DAY = 86_400 * 10**9
+_DAY = 86_400 * 10**9  # ns
 _GERMAN_DATE = re.compile(r"\b(\d\d)\.(\d\d)\.(\d{4})\b")
 _HELD = 0.3
 """Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""

@@ -23,7 +23,7 @@ from kreisel.recording.recording_settings import ColumnsTable
 
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
 _RANGE = re.compile(r"^#(\d+)\s*-\s*#?(\d+)$")
-_MAX = 1000
+_MAX = 1000  # columns of a range; chosen as in `csv_table`: a matrix has 16
 _HERTZ = re.compile(r"^([0-9.eE+]+)\s*Hz$")
 
 

@@ -55,10 +55,10 @@ CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression; a recorder that is killed may lose as much."""
 
 _LAST_STAMP = 2**31 * 10**9 - 1  # seconds are an int32 in a ROS header
-_NO_COVARIANCE = np.zeros(9)
+_NO_COVARIANCE = np.zeros(9)  # sensor_msgs/Imu: zeros mean that it is unknown
 _NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 means that there is none
 _NO_EFFORT = np.zeros(0)
-_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z; not used by readers, because there is no orientation
 
 _RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")

@@ -23,6 +23,9 @@ _IMU_STEP, _POSE_STEP = 0.01, 0.03
 """Seconds; more densely nothing more is learned of a mapping."""
 
 _MAX_SAMPLES, _MAX_POSES = 40_000, 15_000
+"""Rows after thinning. Chosen: 400 and 450 s with the steps above, more than `_LONG`; longer tables are thinned
+further, so that a proposal takes seconds."""
+
 _LONG = 300.0
 """Seconds of poses that are compared."""
 
@@ -30,6 +33,8 @@ _HOPELESS = 0.3
 """Share of the rotation that a right mapping explains without any search for the time offset."""
 
 _FALL_STEP, _BEND = 0.1, 0.25
+"""s over which the turn of gravity is compared, and half of a second difference of positions. Chosen: gravity turns by
+more than the noise, and by a small angle; the second as `synchronization.windows.HALF_WINDOW`."""
 
 
 @dataclass(frozen=True)

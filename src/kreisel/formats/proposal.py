@@ -40,7 +40,14 @@ _CLEARLY, _ALIKE, _STEADY = 0.1, 2e-3, 0.004
 """Differences of shares: of different devices or bodies; of two ways to read one; of how steady gravity stands."""
 
 _UPRIGHT, _MOVED, _ACCELERATED = 0.05, 0.1, 0.5
+"""Differences of `Fit.upright` and `Fit.moved` by which one way to read columns is the better one, and the correlation
+from which unnamed columns are positions. Chosen between 1, of the right ones without noise, and 0, of others on
+average."""
+
 _UNIT = (0.7, 1.4)
+"""Size of the matrix between rates and rotation in a unit that fits: a factor of the root of 2 either way. Chosen: the
+units of `_RATE_UNITS` differ by factors of 57 and more, scale factors of sensors by some per cent."""
+
 _STANDS = 0.85
 """Length of the mean acceleration in the axes of the reference, over the mean length, below which gravity turns."""
 
@@ -51,6 +58,9 @@ _FASTEST_TURN = 60.0
 """rad/s; larger numbers are no rates in rad/s."""
 
 _MAX_TRIES = 40
+"""Comparisons of motion; one without a search for the time offset counts a fifth. Chosen: more than the likely pairs of
+devices and bodies in a table; unlikely ones are left out, so that a proposal takes seconds."""
+
 _RATE_UNITS = ("rad/s", "deg/s", "mdps")
 
 

@@ -22,8 +22,16 @@ _NAMED, _UNNAMED = (0.75, 1.35), (0.9, 1.15)
 """Median lengths of accelerations in g, of columns that are named so, and of others."""
 
 _UNIT_LENGTH, _ORTHOGONAL = 0.01, 0.02
+"""Deviation of a quaternion's length from 1, as `validation.pose_checks` accepts it, and of a matrix times its
+transpose from the identity, as in `rotation_forms`."""
+
 _LARGEST_ANGLE, _FULL_TURN = 361.0, 6.4
+"""Largest number of an angle, a full turn in degrees, and the number above which angles are not in rad: 2 pi is
+6.283."""
+
 _SHORT_ARRAY = 7
+"""Columns of a numbered array that is one group: a position and a quaternion have seven."""
+
 _FEW, _FEW_BODIES = 12, 6
 """Windows of unnamed columns that are looked at, and groups of orientations."""
 

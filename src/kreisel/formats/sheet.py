@@ -29,8 +29,16 @@ _DELIMITERS = (";", "\t", ",", " ")
 _COMMENTS = ("#", "%", "//")
 _EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_BYTES = 1 << 31
+"""Bytes of text after unpacking, 2 GiB. Chosen: the text is held whole, with lists of its lines; a few packed bytes can
+stand for any number of them."""
+
 _SNIFFED = 60
+"""Lines that show the delimiter: all have as many cells. Chosen: more than those in which another character comes as
+often by chance; the first three may be a header."""
+
 _EXACT = 2.0**53
+"""Largest whole number up to which float64 holds all of them (IEEE 754)."""
+
 _POINT = re.compile(r"\d\.\d|^\s*-?\.\d")
 
 

@@ -19,6 +19,9 @@ SLOWEST_IMU, SLOWEST_POSES, FASTEST = 5.0, 0.05, 20e3
 
 _SHORTEST, _LONGEST = 2.0, 1e6  # s
 _ASCENDING = 0.98
+"""Share of the steps of a time that do not go back. Chosen: packets may be exchanged, and a clock set, now and then;
+values that are no time go back in half of the steps."""
+
 _ALIKE = 0.6
 """Points by which one time must be better than another to be preferred."""
 

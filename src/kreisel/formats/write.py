@@ -17,7 +17,7 @@ from kreisel.recording.recording_settings import RecordingSettings
 
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 _POSITION_HEADER = ",p_x [m],p_y,p_z"
-_ROWS = 20_000
+_ROWS = 20_000  # rows written at once; chosen: 2 MB of text, and few calls for each row
 _QUATERNION_HEADER = ",q_w [],q_x,q_y,q_z"
 
 

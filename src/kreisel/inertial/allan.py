@@ -13,6 +13,8 @@ FLOOR = 0.664
 """Floor of the Allan deviation over the bias instability B: sqrt(2 ln 2 / pi)."""
 
 _PER_DECADE, _MISFIT = 10, 0.1
+"""Cluster sizes in a decade, and relative uncertainty of a point besides that of its average. Chosen: more sizes are
+averages of nearly the same readings; no sensor has just the noises of the model."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ EARTH_RATE = 7.292115e-5
 """rad/s; WGS 84 (NIMA TR8350.2, third edition, table 3.1)."""
 
 _GAMMA_EQUATOR = 9.7803253359  # m/s^2, TR8350.2 table 3.4
-_SOMIGLIANA_K = 0.00193185265241
-_ECCENTRICITY_SQUARED = 6.69437999014e-3
-_SEMI_MAJOR_AXIS = 6378137.0  # m
-_FLATTENING = 1.0 / 298.257223563
-_M = 0.00344978650684
+_SOMIGLIANA_K = 0.00193185265241  # of Somigliana's formula, TR8350.2 table 3.4
+_ECCENTRICITY_SQUARED = 6.69437999014e-3  # first eccentricity squared, TR8350.2 table 3.3
+_SEMI_MAJOR_AXIS = 6378137.0  # m, TR8350.2 table 3.1
+_FLATTENING = 1.0 / 298.257223563  # TR8350.2 table 3.1
+_M = 0.00344978650684  # omega^2 a^2 b / GM, TR8350.2 table 3.4
+"""WGS 84 (NIMA TR8350.2, third edition)."""
 
 
 def normal_gravity(latitude: float, height: float = 0.0) -> float:

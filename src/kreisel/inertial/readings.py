@@ -22,6 +22,8 @@ EXCERPT = 8
 
 _REACH = 6  # samples around an interval that enter its integral
 _HELD = 4
+"""Prepared chunks that are kept: 20 MB each, 300 bytes a sample (decision 10 in docs/decisions). Chosen: tasks that run
+side by side are in different chunks."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ REACH = SAMPLES // 2
 """Samples before and after the one whose derivatives are wanted."""
 
 DEGREE = 3
+"""Of the polynomial: a cubic has the first and the second derivative; noise and error of it are stated above."""
 
 LONGEST_GAP = 0.05
 """Seconds between two samples, and at least five usual intervals, beyond which no cubic reaches across."""

@@ -22,6 +22,9 @@ _JOINTS = 9
 """Joints of an arm whose parameters can be named."""
 
 _MIN = 1e-12
+"""SI; least deviation that can be stated, besides 0. Chosen: nobody knows a parameter so well; who means that it is
+known exactly states 0, and its square, 1e-24, would be lost in rounding beside others."""
+
 _PAIR = re.compile(r"^(?P<value>.*\S)\s*(?:\+-|±|\+/-)\s*(?P<sd>\S.*)$", re.S)
 
 

@@ -16,6 +16,8 @@ from kreisel.geometry.rotation import Array
 from kreisel.preparation.preparation import Preparation
 
 _MIN_WINDOWS = 20
+"""Windows of a fit. Chosen: their 60 equations are three times the 18 unknowns: couplings, offsets, lever arm, scale,
+and direction of gravity."""
 
 _SEPARABLE, _USUAL_NOISE = 0.05, 0.1
 """Deviation of the positions' scale up to which the motion tells accelerations from those of a lever arm, with this

@@ -20,8 +20,16 @@ from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.windows import HALF_WINDOW, Windows
 
 _HALF_WINDOW_WITHOUT_POSITIONS = 3.0
+"""s; half of a window whose mean acceleration is taken for zero. Chosen: of positions within a metre of the middle it
+is below 0.5 m/s^2, 4 m over 3 s squared; of longer ones there are fewer, and the attitude drifts in them."""
+
 _STANDSTILL_WEIGHT = 20.0
+"""Weight of a standstill, over that of a window without positions. Chosen: in a window the mean acceleration is some
+tenths of m/s^2, at standstill a twentieth of that at most."""
+
 _ROUNDS = 8
+"""Solutions, each with weights by the residuals of the one before. Chosen: the result is a start value, with twenty
+times its deviation (`start_values.START_INFLATION`), and need not be settled."""
 
 
 def acceleration_windows(

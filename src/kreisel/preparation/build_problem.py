@@ -47,7 +47,13 @@ _SENSOR = "imu0"
 """Name of the only sensor of a recording."""
 
 _MIN_NOISE = 0.1
+"""Share of the reference's assumed noise that passes may find at least. Chosen: errors that last make small
+differences, which must not be taken for a reference without noise."""
+
 _HALF_A_CHAIN = math.sqrt(2.0)
+"""Errors of the base frame, and of the tool frame, over those of one placement: as of two that are independent. Chosen;
+see docs/explanation/robot-errors.md."""
+
 _AXIS_SD = 0.02
 """rad; how far an arm of which nothing is stated may turn about another axis than it reports."""
 

@@ -16,6 +16,8 @@ from kreisel.synchronization.clock_jump import ClockJump, find_clock_jump
 from kreisel.synchronization.lost_samples import find_lost_samples
 
 _ROUNDS_OF_LOSSES = 3
+"""Searches for lost samples: with the first ones restored the clocks' line is a better one, and may show others.
+Chosen: searches end as soon as nothing is found; each costs a further fit of the rates."""
 
 _MIN_SURE_SHARE = 0.3
 """Share of the poses that must not depend on where samples were lost."""

@@ -39,7 +39,12 @@ MAX_SCALE = 1.06
 """Largest accepted factor between the motion by the positions and by the accelerometers, scaled by gravity."""
 
 _LENGTHS = {"mm": 1e3, "cm": 100.0, "in": 39.37, "ft": 3.281, "km": 1e-3}
+"""Numbers of a metre in other units, by definition: an inch is 25.4 mm, a foot 304.8 mm. A unit is named that fits
+within 25 %, so that four digits are enough."""
+
 _RATES = {"deg s^-1": 57.2958, "mdps": 57295.8, "deg/h": 206265.0, "rad s^-1": 1.0 / 57.2958}
+"""Numbers of a rate in other units, over those in the unit assumed: 180 / pi; the last is of rates in rad/s that are
+stated to be in deg/s. A unit is named that fits within 40 %."""
 
 
 def check_start_values(preparation: Preparation) -> None:

@@ -29,6 +29,8 @@ from kreisel.synchronization.fits import RateFit
 from kreisel.tasks import Executor, sequential
 
 _ROUNDS_WITHOUT_ATTITUDE = 4
+"""Rounds in which attitude and accelerometers are found in turn, from positions alone. Chosen: the lever arm of a round
+improves the attitude of the next; these are start values, and a round takes up to eight chunks of the readings."""
 
 
 def prepare_recording(

@@ -25,9 +25,18 @@ _SMOOTHED = 0.1
 """Seconds over which poses are averaged to detect slow motion."""
 
 _WINDOW = 0.2
+"""s of readings that are judged together. Chosen: equal to `MIN_SECONDS`, so that the shortest standstill fills a
+window."""
+
 _STEPS = 10
+"""Windows that begin within the length of one: every 20 ms. Chosen: less than `MARGIN`, so that a standstill loses
+little; one at every sample would be eight times as many at 400 Hz."""
+
 _ALWAYS_STILL = (0.01, 0.05)
 _NEVER_STILL = (0.06, 0.8)
+"""rad/s and m/s^2: least and largest threshold of the scatter in a window, otherwise three times that of the quietest
+tenth. Chosen: with good sensors vibration of an arm at standstill must not count as motion; the scatter of a machine
+that never stands still must not count as a standstill."""
 
 
 def find_standstills(

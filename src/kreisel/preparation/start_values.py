@@ -25,14 +25,23 @@ START_INFLATION = 20.0
 """Start deviations of the filter over those of the least squares fits, which neglect correlation in time."""
 
 _CROSS_COUPLING_SD = 0.05
+"""Relative; deviation of the scale factors of an unknown IMU, and the largest of a start value. Chosen: 2.5 times that
+of the cheapest grade, 0.02."""
+
 _NON_ORTHOGONALITY = 0.015
+"""rad; deviation of the mean coupling of two axes. Chosen: above `misalignment_sd` of all grades, 10 mrad at most;
+decision 21 in docs/decisions takes 15 mrad, too."""
+
 _TURN = 0.2
 """rad; standard deviation of the mount found from the rates."""
 
-_NORTH_SD = 0.7
+_NORTH_SD = 0.7  # of each component of a level vector of unit length and unknown direction: the root of 1/2
 EARTH_SD = 3**-0.5  # of each component of a vector of unit length and unknown direction
-_POLYNOMIAL_SD = (0.02, 0.005)
+_POLYNOMIAL_SD = (0.02, 0.005)  # SI, gyros and accelerometers; chosen: `usual_sd` of these groups in `model.groups`
+
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02
+"""rad/s, m/s^2 and relative: least start deviations if polynomials are estimated, which the fits do not have. Chosen:
+polynomials of `_POLYNOMIAL_SD` add as much to readings of 0.7 rad/s and 0.8 g."""
 
 _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 """rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""

@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import RobotSample, checked_stamp, finite
 
-MAX_BYTES = 65507
+MAX_BYTES = 65507  # of a UDP datagram over IPv4: 65535 less the headers, 20 and 8 (RFC 791, RFC 768)
 _NAME = "EGM"
-_DEGREE = math.pi / 180.0
-_VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5
+_DEGREE = math.pi / 180.0  # rad
+_VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5  # wire types, by the encoding of Protocol Buffers
 _DATA = 2  # MSGTYPE_DATA
 
 

@@ -24,10 +24,10 @@ MAX_BYTES = 4096
 """Largest number of bytes of a telegram."""
 
 _NAME = "EthernetKRL"
-_DEGREE = math.pi / 180.0
+_DEGREE = math.pi / 180.0  # rad
 _AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
-_MAX_NUMBER = 2**31 - 1
+_MAX_NUMBER = 2**31 - 1  # largest INT of KRL: 32 bits with a sign
 
 
 class Doing(IntEnum):

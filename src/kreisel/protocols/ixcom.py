@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, checked_stamp, finite
 
-SYNC = 0x7E
-IMURAW, COMMAND, RESPONSE = 0x00, 0xFD, 0xFE
+SYNC = 0x7E  # first byte of a frame
+IMURAW, COMMAND, RESPONSE = 0x00, 0xFD, 0xFE  # kinds of messages, as in ixcom 1.3.10, iMAR's own client
 CHANNEL = 5
 """Command that opens (1) or closes (0) a channel."""
 
@@ -27,8 +27,8 @@ _HEADER = struct.Struct("<BBBBHHII")
 _BOTTOM = struct.Struct("<HH")
 _IMU = struct.Struct("<6f")
 _LOG = struct.Struct("<HHBBHH")
-_MIN_LENGTH, _MAX_LENGTH = _HEADER.size + _BOTTOM.size, 4096
-_WEEK = 7 * 24 * 3600
+_MIN_LENGTH, _MAX_LENGTH = _HEADER.size + _BOTTOM.size, 4096  # bytes of a frame; 4096 is chosen: IMURAW has 44
+_WEEK = 7 * 24 * 3600  # s
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,10 @@ MAX_BYTES = 4096
 COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
 _NAME = "CSV line"
-_TIME = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
-_RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": DEG, "deg/s": DEG, "dps": DEG}
+_TIME = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}  # ns
+_RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": DEG, "deg/s": DEG, "dps": DEG}  # rad/s
 _RATE["mdps"] = 1e-3 * _RATE["dps"]
-_FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": MG}
+_FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": MG}  # m/s^2
 _UNITS = {"w": _RATE, "a": _FORCE}
 _CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
 

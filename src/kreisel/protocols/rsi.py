@@ -20,7 +20,7 @@ MAX_BYTES = 8192
 
 _NAME = "RSI"
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
-_DEGREE = math.pi / 180.0
+_DEGREE = math.pi / 180.0  # rad
 _DELAY = re.compile(rb'<Delay\s+D="(\d{1,9})"')
 
 

@@ -44,7 +44,7 @@ MAX_BYTES = 4096
 """Largest number of bytes of a package."""
 
 _NAME = "RTDE"
-_RUNNING = 7
+_RUNNING = 7  # robot_mode of an arm that can move, by the fields of RTDE; see `MODES`
 _INTEGERS = ("UINT8", "INT32", "UINT32")
 _HEAD = struct.Struct(">HB")
 _VERSION, _TEXT, _CONTROLLER, _DATA = b"VMvU"

@@ -17,7 +17,7 @@ MAX_BYTES = 1 << 20
 """Largest number of bytes of a package."""
 
 _HEAD = struct.Struct(">IB")
-_STATE, _MODE = 16, 0
+_STATE, _MODE = 16, 0  # kinds of a package and of a part; see above
 _FLAGS = struct.Struct(">Q7B")
 
 

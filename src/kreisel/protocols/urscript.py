@@ -10,7 +10,7 @@ from kreisel.errors import ProtocolError
 _NAME = "URScript"
 _NUMBER = r"\s*[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?\s*"
 _MOVE = re.compile(rf"movej\(\[({_NUMBER}(?:,{_NUMBER}){{5}})\],a=({_NUMBER}),v=({_NUMBER})\)")
-MAX_BYTES = 4096
+MAX_BYTES = 4096  # of a line; chosen: a move of six joints has below 200
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ from kreisel.geometry.kuka import from_abc, to_abc
 from kreisel.protocols.framing import Splitter
 from kreisel.protocols.samples import RobotSample, finite
 
-MAX_BYTES = 4096
-READ, WRITE = 0, 1
+MAX_BYTES = 4096  # of a message; chosen: a pose has below 300
+READ, WRITE = 0, 1  # modes; see above
 _NAME = "KUKAVARPROXY"
 _HEAD = struct.Struct(">HH")
 _PAIR = re.compile(r"([A-Za-z]\w*)\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)")
-_DEGREE = math.pi / 180.0
+_DEGREE = math.pi / 180.0  # rad
 
 
 @dataclass(frozen=True, slots=True)

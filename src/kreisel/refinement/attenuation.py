@@ -33,6 +33,8 @@ _HOW_WELL = 0.25
 """Relative deviation of the power of the noise, and so of the shift."""
 
 _MAX_DRAWS = 4
+"""Draws of the added noise, each of two passes, with either sign. Chosen: recordings of less than a hundred updates, a
+quarter of `_ENOUGH`, do not take more passes."""
 
 _LOCAL = 1.0
 """s; time over which the size of the noise may change."""

@@ -19,7 +19,7 @@ from kreisel.study.truth_comparison import GroupError
 from kreisel.units import MG
 
 _AXES = "xyz"
-_PANEL = 150
+_PANEL = 150  # px; chosen: half of `plots.HEIGHT`
 _BOUNDS = (0.1, 0.01)
 """mg: what the paper reached, and what a good cell reaches."""
 

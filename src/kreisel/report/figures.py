@@ -29,7 +29,12 @@ AXES = "xyz"
 GROUP_LABELS = {group.name: group.symbol for group in REGISTRY}
 
 _PANEL = 130
+"""px; height of one of several panels. Chosen: less than half of `plots.HEIGHT`, because two or three stand
+together."""
+
 _SETTLED = 6.0
+"""Deviation, over the last one, from which the axis shows an estimate. Chosen: with more of the beginning the end is a
+line, with less the figure does not show how it settles. It was 10 at first."""
 
 
 def excitation_figures(e: Excitation) -> list[Figure]:

@@ -31,6 +31,9 @@ SLOW = 0.5
 
 _TURNS = (0.2, 2.9)  # rad; range of rotation angles for which the axis is well defined
 _MAX_POSES = 60
+"""Poses that a new one is compared with; the first of all is kept. Chosen: poses come up to 500 times a second, and
+each comparison must be short against the interval."""
+
 _AGAIN = 2  # poses in a row that must disagree
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, matrix, roll_pitch_yaw
 
-_JOINTS = 6
+_JOINTS = 6  # of all arms in models/arms.csv
 _AXIS = ("axis_x", "axis_y", "axis_z")
 
 

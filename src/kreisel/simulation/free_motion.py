@@ -14,6 +14,8 @@ IMU_RATE, FINE, POSES = 200.0, 10, 2
 """Samples a second, steps of the integration in a sample, samples between two poses."""
 
 LATITUDE_DEG, GRAVITY = 50.0, 9.8107
+"""deg and m/s^2: a chosen place, and normal gravity there at sea level (`inertial.earth`)."""
+
 GYRO_NOISE, ACCEL_NOISE = 3e-5, 3e-4
 """Densities, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz)."""
 

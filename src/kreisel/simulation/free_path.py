@@ -14,6 +14,7 @@ from kreisel.robot.motion import Timeline
 from kreisel.simulation.device_errors import smooth_step
 
 _SINES = 5
+"""Sines of each coordinate. Chosen: enough that a motion does not repeat itself; each is computed for every sample."""
 
 _ON_GROUND, _RAMP = 3.0, 4.0
 """s after landing, and in which a flight begins and ends."""

@@ -10,6 +10,9 @@ from kreisel.errors import SettingsError
 Result = TypeVar("Result")
 
 _RETRIES = 3
+"""Further attempts at a trial that fails. Chosen: a fault of a machine passes; a defect of the code fails again, and
+ends the study soon."""
+
 _ANSWER = 10.0
 """Longest time for a scheduler to answer, s."""
 

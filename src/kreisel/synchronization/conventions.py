@@ -21,7 +21,12 @@ EXPLAINED = 0.8
 
 _MARGIN = 0.2
 _MIN_SHARE = 0.6
+"""Shares of the accelerations: by which one way to read quaternions must exceed another, and which it must explain.
+Chosen: the right one explains all but noise; of a wrong one the matrix of the fit takes up a part."""
+
 _MIN_WINDOWS = 15
+"""Windows of a fit. Chosen: their 45 equations are about four times the 12 unknowns, a matrix and gravity."""
+
 _READINGS: dict[str, Callable[[Array], Array]] = {
     "as their conjugates (turns from r to b): change the sign of q_x, q_y, q_z, and if the positions are those of r in "
     "b, too, invert them (p = -C(q)^T p)": conjugate,

@@ -24,12 +24,31 @@ MIN_CORRELATION = 0.6
 """Smallest correlation coefficient of two streams of the same motion."""
 
 _COARSE_POINTS = 12000
+"""Points of a norm in the first search. Chosen: six minutes at 0.03 s and 50 minutes at 0.25 s, the finest and the
+coarsest step; each clock ratio takes Fourier transforms of them."""
+
 _FINE_POINTS = 1_000_000
+"""Points of a norm after it. Chosen: 8 MB for an array; ten hours have a step of 36 ms."""
+
 _MAX_SEARCHED = 3600.0
+"""s of the reference, around its middle, that the first search takes. Chosen: an hour is enough to find the clocks by;
+time and memory of the search increase with the length."""
+
 _SURE = 0.97
+"""Coefficient from which no other search follows. Chosen between `MIN_CORRELATION` and 1, that of streams without
+noise: a right relation may stay below it where the streams overlap in part, and further searches only take time."""
+
 _SURE_IN_PART = 0.93
+"""Coefficient of a part, from which it is believed. Chosen between `MIN_CORRELATION` and `_SURE`: a short interval fits
+fairly well in many places."""
+
 _MIN_OVERLAP = 0.25
+"""Share of the shorter stream that must overlap, in the search of parts. Chosen: shorter ones fit by chance in many
+places."""
+
 _GAP = 0.3
+"""s without poses or samples, and several intervals, over which a norm is not known. Chosen: five windows of the
+average, 0.06 s; between poses that are farther apart a part of a move is missing."""
 
 
 @dataclass(frozen=True)

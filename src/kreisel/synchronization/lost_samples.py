@@ -34,7 +34,12 @@ _MAX_AT_ONCE = 3
 """Samples lost between two poses that are used."""
 
 _MIN_GAIN, _ALIKE = 50.0, 10.0
+"""Chi-square by which lost samples must be better than a slower clock, and may be worse than a clock that only jumps:
+at rest the two are the same. With the first, none were found where none are lost (decision 17 in docs/decisions); the
+second is chosen."""
+
 _MAX_WORK = 50_000_000
+"""Poses times shifts that are tried. Chosen: 14 bytes are kept of each, 0.7 GB."""
 
 _SURE = 80.0
 """Chi-square by which another place of lost samples is excluded."""
@@ -43,14 +48,19 @@ _LITTLE = (2e-4, 2e-4)
 """m and rad; motion during one interval that poses hardly show."""
 
 _CAP = 25.0
+"""Largest chi-square of one pose, three components. Chosen: five deviations; a single outlier costs no more, and does
+not decide which path is the best."""
+
 _FARTHEST = 0.1
 """Largest shift of the clock beside the straight line, s."""
 
 _SCALE_ERROR, _RATE_ERROR = 1e-3, 3e-4
 """Of the gyros' preliminary matrix, and of their rates, rad/s lasting a second, which let the attitudes drift apart."""
 
-_NAMED = 8
+_NAMED = 8  # places named in the warning; chosen: it stays a short one
+
 _ROUNDS = 4
+"""Searches with the noise of the one before. Chosen: they end once the noise changes by less than a tenth."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from kreisel.synchronization.clock import Clock
 HALF_WINDOW = 0.25
 """Half the length of a second difference, s."""
 
-_NEAR_GAP = 1.0
+_NEAR_GAP = 1.0  # s; the attitude is smoothed over a second (`preparation.attitude`)
 
 
 @dataclass(frozen=True)

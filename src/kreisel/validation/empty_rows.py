@@ -30,6 +30,8 @@ POSITION, QUATERNION = ("p_x", "p_y", "p_z"), ("q_w", "q_x", "q_y", "q_z")
 """Names of the numbers of a pose, for messages."""
 
 _ZERO_LENGTH = 1e-3
+"""Size of all four numbers of a quaternion that is none. Chosen: one of a unit quaternion is 0.5 at least."""
+
 _JUMP = 4.0
 """Steps at the ends of a run of zeros, in steps that nine of ten do not exceed, that no motion makes."""
 

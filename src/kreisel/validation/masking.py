@@ -24,11 +24,27 @@ MAX_MASKED = 0.02
 """Share of all samples that may be left out because of one kind of fault."""
 
 _LONG_FREEZE = 8
+"""Repetitions of all channels from which readings are frozen; fewer are those of a log that is faster than the sensor.
+Chosen: a sensor at 125 Hz repeats seven times in a log at 1 kHz."""
+
 _STUCK = 20
+"""Repetitions of one channel, while others change, from which it is stuck or saturated. Chosen: a channel that rarely
+repeats a value does not repeat it twenty times in a row."""
+
 _SPIKE = 30.0
+"""Size of a step, in usual ones, from which it is none of a motion. Chosen: above shocks, which last for several
+samples and make the usual steps larger; a step is a small part of a reading, and spikes of the virtual cell are ten
+usual readings high."""
+
 _OVERLAP = 512
-_MAX_ROUNDS = 4
+"""Samples of the chunk before that are looked at again. Chosen: more than the 200 beside a stay that decide about
+it."""
+
+_MAX_ROUNDS = 4  # searches without what was found before; chosen: they end as soon as nothing is found
+
 _ENOUGH = 20_000
+"""Steps of which a percentile is taken. Chosen: 200 of them lie above the 99th, known to 7 %, the root of 1 / 200."""
+
 _BESIDE = 1
 """Samples on either side of a saturated one that are left out too: a filter in the sensor has rounded the edge."""
 

@@ -21,10 +21,23 @@ MAX_INTERPOLATED = 0.02
 """Share of poses that may have been interpolated through a change of sign."""
 
 _SHORT = 0.01
-_LONG_FREEZE = 8
+"""By which a quaternion that was interpolated is too short. Chosen: the deviation of the length that is accepted
+otherwise."""
+
+_LONG_FREEZE = 8  # repetitions of a pose from which it is frozen; as in `masking`
+
 _MAX_IN_A_ROW = 3
+"""Poses in a row that jump away from their neighbours. Chosen: longer runs are looked for by `_tracked`, with the wider
+limits of `_impossible`, because a body may really move away and back."""
+
 _AWAY = 2.0
+"""s in which poses that jumped away return. Chosen: the IMU bridges the motion meanwhile; a jump that stays longer may
+be a frame that was set anew."""
+
 _FAST = 20.0
+"""Steps, in those that nine of ten do not exceed, and usual speed, m/s, that no body makes. Chosen: arms and hands move
+by a few m/s (`_QUICK`), and positions in mm show a thousand times as much."""
+
 _QUICK = (5.0, 10.0)
 """m/s and rad/s; steps from pose to pose that are slower than this may be motion, however large they are."""
 

@@ -9,6 +9,8 @@ from kreisel.errors import SettingsError
 
 _PROGRAMS = ("kreisel.src", "kreisel.dat", "kreisel_serial.src", "kreisel_serial.dat")
 _CONNECTIONS = {"KreiselMove.xml": 54600, "KreiselState.xml": 54601}
+"""TCP ports in the files of the connections: the first two of those for EthernetKRL on a KUKA controller, 54600 to
+54615."""
 
 
 def write_krl(folder: Path, ip: str, port: int) -> list[Path]:
