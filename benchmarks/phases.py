@@ -1,7 +1,7 @@
 """Where the time of ``kreisel calibrate`` goes: ``python -m benchmarks.phases [RECORDING]``.
 
 Without a recording, ten minutes at 400 Hz of the virtual cell are made and read back from CSV. Phases are timed
-in one process, one after another, as the command runs them; the filter also in strapdown passes.
+as the command runs them, in threads where it uses them; indented are the steps that a calibration reports.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def main(folder: Path | None) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         measured, unit = _calibrated(folder or _simulated(Path(scratch)), Path(scratch))
     phases = started.phases | measured
-    total = sum(phases.values())
+    total = sum(seconds for name, seconds in phases.items() if not name.startswith(" "))
     for name, seconds in phases.items():
-        print(f"{name:28s} {seconds:7.3f} s {100 * seconds / total:5.1f} %")
-    print(f"{'sum':28s} {total:7.3f} s; one strapdown pass {unit * 1e3:.2f} ms")
+        print(f"{name:28s} {seconds:7.3f} s {100 * seconds / total:5.1f} % {seconds / unit:6.0f} passes")
+    print(f"{'sum':28s} {total:7.3f} s; {total / unit:.0f} strapdown passes of {unit * 1e3:.2f} ms")
 
 
 def _simulated(scratch: Path) -> Path:
@@ -55,52 +55,45 @@ def _simulated(scratch: Path) -> Path:
 
 def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     """Return the duration of each phase of a calibration, and of a strapdown pass over the same samples, s."""
-    from kreisel.calibration.assembly import Assessment, assemble
-    from kreisel.calibration.cross_validation import cross_validate
-    from kreisel.calibration.evidence import Evidence
-    from kreisel.calibration.inflation import with_unestimated_errors
-    from kreisel.calibration.latitude_check import check_latitude
-    from kreisel.calibration.outcome import Outcome
-    from kreisel.calibration.split_halves import halves_disagreement, split_halves
-    from kreisel.calibration.verdict import consistency, judge
+    from kreisel.calibration.calibrate import run_calibration
     from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
-    from kreisel.kalman.sigma_point_filter import SigmaPointFilter
     from kreisel.model.calibration_settings import CalibrationSettings
-    from kreisel.preparation.build_problem import build_problem
-    from kreisel.preparation.prepare import prepare_recording
-    from kreisel.refinement.iteration import StatedFigures, estimate
-    from kreisel.refinement.observability import observability
     from kreisel.report.report_page import write_report
 
     laps = _Laps()
     recording = load(folder)
     laps.end("read and check")
-    settings = CalibrationSettings()
-    preparation = prepare_recording(recording, settings)
-    laps.end("synchronise, start values")
-    problem = build_problem(preparation, settings)
-    laps.end("build the problem")
-    found = with_unestimated_errors(estimate(problem, StatedFigures(reference=True, imu=True), SigmaPointFilter()))
-    laps.end(f"filter, {found.passes} pass(es)")
-    halves = split_halves(found, executor=in_threads)
-    latitude, cross = in_threads([lambda: check_latitude(found), lambda: cross_validate(found)])
-    laps.end("halves, latitude, validation")
-    more = halves_disagreement(found, halves)
-    found = found.adding(more.contributions, more.warnings)
-    seen, facts = observability(found.problem, found.deviation), consistency(found, preparation.correlation)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude))
-    calibration = assemble(recording, found, Assessment(seen, facts, verdict, 0.0), found.warnings)
-    laps.end("judge, assemble")
-    calibration.write(scratch)
+    steps = _Steps()
+    outcome = run_calibration(recording, CalibrationSettings(), steps, executor=in_threads, validate=True, budget=True)
+    laps.end("calibrate")
+    outcome.calibration.write(scratch)
     laps.end("write the result")
-    outcome = Outcome(
-        recording, preparation, found.problem, found, seen, facts, halves, verdict, found.warnings, calibration, cross
-    )
     write_report(outcome, scratch / "report.html")
     laps.end("report")
+    phases = dict(laps.phases)
+    phases |= {f"  {name}": seconds for name, seconds in steps.ended().items()}
     imu = recording.imu
-    return laps.phases, yardstick.seconds(imu.rates, imu.accelerations, imu.interval)
+    return phases, yardstick.seconds(imu.rates, imu.accelerations, imu.interval)
+
+
+class _Steps:
+    """Durations of the steps that a calibration reports, each until the next is reported."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = {}
+        self._at, self._step = time.perf_counter(), "start"
+
+    def __call__(self, step: str, _share: float) -> None:
+        """Note the progress of a step; those by threads are reported by whichever is last."""
+        now = time.perf_counter()
+        self._seconds[self._step] = self._seconds.get(self._step, 0.0) + now - self._at
+        self._at, self._step = now, step
+
+    def ended(self) -> dict[str, float]:
+        """Return the durations of all steps."""
+        self(self._step, 1.0)
+        return self._seconds
 
 
 if __name__ == "__main__":

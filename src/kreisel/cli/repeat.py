@@ -27,21 +27,36 @@ def repeat(
     from kreisel.calibration.repeatability import repeatability
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
-    from kreisel.errors import SettingsError
+    from kreisel.errors import (
+        EstimationError,
+        ExcitationError,
+        RecordingError,
+        SettingsError,
+        SynchronizationError,
+    )
     from kreisel.model.stated_parameters import parse_fixed
 
     if len(recordings) < 2:
         raise SettingsError("give two or more recordings of one device")
     if output is not None:
         check_output(output)
-    names = names_of(recordings)
-    calibrations = {name: _calibration(path, parse_fixed(fix)) for name, path in zip(names, recordings, strict=True)}
-    accepted = {name: one for name, one in calibrations.items() if one.accepted}
-    left_out = [name for name in names if name not in accepted]
+    names, fixed = names_of(recordings), parse_fixed(fix)
+    accepted, left_out = {}, {}
+    for name, path in zip(names, recordings, strict=True):
+        try:
+            one = _calibration(path, fixed)
+        except (RecordingError, SynchronizationError, ExcitationError, EstimationError) as error:
+            if not path.exists():
+                raise
+            left_out[name] = str(error)
+            continue
+        if one.accepted:
+            accepted[name] = one
+        else:
+            left_out[name] = f"rejected: {one.verdict.reasons[0]}"
     if len(accepted) < 2:
-        raise SettingsError(
-            f"fewer than two results are accepted (rejected: {', '.join(left_out)}); nothing to compare"
-        )
+        why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+        raise SettingsError(f"fewer than two results are accepted ({why}); nothing to compare")
     runs, found = list(accepted), repeatability(list(accepted.values()))
     facts = _facts(found, left_out)
     document = _document(found, runs, left_out)
@@ -76,12 +91,10 @@ def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
     return outcome.calibration
 
 
-def _facts(found: tuple[Repeated, ...], left_out: list[str]) -> list[str]:
+def _facts(found: tuple[Repeated, ...], left_out: dict[str, str]) -> list[str]:
     from kreisel.calibration.repeatability import MAY_CHANGE
 
-    facts = []
-    if left_out:
-        facts.append(f"Rejected, and not compared: {', '.join(left_out)}.")
+    facts = [f"{name} is not compared; {reason}" for name, reason in left_out.items()]
     large = [one for one in found if one.too_large and one.name not in MAY_CHANGE]
     if large:
         worst = ", ".join(f"{one.title.lower()} (x {one.factor:.1f})" for one in large)
@@ -94,7 +107,7 @@ def _facts(found: tuple[Repeated, ...], left_out: list[str]) -> list[str]:
     return facts
 
 
-def _document(found: tuple[Repeated, ...], runs: list[str], left_out: list[str]) -> dict[str, Any]:
+def _document(found: tuple[Repeated, ...], runs: list[str], left_out: dict[str, str]) -> dict[str, Any]:
     import numpy as np
 
     def numbers(values: Any) -> Any:
@@ -104,7 +117,8 @@ def _document(found: tuple[Repeated, ...], runs: list[str], left_out: list[str])
 
     return {
         "runs": runs,
-        "rejected": left_out,
+        "rejected": list(left_out),
+        "reasons": left_out,
         "quantities": {
             one.name: {
                 "unit": one.unit,

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.synchronization.clock import MAX_SKEW
+from kreisel.synchronization.clock import USUAL_SKEW
 from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 
 Indices = Callable[[int, int], tuple[str, ...]]
@@ -251,7 +251,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ),
     ParameterGroup(
         "time_skew", "ratio of the clocks, less one", "s",
-        "cell", "timing.skew", _one, "ppm", PPM, MAX_SKEW, shape=lambda _: (), limits=(-0.02, 0.02),
+        "cell", "timing.skew", _one, "ppm", PPM, USUAL_SKEW, shape=lambda _: (), limits=(-0.02, 0.02),
     ),
     ParameterGroup(
         "position_scale", "scale of the reported positions, less one", "s<sub>p</sub>",

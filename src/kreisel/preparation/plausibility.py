@@ -138,7 +138,7 @@ def _check_clocks(preparation: Preparation) -> None:
         )
     if abs(fit.clock.skew) > MAX_SKEW + 5.0 * fit.clock.skew_sd:
         raise SynchronizationError(
-            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 1 % at the "
+            f"{source}: the clocks of reference and IMU differ by {100 * fit.clock.skew:+.2f} %, expected 2 % at the "
             "most: look for lost samples, or stamps counted up at a wrong rate"
         )
 

@@ -18,7 +18,7 @@ from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParamete
 from kreisel.model.robot_model import RobotModel
 from kreisel.preparation.attitude import alignment_from_gravity
 from kreisel.preparation.preparation import ImuNoise, Preparation
-from kreisel.synchronization.clock import MAX_SKEW
+from kreisel.synchronization.clock import USUAL_SKEW
 from kreisel.units import DEG
 
 START_INFLATION = 20.0
@@ -139,7 +139,7 @@ def stated_prior(preparation: Preparation, order: int) -> tuple[CellParameters, 
         "lever_arms": np.full(9, _LEVER_ARM_SD),
         "alignment": np.full(2, _TILT_SD),
         "time_offset": np.array([_CLOCK_SD]),
-        "time_skew": np.array([MAX_SKEW]),
+        "time_skew": np.array([USUAL_SKEW]),
         **_deviations_without_fit(preparation, order),
     }
     covariance = {group: np.diag(sd**2) for group, sd in deviation.items()}

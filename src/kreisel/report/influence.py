@@ -114,6 +114,6 @@ def _largest(splits: Sequence[Split], quantity: str, sensor: str) -> Split | Non
 
 def _short(quantity: str) -> str:
     """Return a quantity as a short text for an axis."""
-    for long, short in (("angle of joint ", "A"), ("gravity along ", "g "), ("sense of rotation about ", "turn ")):
+    for long, short in (("angle of joint ", "A"), ("gravity along ", "g "), ("sense of rotation about ", "ω ")):
         quantity = quantity.replace(long, short)
     return quantity.replace("position ", "at ").replace("temperature", "temp.")

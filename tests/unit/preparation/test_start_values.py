@@ -21,7 +21,7 @@ from kreisel.preparation.start_values import (
     starting_point,
     stated_prior,
 )
-from kreisel.synchronization.clock import MAX_SKEW
+from kreisel.synchronization.clock import USUAL_SKEW
 
 from ...oracle.quaternions import rotate
 from ...small_problem import with_fit
@@ -274,7 +274,7 @@ def test_the_prior_is_that_of_any_device_on_the_mount_found(prepared):
     sd = {group: np.sqrt(np.diag(p)) for group, p in P.items()}
     assert set(sd["gyro_offset"]) == {0.3}
     assert set(sd["accel_offset"]) == {2.0}
-    assert sd["time_skew"] == pytest.approx([MAX_SKEW])
+    assert sd["time_skew"] == pytest.approx([USUAL_SKEW])
     assert sd["lever_arms"] == pytest.approx(np.full(9, 0.2))
     assert sd["alignment"] == pytest.approx([0.3, 0.3])
     assert sd["time_offset"] == pytest.approx([1.0])
