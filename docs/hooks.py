@@ -1,10 +1,12 @@
-"""What the site has beyond its pages: generated pages, tables from data files, typeset equations."""
+"""What the site has beyond its pages: generated pages, tables and figures from data files, typeset equations."""
 
 from __future__ import annotations
 
 import csv
+import math
 import os
 import re
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +62,15 @@ TABLE = re.compile(r"^<!-- table: (data/[\w-]+\.csv) -->\n.*\n", re.M)
 """A marker, and the line after it: a link for readers of the source, which the table replaces."""
 
 
+FIGURE = re.compile(r"^<!-- figure: (data/[\w-]+\.csv) \| (.+) \| (.+) -->$", re.M)
+"""A marker: the file, the unit of the axis, and columns NAME or NAME +- NAME of deviations, separated by semicolons."""
+
+
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Put tables in the place of their markers."""
-    return TABLE.sub(lambda marker: table(Path(config.docs_dir) / marker[1]) + "\n", markdown)
+    """Put tables and figures in the place of their markers."""
+    folder = Path(config.docs_dir)
+    markdown = FIGURE.sub(lambda marker: figure(folder / marker[1], marker[2], marker[3].split("; ")), markdown)
+    return TABLE.sub(lambda marker: table(folder / marker[1]) + "\n", markdown)
 
 
 def table(path: Path) -> str:
@@ -71,6 +79,59 @@ def table(path: Path) -> str:
         header, *rows = csv.reader(stream)
     lines = [header, ["---"] * len(header), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+# Figures from data files
+
+COLOURS = ("#0b62a4", "#d1510a", "#2a8a3e")
+"""As in the report: blue, orange, green."""
+
+LEFT, RIGHT, TOP, BOTTOM, STEP = 60, 190, 16, 120, 52
+"""px; margins of a figure, and what a row of the data has."""
+
+
+def figure(path: Path, unit: str, columns: list[str]) -> str:
+    """Return points with bars of one deviation, a row of a CSV file beside another, as SVG."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    name = next(iter(rows[0]))
+    pairs = [column.split(" +- ") for column in columns]
+    rows = [row for row in rows if any(row[pair[0]] for pair in pairs)]
+    ends = [
+        float(row[pair[0]]) + sign * (float(row[pair[1]]) if len(pair) > 1 else 0.0)
+        for row in rows for pair in pairs if row[pair[0]] for sign in (-1.0, 1.0)
+    ]  # fmt: skip
+    step = 10.0 ** math.floor(math.log10(max(ends) - min(min(ends), 0.0)))
+    step *= 0.5 if (max(ends) - min(ends)) / step < 4.0 else 1.0
+    low, high = step * math.floor(min(*ends, 0.0) / step), step * math.ceil(max(ends) / step)
+    width, height = LEFT + STEP * len(rows) + RIGHT, TOP + 220 + BOTTOM
+
+    def at(value: float) -> float:
+        return TOP + 220.0 * (high - value) / (high - low)
+
+    out = [f'<svg class="figure" viewBox="0 0 {width} {height}" role="img" style="max-width: {width}px">']
+    for k in range(round((high - low) / step) + 1):
+        value, right = low + k * step, LEFT + STEP * len(rows)
+        out.append(f'<path d="M{LEFT} {at(value):.1f}H{right}" stroke="currentColor" stroke-opacity="0.2"/>')
+        out.append(f'<text x="{LEFT - 6}" y="{at(value) + 4:.1f}" text-anchor="end">{value:g}</text>')
+    out.append(f'<text transform="translate(14 {TOP + 110}) rotate(-90)" text-anchor="middle">{escape(unit)}</text>')
+    for i, row in enumerate(rows):
+        middle = LEFT + STEP * (i + 0.5)
+        out.append(f'<text transform="translate({middle:.0f} {TOP + 236}) rotate(-35)" text-anchor="end">'
+                   f"{escape(row[name])}</text>")  # fmt: skip
+        for k, pair in enumerate(pairs):
+            if not row[pair[0]]:
+                continue
+            x, value = middle + 9.0 * (k - 0.5 * (len(pairs) - 1)), float(row[pair[0]])
+            if len(pair) > 1:
+                sd = float(row[pair[1]])
+                out.append(f'<path d="M{x:.1f} {at(value - sd):.1f}V{at(value + sd):.1f}" stroke="{COLOURS[k]}"/>')
+            out.append(f'<circle cx="{x:.1f}" cy="{at(value):.1f}" r="3.5" fill="{COLOURS[k]}"/>')
+    for k, pair in enumerate(pairs):
+        x, y = LEFT + STEP * len(rows) + 14, TOP + 12 + 20 * k
+        out.append(f'<circle cx="{x}" cy="{y - 4}" r="4" fill="{COLOURS[k]}"/>')
+        out.append(f'<text x="{x + 10}" y="{y}">{escape(pair[0].partition(" (")[0])}</text>')
+    return "".join(out) + "</svg>\n"
 
 
 # Equations, as MathML

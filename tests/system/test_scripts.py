@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from kreisel.formats.write import write
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.cell_settings import Cell
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,6 +36,23 @@ def test_design_scripts_run(arguments):
     ended = run(f"design/{arguments[0]}", *arguments[1:])
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.count("\n") >= 2
+
+
+def test_the_table_of_an_arm_is_made(recordings):
+    ended = run("design/abb_arm.py", str(recordings / "abb_mpu9150_500mms_path4"))
+    assert ended.returncode == 0, ended.stderr
+    header, row = (line.split(",") for line in ended.stdout.splitlines())
+    found = dict(zip(header, row, strict=True))
+    assert found["verdict"] == "accepted"
+    assert float(found["misfit with (mrad)"]) < 0.3 * float(found["misfit without (mrad)"])
+    assert float(found["joint 5 (mrad)"]) == pytest.approx(-50.0, abs=5.0)
+
+
+def test_phases_are_timed(tmp_path):
+    write(simulate(Cell.model_validate({"seconds": 30.0}), tmp_path / "run")[1], tmp_path / "run")
+    ended = run("-m", "benchmarks.phases", str(tmp_path / "run"))
+    assert ended.returncode == 0, ended.stderr
+    assert "strapdown passes of" in ended.stdout
 
 
 def test_benchmarks_run():

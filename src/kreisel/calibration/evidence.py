@@ -44,13 +44,15 @@ class LackOfFit:
     blocks
         The blocks.
     influence : (B, n)
-        By how much each block moves the estimate of every constant parameter (`Problem.constant`).
+        By how much each block moves the estimate of every constant parameter (`Blocks.parameters`).
     variance : (B, n)
         What the model expects of the square of that.
     expected, found : (n, n)
         Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
     degrees
         Blocks that count, for they say about as much as each other.
+    names
+        Of the parameters.
     """
 
     blocks: Blocks
@@ -59,6 +61,7 @@ class LackOfFit:
     expected: Array
     found: Array
     degrees: float
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,9 @@ MIN_BLOCKS = 8
 CHANCE = 1e-3
 """Probability that a group's scatter is as large by chance."""
 
+_KNOWN_CHANCE = 0.5
+"""The same where generic terms were found: the model is known to be wrong, and what is left of an error remains."""
+
 _MIN_SHARE = 0.01
 """Share of a parameter's variance that must come from the blocks, not from its prior."""
 
@@ -76,10 +79,13 @@ def moves_in(problem: Problem, lack: LackOfFit | None) -> int:
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
     """Return the scatter of blocks about an estimate; None where there are too few."""
     ends = block_ends(found.problem)
-    if len(ends) < MIN_BLOCKS or found.problem.constant.size == 0:
+    belief = found.run.belief
+    if len(ends) < MIN_BLOCKS or found.problem.constant(belief.standard_deviation).size == 0:
         return None
-    factor = found.run.belief.factor[found.problem.constant]
-    return scatter(found.estimator.blocks(found.problem, found.run, ends, progress), factor @ factor.T)
+    blocks = found.estimator.blocks(found.problem, found.run, ends, progress)
+    factor = belief.factor[blocks.parameters]
+    names = tuple(found.problem.parameter_names[k] for k in blocks.parameters)
+    return replace(scatter(blocks, factor @ factor.T), names=names)
 
 
 def scatter(blocks: Blocks, P: Array) -> LackOfFit:
@@ -129,15 +135,15 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
     out = np.ones(problem.layout.degrees)
     if lack is None:
         return out
-    place = {int(k): i for i, k in enumerate(problem.constant)}
+    place = {int(k): i for i, k in enumerate(lack.blocks.parameters)}
     variance = found.run.belief.standard_deviation**2
     for group in SENSOR_GROUPS:
-        if group not in problem.layout or problem.layout[group].start not in place:
+        if group not in problem.layout:
             continue
         part = problem.layout[group]
-        inside = np.arange(part.start, part.stop)
-        places = np.array([place[k] for k in inside])
-        enough = np.diag(lack.expected)[places] > _MIN_SHARE * variance[part]
+        inside = np.array([k for k in range(part.start, part.stop) if k in place], dtype=np.int64)
+        places = np.array([place[k] for k in inside.tolist()], dtype=np.int64)
+        enough = np.diag(lack.expected)[places] > _MIN_SHARE * variance[inside]
         shown, own = inside[enough], places[enough]
         if own.size == 0:
             continue
@@ -149,7 +155,7 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
         scaled = lack.found[np.ix_(own, own)] / np.outer(size, size)
         degrees = lack.degrees * int(kept.sum())
         ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())
-        if ratio > chi_square_bound(CHANCE, degrees) / degrees:
+        if ratio > chi_square_bound(_KNOWN_CHANCE if found.discrepancy else CHANCE, degrees) / degrees:
             alone = np.diag(scaled) / (chi_square_bound(0.05, lack.degrees) / lack.degrees)
             out[shown] = np.sqrt(np.maximum(ratio, alone))
     return out

@@ -86,7 +86,7 @@ def compare_splits(found: Estimate, lack: LackOfFit | None) -> tuple[tuple[Split
     """
     if lack is None:
         return ()
-    problem, constant = found.problem, found.problem.constant
+    problem, constant = found.problem, lack.blocks.parameters
     factor = found.run.belief.factor[constant]
     P, out = factor @ factor.T, []
     for name, value in quantities(problem, lack.blocks.ends).items():
@@ -98,7 +98,7 @@ def compare_splits(found: Estimate, lack: LackOfFit | None) -> tuple[tuple[Split
         information = lack.blocks.information[subset].sum(axis=0)
         moved = P @ lack.blocks.score[subset].sum(axis=0)
         covariance = P @ (information - information @ P @ information) @ P
-        out += _by_group(problem, name, moved, covariance, np.diag(P), scale)
+        out += _by_group(problem, constant, name, moved, covariance, np.diag(P), scale)
     return tuple(sorted(out, key=lambda one: one[0].limit - one[0].size))
 
 
@@ -112,7 +112,7 @@ def _upper_half(value: Array, blocks: Blocks, P: Array) -> Mask:
 
 
 def _by_group(
-    problem: Problem, quantity: str, moved: Array, covariance: Array, whole: Array, scale: Array
+    problem: Problem, constant: Indices, quantity: str, moved: Array, covariance: Array, whole: Array, scale: Array
 ) -> list[tuple[Split, Array]]:
     """Return how two subsets differ in each group, with half of the differences.
 
@@ -123,7 +123,7 @@ def _by_group(
     whole, scale
         Variances of the estimate (n,), and factors on its deviations (n,).
     """
-    place = {int(k): i for i, k in enumerate(problem.constant)}
+    place = {int(k): i for i, k in enumerate(constant)}
     out = []
     for group in (g for g in SENSOR_GROUPS if g in problem.layout and g not in PASSING_GROUPS):
         part = problem.layout[group]
@@ -137,8 +137,8 @@ def _by_group(
         kept = values > _MIN_SHARE * values[-1]
         white, count = (score @ vectors[:, kept]) / np.sqrt(values[kept]), int(kept.sum())
         worst, differences = int(np.argmax(np.abs(score))), np.zeros(problem.layout.degrees)
-        differences[problem.constant[own]] = 2.0 * moved[own]
-        name = problem.parameter_names[problem.constant[own[worst]]]
+        differences[constant[own]] = 2.0 * moved[own]
+        name = problem.parameter_names[constant[own[worst]]]
         size, limit = float(np.sqrt(np.mean(white**2))), (chi_square_bound(CHANCE, count) / count) ** 0.5
         out.append((Split(quantity, group, name, float(score[worst]), size, limit), differences))
     return out

@@ -11,13 +11,15 @@ from kreisel.geometry.rotation import Array, Indices
 
 @dataclass(frozen=True)
 class Blocks:
-    """What blocks of updates say about the constant parameters; navigation and all that changes are eliminated.
+    """What blocks of updates say about constant parameters; navigation and all that changes are eliminated.
 
     Under the model scores are independent of each other and of mean zero at the true parameters, and each has its
     information as covariance.
 
     Attributes
     ----------
+    parameters : (n,)
+        Degrees of freedom of the state that are constant: `Problem.constant`.
     ends : (B,)
         Number of the update before which each block ends.
     information : (B, n, n)
@@ -26,16 +28,19 @@ class Blocks:
         Gradient of its log-likelihood at the fit. A Newton step from the fit by a block alone is information^-1 score.
     """
 
+    parameters: Indices
     ends: Indices
     information: Array
     score: Array
 
 
-def increments(ends: Indices, distance: Array, covariance: Array) -> Blocks:
+def increments(parameters: Indices, ends: Indices, distance: Array, covariance: Array) -> Blocks:
     """Return the blocks between moments at which estimate and covariance of the parameters are known.
 
     Parameters
     ----------
+    parameters : (n,)
+        Their places in the state.
     ends : (B,)
         Of the blocks.
     distance : (B + 1, n)
@@ -47,4 +52,4 @@ def increments(ends: Indices, distance: Array, covariance: Array) -> Blocks:
     scaled = covariance / np.outer(size, size)
     information = np.linalg.inv(0.5 * (scaled + np.swapaxes(scaled, 1, 2))) / np.outer(size, size)
     gradient = np.einsum("bij,bj->bi", information, distance)
-    return Blocks(ends, np.diff(information, axis=0), np.diff(gradient, axis=0))
+    return Blocks(parameters, ends, np.diff(information, axis=0), np.diff(gradient, axis=0))

@@ -58,7 +58,8 @@ class SigmaPointFilter:
 
     def blocks(self, problem: Problem, near: Fit, ends: Sequence[int], progress: StepProgress | None = None) -> Blocks:
         """Return what each block of updates says about the parameters: the increments of one pass near a fit."""
-        start, begun, constant = start_near(problem, near), narrowed_belief(problem, near), problem.constant
+        start, begun = start_near(problem, near), narrowed_belief(problem, near)
+        constant = problem.constant(near.belief.standard_deviation)
         found: list[Belief] = [begun]
         run_filter(
             problem, start, belief=begun, gate=near.gate, progress=progress, visit=dict.fromkeys(ends, found.append)
@@ -66,7 +67,7 @@ class SigmaPointFilter:
         means = np.stack([belief.mean for belief in found], axis=1)
         distance = problem.layout.minus(means, near.belief.mean)[constant].T
         covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
-        return increments(np.asarray(ends), distance, covariance)
+        return increments(constant, np.asarray(ends), distance, covariance)
 
     def linearise(
         self, problem: Problem, near: Fit, terms: Terms, progress: StepProgress | None = None

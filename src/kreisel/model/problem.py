@@ -23,6 +23,9 @@ from kreisel.recording.recording import ReferencePoses
 _CONSIDERED_SD = {"gyro_polynomial": 5e-3, "accel_polynomial": 3e-4}
 """Deviations of polynomials that nobody asked for: less than those of a device of which they are expected."""
 
+_WALKED = 0.5
+"""Walk of a parameter over a recording, in deviations of its estimate, up to which it counts as constant: a quarter of
+its variance."""
 
 _NOTHING = 1e4
 """Factor on the noise of accelerometers with which these say nothing."""
@@ -143,13 +146,13 @@ class Problem:
         passing = [np.r_[self.layout[group]] for group in PASSING_GROUPS if group in self.layout]
         return np.setdiff1d(np.arange(len(self.parameter_names)), np.concatenate([np.zeros(0, dtype=int), *passing]))
 
-    @property
-    def constant(self) -> Indices:
-        """Degrees of freedom of the lasting parameters that do not walk during the recording."""
-        walking = [
-            np.r_[self.layout[g]] for g, density in self.noise.offset_walk.items() if density and g in self.layout
-        ]
-        return np.setdiff1d(self.lasting, np.concatenate([np.zeros(0, dtype=int), *walking]))
+    def constant(self, deviation: Array) -> Indices:
+        """Return the degrees of freedom of the lasting parameters that hardly walk during the recording.
+
+        deviation: of their estimates, (degrees,).
+        """
+        walked = np.sqrt(self.walked_variance)
+        return np.setdiff1d(self.lasting, np.flatnonzero(walked > _WALKED * deviation[: walked.size]))
 
     @property
     def walked_variance(self) -> Array:

@@ -42,18 +42,24 @@ class Discrepancy:
     ----------
     found
         Families that are part of the model.
-    columns, undecided : (n, k)
-        Errors of the parameters by the amplitudes' uncertainty, and by families that may be there or not.
+    columns, undecided, remainder : (n, k)
+        Errors of the parameters by the amplitudes' uncertainty, by families that may be there or not, and by what the
+        functions of those that are there do not reach.
     """
 
     found: tuple[FoundFamily, ...] = ()
     columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
     undecided: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    remainder: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def contributions(self, degrees: int) -> list[Contribution]:
         """Return what terms add to the uncertainty of a state."""
         out = []
-        for cause, columns in (("model discrepancy", self.columns), ("undecided model discrepancy", self.undecided)):
+        for cause, columns in (
+            ("model discrepancy", self.columns),
+            ("undecided model discrepancy", self.undecided),
+            ("remainder of the model discrepancy", self.remainder),
+        ):
             padded = np.zeros((degrees, columns.shape[1]))
             padded[: len(columns)] = columns
             out.append(Contribution(cause, Source.MISFIT, padded))
@@ -110,7 +116,23 @@ def find_discrepancy(
         FoundFamily(terms.families[f], float(weighed.gain[f]), terms.size(weighed.amplitude, f))
         for f in weighed.families
     )
-    return Discrepancy(found, _root(whole.change, weighed), undecided(whole.change, weighed))
+    own = _root(whole.change @ weighed.covariance @ whole.change.T)
+    return Discrepancy(found, own, undecided(whole.change, weighed), _remainder(terms, whole.change, weighed))
+
+
+def _remainder(terms: DiscrepancyTerms, change: Array, weighed: Weighed) -> Array:
+    """Return columns (n, k) of what series of functions that end too early leave in the parameters.
+
+    The terms that follow are taken for as large as those in the upper half of the degrees, and to act like them.
+    """
+    columns = [np.zeros((len(change), 0))]
+    for f in weighed.families:
+        own = np.flatnonzero(terms.family == f)
+        degree = 1.0 / terms.weight[own]
+        upper = own[degree > 0.5 * degree.max()]
+        columns.append(float(np.sqrt(np.mean(weighed.amplitude[upper] ** 2))) * change[:, upper])
+    joined = np.hstack(columns)
+    return _root(joined @ joined.T)
 
 
 def _about_zero(about: Linearisation, amplitude: Array) -> Linearisation:
@@ -130,9 +152,8 @@ def _moved(about: Linearisation, weighed: Weighed, amplitude: Array) -> float:
     return float(np.max(np.abs(change) / np.maximum(deviation, 1e-300), initial=0.0))
 
 
-def _root(change: Array, weighed: Weighed) -> Array:
-    """Return columns (n, n) of the parameters' covariance by the amplitudes'."""
-    P = change @ weighed.covariance @ change.T
+def _root(P: Array) -> Array:
+    """Return columns (n, n) of a covariance matrix of any rank."""
     size = np.sqrt(np.maximum(np.diag(P), 1e-300))
     values, vectors = np.linalg.eigh(P / np.outer(size, size))
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

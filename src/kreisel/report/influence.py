@@ -33,8 +33,9 @@ def influence_of(outcome: Outcome) -> Influence | None:
         return None
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     edges = np.array([stamps[updates[0].last], *(stamps[updates[end - 1].last] for end in lack.blocks.ends)])
-    names = np.array([problem.parameter_names[k] for k in problem.constant])
-    deviation = outcome.estimate.run.belief.standard_deviation[problem.constant]
+    names = np.array(lack.names)
+    every = dict(zip(problem.parameter_names, outcome.estimate.run.belief.standard_deviation, strict=False))
+    deviation = np.array([every[name] for name in lack.names])
     found: dict[str, Single] = {}
     expected: dict[str, Single] = {}
     for sensor in ("gyroscope", "accelerometer"):

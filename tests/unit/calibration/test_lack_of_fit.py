@@ -34,7 +34,7 @@ def regression(designs, noise):
     P = np.linalg.inv(information.sum(axis=0))
     x = P @ np.einsum("bri,br->i", designs, noise)
     score = np.einsum("bri,br->bi", designs, noise - designs @ x)
-    return Blocks(np.arange(1, BLOCKS + 1), information, score), P, x
+    return Blocks(np.arange(PARAMETERS), np.arange(1, BLOCKS + 1), information, score), P, x
 
 
 def test_where_the_model_is_right_the_scatter_is_what_is_expected(designs):
@@ -82,7 +82,7 @@ def test_increments_are_those_of_a_recursive_estimate(designs):
     information = prior + np.concatenate([[0.0 * prior], np.cumsum(wanted.information, axis=0)])
     gradient = np.concatenate([np.zeros((1, PARAMETERS)), np.cumsum(np.einsum("bri,br->bi", designs, noise), axis=0)])
     means = np.linalg.solve(information, gradient[..., None])[..., 0]
-    blocks = increments(wanted.ends, means - x, np.linalg.inv(information))
+    blocks = increments(wanted.parameters, wanted.ends, means - x, np.linalg.inv(information))
     np.testing.assert_allclose(blocks.information, wanted.information, atol=1e-9)
     np.testing.assert_allclose(blocks.score, wanted.score, atol=1e-9)
 
@@ -102,7 +102,7 @@ def test_blocks_cover_a_recording_once(found):
 
 def test_blocks_say_together_what_the_whole_says(found):
     """Their information and that of the prior is that of the fit; half of them move it to where a refit of it lies."""
-    problem, constant = found.problem, found.problem.constant
+    problem, constant = found.problem, found.problem.constant(found.run.belief.standard_deviation)
     ends = block_ends(problem)
     blocks = found.estimator.blocks(problem, found.run, ends)
     factor = found.run.belief.factor[constant]
@@ -130,7 +130,7 @@ def test_blocks_say_together_what_the_whole_says(found):
 
 @pytest.fixture(scope="module")
 def lack(found):
-    factor = found.run.belief.factor[found.problem.constant]
+    factor = found.run.belief.factor[found.problem.constant(found.run.belief.standard_deviation)]
     return scatter(found.estimator.blocks(found.problem, found.run, block_ends(found.problem)), factor @ factor.T)
 
 

@@ -28,7 +28,8 @@ def test_a_subset_moves_the_estimate_to_where_its_fit_lies():
     """The first half against a fit of it: Newton's step of its score, with the prior."""
     found = usual().estimate
     problem, run = found.problem, found.run
-    lack, constant = lack_of_fit(estimate_of(problem, run)), problem.constant
+    lack = lack_of_fit(estimate_of(problem, run))
+    constant = lack.blocks.parameters
     ends = lack.blocks.ends
     first = ends <= ends[len(ends) // 2]
     P = run.belief.covariance[np.ix_(constant, constant)]
@@ -46,7 +47,8 @@ def test_a_subset_moves_the_estimate_to_where_its_fit_lies():
 def test_scores_of_subsets_have_unit_variance():
     """Drawn scores of blocks, and the estimate that they give: differences are as large as is said."""
     found = usual().estimate
-    lack, constant = lack_of_fit(found), found.problem.constant
+    lack = lack_of_fit(found)
+    constant = lack.blocks.parameters
     information = lack.blocks.information
     values, vectors = np.linalg.eigh(information)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
