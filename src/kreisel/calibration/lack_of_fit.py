@@ -157,7 +157,7 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
         ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())
         if ratio > chi_square_bound(_KNOWN_CHANCE if found.discrepancy else CHANCE, degrees) / degrees:
             alone = np.diag(scaled) / (chi_square_bound(0.05, lack.degrees) / lack.degrees)
-            out[shown] = np.sqrt(np.maximum(ratio, alone))
+            out[shown] = np.sqrt(np.maximum(1.0, np.maximum(ratio, alone)))
     return out
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, with_errors
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array
@@ -31,12 +32,22 @@ class Contribution:
         Their effect on the state, each of unit variance.
     common
         Whether other recordings with the same reference have the same errors.
+
+    Raises
+    ------
+    EstimationError
+        If an effect is not a finite number.
     """
 
     cause: str
     source: Source
     columns: Array
     common: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what would be no uncertainty."""
+        if not np.isfinite(self.columns).all():
+            raise EstimationError(f"the uncertainty by '{self.cause}' is not a finite number; please report this")
 
     @property
     def variance(self) -> Array:

@@ -17,6 +17,7 @@ from kreisel.fitting.blocks import Blocks, increments
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.problem import part_of
 from kreisel.refinement.iteration import StatedFigures, estimate
+from kreisel.refinement.parameter_walk import with_walks
 
 from ...small_problem import camera_problem
 
@@ -90,6 +91,18 @@ def test_increments_are_those_of_a_recursive_estimate(designs):
 @pytest.fixture(scope="module")
 def found():
     return estimate(camera_problem(), StatedFigures(reference=True, imu=True), SigmaPointFilter())
+
+
+@pytest.mark.parametrize(("share", "counts"), [(0.1, True), (2.0, False)])
+def test_offsets_that_hardly_walk_are_constant(found, share, counts):
+    """By the walk over the recording, in deviations of the offset."""
+    problem, deviation = found.problem, found.run.belief.standard_deviation
+    part, stamps = problem.layout["gyro_offset"], problem.sensor.readings.stamps
+    seconds = stamps[problem.schedule.updates[-1].last] - stamps[problem.schedule.updates[0].first]
+    density = share * float(deviation[part].max()) * seconds**-0.5
+    walking = with_walks(problem, problem.noise.offset_walk | {"gyro_offset": density})
+    assert set(range(part.start, part.stop)) <= set(walking.constant(deviation).tolist()) or not counts
+    assert counts or not set(range(part.start, part.stop)) & set(walking.constant(deviation).tolist())
 
 
 def test_blocks_cover_a_recording_once(found):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling, total
 from kreisel.estimation.uncertainty_budget import Source
@@ -48,3 +49,8 @@ def test_errors_of_one_part():
     one = Contribution("walk", Source.SENSOR, each(DEGREES, part, 0.5))
     np.testing.assert_array_equal(one.variance, [0.0, 0.25, 0.25, 0.25, 0.0, 0.0])
     np.testing.assert_array_equal(one.covariance, np.diag(one.variance))
+
+
+def test_what_is_not_finite_is_no_contribution():
+    with pytest.raises(EstimationError, match="the uncertainty by 'walks' is not a finite number"):
+        Contribution("walks", Source.MISFIT, np.array([[1.0], [np.nan]]))

@@ -16,6 +16,8 @@ from ...small_problem import camera_problem, recorded
 SIZE = 4e-3
 """rad/s."""
 
+REMAINDER = "remainder of the model discrepancy"
+
 STATED = StatedFigures(reference=True, imu=True)
 
 
@@ -74,6 +76,17 @@ def test_what_terms_leave_uncertain_is_a_contribution():
         each.variance[part] for each in found(SIZE).contributions
     )
     np.testing.assert_allclose(total, found(SIZE).deviation[part] ** 2, rtol=1e-12)
+
+
+def test_what_the_series_leave_out_is_a_contribution():
+    """As large as the upper half of the degrees: below the error itself, above the amplitudes' uncertainty."""
+    assert all(one.cause != REMAINDER for one in found(0.0).contributions)
+    outcome = found(SIZE)
+    (own,) = (one for one in outcome.contributions if one.cause == REMAINDER)
+    part = outcome.problem.layout["gyro_cross_coupling"]
+    deviation = np.sqrt(own.variance[part])
+    assert np.all(deviation > 0.0)
+    assert np.median(deviation) < 0.1 * SIZE  # of a rate of about one
 
 
 def test_what_was_recorded_is_kept():
