@@ -94,7 +94,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
             facts["reference"]["workspace x y z m"] = np.ptp(reference.positions, axis=0).tolist()
         try:
             found = correlate(imu, reference)
-            noise = assumed_noise(recording, reference)
+            noise = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
             standstills = find_standstills(imu_stillness(imu), reference, found.clock, noise)
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {

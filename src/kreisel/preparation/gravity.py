@@ -10,7 +10,7 @@ import math
 
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.model.site import Site
-from kreisel.recording.recording import DataWarning, Recording
+from kreisel.recording.recording import DataWarning
 from kreisel.recording.recording_settings import SiteTable
 from kreisel.units import STANDARD_GRAVITY
 
@@ -33,9 +33,8 @@ _TEXTBOOK = {"9.80665", "9.8066", "9.8067", "9.807", "9.806"}
 _FREE_AIR = 3.086e-6  # 1/s^2, change of gravity with height
 
 
-def site_of(recording: Recording) -> tuple[Site, list[DataWarning]]:
-    """Return gravity and Earth rate where the recording was made, and the warnings about them."""
-    table = recording.settings.site
+def site_of(table: SiteTable) -> tuple[Site, list[DataWarning]]:
+    """Return gravity and Earth rate at a site, and the warnings about them."""
     rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
     value, sd, warnings = _gravity(table)
     if rate is None:

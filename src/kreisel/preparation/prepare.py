@@ -52,9 +52,9 @@ def prepare_recording(
     recording, of_restarts = with_parts_in_place(recording, reference)
     compared = repaired(compare(recording, reference, executor))
     recording, reference, fit = compared.recording, compared.reference, compared.fit
-    site, of_site = site_of(recording)
+    site, of_site = site_of(recording.settings.site)
     stillness = imu_stillness(recording.imu)
-    assumed = assumed_noise(recording, reference)
+    assumed = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
     standstills = find_standstills(stillness, reference, fit.clock, assumed)
     outside = standstill_outside(recording.imu, stillness, reference, fit.clock)
     robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)

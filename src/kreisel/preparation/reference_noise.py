@@ -8,7 +8,8 @@ import numpy as np
 
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
-from kreisel.recording.recording import Recording, ReferencePoses
+from kreisel.recording.recording import ReferencePoses
+from kreisel.recording.recording_settings import ReferenceTable
 from kreisel.synchronization.clock import Clock
 
 _DEFAULTS = {
@@ -20,10 +21,9 @@ Chosen: an arm is wrong by 1 mm and repeats a pose to 0.1 mm (docs/explanation/r
 standstill as in motion; the passes correct them by the data."""
 
 
-def assumed_noise(recording: Recording, reference: ReferencePoses) -> ReferenceNoise:
-    """Return the noise the recording's settings state, with defaults where they state none."""
-    table = recording.settings.reference
-    defaults = _DEFAULTS[recording.reference_kind]
+def assumed_noise(table: ReferenceTable, kind: str, reference: ReferencePoses) -> ReferenceNoise:
+    """Return the noise that the settings state, with defaults for the kind of reference where they state none."""
+    defaults = _DEFAULTS[kind]
     position = table.position_sd or defaults[0]
     orientation = table.orientation_sd or defaults[1]
     still_position = table.standstill_position_sd or min(position, defaults[2])

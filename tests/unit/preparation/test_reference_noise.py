@@ -9,8 +9,8 @@ from kreisel.geometry.rotation import exp, multiply
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.preparation.reference_noise import assumed_noise, stamp_resolution, with_measured_jitter
-from kreisel.recording.recording import Recording, ReferencePoses
-from kreisel.recording.recording_settings import RecordingSettings, ReferenceTable
+from kreisel.recording.recording import ReferencePoses
+from kreisel.recording.recording_settings import ReferenceTable
 from kreisel.synchronization.clock import Clock
 
 MS = 1_000_000
@@ -21,9 +21,10 @@ def poses_at(stamps, p=None, q=None):
     return ReferencePoses("pose0", np.asarray(stamps, dtype=np.int64), p, q, Path("pose0/data.csv"))
 
 
-def recording_with(**table):
-    """Return a recording that states this of its reference."""
-    return Recording(Path("r"), None, EVEN, settings=RecordingSettings(reference=ReferenceTable(**table)))
+def stated(reference=None, **table):
+    """Return the noise assumed where this is stated of the reference."""
+    own = ReferenceTable(**table)
+    return assumed_noise(own, own.kind or "robot", EVEN if reference is None else reference)
 
 
 EVEN = poses_at(np.arange(100) * 12 * MS + 17)
@@ -33,7 +34,7 @@ def test_what_is_stated_is_taken():
     table = {
         "position_sd": 3e-3, "orientation_sd": 4e-3, "standstill_position_sd": 5e-3, "standstill_orientation_sd": 6e-3,
     }  # fmt: skip
-    noise = assumed_noise(recording_with(kind="mocap", **table), EVEN)
+    noise = stated(kind="mocap", **table)
     assert (noise.position, noise.orientation) == (3e-3, 4e-3)
     # stated even where a standstill would be worse than the path
     assert (noise.standstill_position, noise.standstill_orientation) == (5e-3, 6e-3)
@@ -44,7 +45,7 @@ def test_what_is_stated_is_taken():
     [(None, (1e-3, 1e-3, 2e-4, 2e-4)), ("robot", (1e-3, 1e-3, 2e-4, 2e-4)), ("mocap", (1e-3, 3e-3, 1e-3, 3e-3))],
 )
 def test_what_is_not_stated_is_that_of_the_kind(kind, expected):
-    n = assumed_noise(recording_with(kind=kind), EVEN)
+    n = stated(kind=kind)
     assert (n.position, n.orientation, n.standstill_position, n.standstill_orientation) == expected
     assert (n.jitter_position, n.jitter_orientation) == pytest.approx((0.1 * expected[2], 0.1 * expected[3]))
     assert n.velocity == expected[2]
@@ -52,7 +53,7 @@ def test_what_is_not_stated_is_that_of_the_kind(kind, expected):
 
 
 def test_a_reference_that_is_good_on_the_path_is_no_worse_at_standstill():
-    n = assumed_noise(recording_with(position_sd=5e-5, orientation_sd=6e-5), EVEN)
+    n = stated(position_sd=5e-5, orientation_sd=6e-5)
     assert (n.standstill_position, n.standstill_orientation) == (5e-5, 6e-5)
 
 
@@ -61,7 +62,7 @@ def test_rounded_stamps_err_as_a_uniform_variable_does():
     rounded = poses_at(np.round(exact / MS) * MS)
     error = (rounded.stamps_ns - exact) * 1e-9
     # the variance of n uniform errors scatters by sqrt(0.8 / n): 0.3 % of the deviation
-    assert assumed_noise(recording_with(), rounded).stamp == pytest.approx(error.std(), rel=0.015)
+    assert stated(rounded).stamp == pytest.approx(error.std(), rel=0.015)
 
 
 @pytest.mark.parametrize("unit", [1, 4, 10])
