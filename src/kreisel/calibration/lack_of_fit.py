@@ -100,7 +100,8 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     influence = blocks.score @ P
     found = influence.T @ influence
     own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
-    degrees = float(np.median(own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)))
+    each = own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)
+    degrees = max(1.0, float(np.median(each)))  # zero for what the prior alone determines
     weights = [2.0 * (1.0 - lag / (_LAGS + 1)) for lag in range(1, min(_LAGS, len(influence) - 1) + 1)]
     neighbours = sum(
         (weight * np.sum(influence[lag:] * influence[:-lag], axis=0) for lag, weight in enumerate(weights, start=1)),

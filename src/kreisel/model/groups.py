@@ -1,7 +1,7 @@
 """The registry of parameter groups: everything the program knows of a group except the physics that uses it.
 
 State layout, priors, observability, result file, report and settings go through `REGISTRY`. How to add a group is
-described in CONTRIBUTING.md, "An error effect".
+described in CONTRIBUTING.md, "An error term".
 """
 
 from __future__ import annotations

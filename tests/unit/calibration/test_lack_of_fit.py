@@ -62,6 +62,15 @@ def test_where_blocks_err_each_in_its_own_way_it_is_the_variance_of_the_estimate
     np.testing.assert_allclose(said, true, rtol=0.25)
 
 
+def test_blocks_that_say_nothing_scatter_not():
+    empty = Blocks(
+        np.arange(PARAMETERS), np.arange(1, 9), np.zeros((8, PARAMETERS, PARAMETERS)), np.zeros((8, PARAMETERS))
+    )
+    lack = scatter(empty, np.eye(PARAMETERS))
+    assert lack.degrees == 1.0
+    assert not lack.found.any()
+
+
 def test_a_change_between_the_halves_is_no_scatter_within_them(designs):
     """A slip in the middle makes all blocks scatter; about what their own half says they do not."""
     rng, within, about = np.random.default_rng(3), [], []
