@@ -49,7 +49,7 @@ def row_of(path: Path) -> list[str]:
     try:
         found = run_calibration(recording, CalibrationSettings())
     except KreiselError as error:
-        return [name, f"refused: {str(error).split(': ', 2)[-1].split(':')[0]}", *[""] * (len(HEADER) - 2)]
+        return [name, f"refused: {str(error).split(': ')[1]}", *[""] * (len(HEADER) - 2)]
     verdict = "accepted" if found.verdict.accepted else f"rejected: {found.verdict.reasons[0].split(':')[0]}"
     misfit = [f"{_misfit(one):.1f}" for one in (without_arm(recording), found)]
     return [name, verdict, *misfit, *_zeros(found), *_scales(found)]

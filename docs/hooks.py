@@ -62,14 +62,15 @@ TABLE = re.compile(r"^<!-- table: (data/[\w-]+\.csv) -->\n.*\n", re.M)
 """A marker, and the line after it: a link for readers of the source, which the table replaces."""
 
 
-FIGURE = re.compile(r"^<!-- figure: (data/[\w-]+\.csv) \| (.+) \| (.+) -->$", re.M)
-"""A marker: the file, the unit of the axis, and columns NAME or NAME +- NAME of deviations, separated by semicolons."""
+FIGURE = re.compile(r"^<!-- figure: (data/[\w-]+\.csv) \| (.+?) \| (.+?)(?: \| without (.+))? -->$", re.M)
+"""A marker: the file, the unit of the axis, columns NAME or NAME +- NAME of deviations, separated by semicolons, and a
+word whose rows are left out."""
 
 
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
     """Put tables and figures in the place of their markers."""
     folder = Path(config.docs_dir)
-    markdown = FIGURE.sub(lambda marker: figure(folder / marker[1], marker[2], marker[3].split("; ")), markdown)
+    markdown = FIGURE.sub(lambda m: figure(folder / m[1], m[2], m[3].split("; "), m[4]), markdown)
     return TABLE.sub(lambda marker: table(folder / marker[1]) + "\n", markdown)
 
 
@@ -86,14 +87,14 @@ def table(path: Path) -> str:
 COLOURS = ("#0b62a4", "#d1510a", "#2a8a3e")
 """As in the report: blue, orange, green."""
 
-LEFT, RIGHT, TOP, BOTTOM, STEP = 60, 190, 16, 120, 52
+LEFT, RIGHT, TOP, BOTTOM, STEP = 130, 170, 16, 130, 52
 """px; margins of a figure, and what a row of the data has."""
 
 
-def figure(path: Path, unit: str, columns: list[str]) -> str:
+def figure(path: Path, unit: str, columns: list[str], without: str | None = None) -> str:
     """Return points with bars of one deviation, a row of a CSV file beside another, as SVG."""
     with path.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
+        rows = [row for row in csv.DictReader(stream) if without is None or without not in next(iter(row.values()))]
     name = next(iter(rows[0]))
     pairs = [column.split(" +- ") for column in columns]
     rows = [row for row in rows if any(row[pair[0]] for pair in pairs)]

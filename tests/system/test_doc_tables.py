@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -36,6 +37,24 @@ def test_every_row_has_a_cell_for_each_column(path):
     assert rows
     assert all(header)
     assert {len(row) for row in rows} == {len(header)}
+
+
+def test_a_figure_has_a_point_and_a_bar_for_each_value(tmp_path):
+    pytest.importorskip("latex2mathml")
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    data = tmp_path / "a.csv"
+    data.write_text("run,x (m),sd x (m)\na & b,1,0.5\nother,2,0.1\nempty,,\nc,-3,1\n", encoding="utf-8")
+    drawn = hooks.figure(data, "size (m)", ["x (m) +- sd x (m)"], "other")
+    root = ElementTree.fromstring(drawn)
+    points = [circle for circle in root.iter("circle") if circle.get("r") == "3.5"]
+    assert len(points) == 2
+    assert float(points[0].get("cy")) < float(points[1].get("cy"))  # larger values are higher
+    texts = [text.text for text in root.iter("text")]
+    assert "a & b" in texts
+    assert "other" not in texts
+    assert {"size (m)", "x", "0"} <= set(texts)
 
 
 @pytest.fixture(scope="module")
