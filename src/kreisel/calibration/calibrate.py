@@ -94,7 +94,7 @@ def run_calibration(
     larger = larger_deviations(found, lack)
     raw_halves = split_halves(found, progress, executor)
     halves = _by_scatter(raw_halves, found, lack)
-    moves = moves_in(found.problem, lack)
+    parts, moves = 0 if lack is None else len(lack.influence), moves_in(found.problem, lack)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = executor(
@@ -118,7 +118,7 @@ def run_calibration(
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, moves))
+    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, moves, parts))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if shares_of_filter is None else budget_of(found, shares_of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)

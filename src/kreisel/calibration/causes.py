@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
@@ -37,6 +39,12 @@ _COARSE = 1e-3
 _CERTAIN = 1e5
 """Weight of what is seen in the readings themselves, and of a turn that no arm's own errors make."""
 
+_SENSORS = ("gyroscope", "accelerometer")
+
+_LARGE_SLIP, _ALIKE = 0.5, 0.3
+"""deg; rotation between the halves that is a slip's alone: errors of references are below 0.2; and the share of it by
+which the two sensors may differ."""
+
 _LARGE_TURN = 0.1
 """deg."""
 
@@ -62,10 +70,27 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
 
 
 def slip_of_mount(halves: SplitHalves | None) -> tuple[Array, float] | None:
-    """Return the rotation of the mount between the halves, (3,), rad, and its score; None where none shows."""
+    """Return the rotation of the mount between the halves, (3,), rad, and its score; None where none shows.
+
+    A large one, which both sensors share, counts by the estimator's own deviations: functions that follow it would hide
+    it.
+    """
     if halves is None:
         return None
-    turns = [_turn(halves, sensor) for sensor in ("gyroscope", "accelerometer")]
+    found = _common_turn(halves)
+    if found is not None or halves.plain is None:
+        return found
+    large = _common_turn(replace(halves, deviation=halves.plain))
+    if large is None or np.degrees(float(np.linalg.norm(large[0]))) < _LARGE_SLIP:
+        return None
+    turns = [turn for turn in (_turn(halves, sensor) for sensor in _SENSORS) if turn is not None]
+    apart = float(np.linalg.norm(turns[0][0] - turns[1][0]))
+    return large if apart < _ALIKE * float(np.linalg.norm(large[0])) else None
+
+
+def _common_turn(halves: SplitHalves) -> tuple[Array, float] | None:
+    """Return the rotation between the halves that both sensors share, beyond chance, and its score."""
+    turns = [_turn(halves, sensor) for sensor in _SENSORS]
     if any(turn is None for turn in turns):
         return None
     (a, a_sd), (b, b_sd) = (turn for turn in turns if turn is not None)

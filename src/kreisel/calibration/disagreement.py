@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.calibration.evidence import Disagreement
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array
@@ -16,14 +16,6 @@ from kreisel.refinement.estimate import Estimate
 
 MAX_RMS = 2.0
 """Root mean square of a group's scores above which two estimates count as different; by chance, in one case of 200."""
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """What a disagreement adds to the uncertainty of an estimate, with the warning about it; both may be empty."""
-
-    contributions: tuple[Contribution, ...] = ()
-    warnings: tuple[DataWarning, ...] = ()
 
 
 def disagreement(

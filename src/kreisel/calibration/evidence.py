@@ -8,18 +8,24 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kreisel.calibration.result_sections import Consistency
+from kreisel.estimation.uncertainty import Contribution
 from kreisel.fitting.blocks import Blocks
 from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import DataWarning
 from kreisel.refinement.observability import Observability
 
 
 @dataclass(frozen=True)
 class SplitHalves:
-    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,)."""
+    """Estimates from either half of the recording; `score` is their difference over its deviation, (n,).
+
+    `plain` is the deviation without what errors on no list do to each half; None where it was not made.
+    """
 
     names: tuple[str, ...]
     difference: Array
     deviation: Array
+    plain: Array | None = None
 
     @property
     def score(self) -> Array:
@@ -33,6 +39,14 @@ class SplitHalves:
             return "", 0.0
         score = np.abs(self.score)[own]
         return self.names[own[int(np.argmax(score))]], float(score.max())
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """What a disagreement adds to the uncertainty of an estimate, with the warning about it; both may be empty."""
+
+    contributions: tuple[Contribution, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,8 +128,8 @@ class Evidence:
     """What a verdict depends on besides the estimate itself; each part is computed by a module of its own.
 
     `known` are the distances of an estimate without them from the priors of single parameters that the user states, in
-    standard deviations, by name. `moves` is the number of moves between standstills whose scatter the deviations
-    follow.
+    standard deviations, by name. `parts` is the number of parts whose scatter the deviations follow, `moves` that of
+    moves between standstills among them.
     """
 
     observability: Observability
@@ -124,6 +138,7 @@ class Evidence:
     latitude: LatitudeCheck | None
     known: Mapping[str, float] = field(default_factory=dict)
     moves: int = 0
+    parts: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.disagreement import Disagreement, disagreement
+from kreisel.calibration.disagreement import disagreement
+from kreisel.calibration.evidence import Disagreement
 from kreisel.model.problem import with_rarer_updates
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_step

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.calibration.disagreement import Disagreement
-from kreisel.calibration.evidence import LackOfFit
+from kreisel.calibration.evidence import Disagreement, LackOfFit
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source

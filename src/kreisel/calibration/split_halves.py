@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.calibration.disagreement import Disagreement, disagreement
-from kreisel.calibration.evidence import SplitHalves
+from kreisel.calibration.disagreement import disagreement
+from kreisel.calibration.evidence import Disagreement, SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.stored_state import first_belief
@@ -63,12 +63,13 @@ def split_halves(
     variance += 4.0 * np.sum(
         repeatability_columns(problem, found.run.parameters)[:n] ** 2, axis=1
     )  # half the standstills each
+    plain = np.sqrt(variance)
     # each half errs in its own way: both together as twice their mean
     unlisted = (one.variance[:n] for one in found.contributions if one.source is Source.MISFIT)
     variance += 4.0 * sum(unlisted, np.zeros(n))
     lasting = problem.lasting
     names = tuple(problem.parameter_names[i] for i in lasting)
-    return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]))
+    return SplitHalves(names, difference[lasting], np.sqrt(variance[lasting]), plain[lasting])
 
 
 def halves_disagreement(found: Estimate, halves: SplitHalves | None) -> Disagreement:

@@ -11,8 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from kreisel.calibration.disagreement import Disagreement
-from kreisel.calibration.evidence import LackOfFit, Split
+from kreisel.calibration.evidence import Disagreement, LackOfFit, Split
 from kreisel.calibration.lack_of_fit import larger_deviations, within_subsets
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution

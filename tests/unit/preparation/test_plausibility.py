@@ -168,11 +168,11 @@ def test_stamps_rounded_to_ten_milliseconds_may_be_off_by_twice_that():
             check_start_values(preparation)
 
 
-def test_clocks_more_than_a_percent_apart_are_refused():
-    assert "+1.40 %" in refused(with_clock(skew=0.014, skew_sd=1e-5), SynchronizationError)
-    assert "-1.40 %" in refused(with_clock(skew=-0.014, skew_sd=1e-5), SynchronizationError)
-    check_start_values(with_clock(skew=0.0119, skew_sd=0.0))
-    check_start_values(with_clock(skew=0.014, skew_sd=1e-3))  # it may be less
+def test_clocks_more_than_two_percent_apart_are_refused():
+    assert "+2.40 %" in refused(with_clock(skew=0.024, skew_sd=1e-5), SynchronizationError)
+    assert "-2.40 %" in refused(with_clock(skew=-0.024, skew_sd=1e-5), SynchronizationError)
+    check_start_values(with_clock(skew=0.0219, skew_sd=0.0))
+    check_start_values(with_clock(skew=0.024, skew_sd=1e-3))  # it may be less
 
 
 # ---------------------------------------------------------------- accelerometers
