@@ -9,7 +9,7 @@ from functools import partial
 
 from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
-from kreisel.calibration.evidence import Evidence, LackOfFit, SplitHalves
+from kreisel.calibration.evidence import CrossValidation, Evidence, LackOfFit, LatitudeCheck, Split, SplitHalves
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
 from kreisel.calibration.interval_check import interval_disagreement
@@ -28,7 +28,9 @@ from kreisel.calibration.splits import compare_splits, splits_disagreement
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator
+from kreisel.geometry.rotation import Array
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem, without_forces
@@ -90,11 +92,45 @@ def run_calibration(
     preparation, problem, given = first.preparation, first.problem, first.given
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
-    lack = lack_of_fit(found, of_step(progress, "fit"))
-    larger = larger_deviations(found, lack)
-    raw_halves = split_halves(found, progress, executor)
-    halves = _by_scatter(raw_halves, found, lack)
+    found, checks = _checked(found, progress, executor, validate=validate, budget=budget)
+    seen = observability(found.problem, found.deviation)
+    found = with_doubtful_latitude(with_walked_deviations(found), checks.latitude)
+    seen = replace(seen, posterior=found.deviation[: len(seen.names)])
+    facts = consistency(found, preparation.correlation)
+    known = _known_scores(preparation, settings, problem, given, progress)
+    lack, halves = checks.lack, checks.halves
     parts, moves = 0 if lack is None else len(lack.influence), moves_in(found.problem, lack)
+    verdict = judge(found, Evidence(seen, facts, halves, checks.latitude, known, moves, parts))
+    warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
+    whole = None if checks.of_filter is None else budget_of(found, checks.of_filter)
+    calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)
+    return Outcome(
+        recording, preparation, found.problem, found, seen, facts, halves, verdict, warnings, calibration, lack,
+        checks.cross, checks.splits,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Checks:
+    """What was checked of an estimate; `of_filter` are the sources' shares of the estimator's own variance."""
+
+    lack: LackOfFit | None
+    halves: SplitHalves | None
+    splits: tuple[Split, ...]
+    latitude: LatitudeCheck | None
+    cross: CrossValidation | None
+    of_filter: Mapping[Source, Array] | None
+
+
+def _checked(
+    found: Estimate, progress: Progress | None, executor: Executor, *, validate: bool, budget: bool
+) -> tuple[Estimate, _Checks]:
+    """Return the estimate of what lasts with what its checks add to its uncertainty, and the checks.
+
+    All checks are of the estimate as it is; what they add is added afterwards.
+    """
+    lack = lack_of_fit(found, of_step(progress, "fit"))
+    halves = split_halves(found, progress, executor)
     by_interval = interval_disagreement(found, progress)
     shares = of_parts(progress, "checks", 2 if validate else 1)
     latitude, *crossed = executor(
@@ -103,40 +139,16 @@ def run_calibration(
             *(partial(cross_validate, found, share) for share in shares[1:]),
         ]
     )
-    shares_of_filter = filter_parts(found, progress, executor) if budget else None
-    by_halves = halves_disagreement(without_passing(found), raw_halves)
-    by_parts = lack_of_fit_disagreement(found, larger)
     compared = compare_splits(found, lack)
-    by_splits = splits_disagreement(compared)
-    found = found.adding(by_interval.contributions, by_interval.warnings)
-    for more in (by_parts, by_splits):
+    checks = _Checks(
+        lack, _by_scatter(halves, found, lack), tuple(split for split, _ in compared), latitude,
+        crossed[0] if crossed else None, filter_parts(found, progress, executor) if budget else None,
+    )  # fmt: skip
+    by_halves = halves_disagreement(without_passing(found), halves)
+    by_parts = lack_of_fit_disagreement(found, larger_deviations(found, lack))
+    for more in (by_interval, by_parts, splits_disagreement(compared)):
         found = found.adding(more.contributions, more.warnings)
-    found = without_passing(found)
-    found = found.adding(by_halves.contributions, by_halves.warnings)
-    seen = observability(found.problem, found.deviation)
-    found = with_doubtful_latitude(with_walked_deviations(found), latitude)
-    seen = replace(seen, posterior=found.deviation[: len(seen.names)])
-    facts = consistency(found, preparation.correlation)
-    known = _known_scores(preparation, settings, problem, given, progress)
-    verdict = judge(found, Evidence(seen, facts, halves, latitude, known, moves, parts))
-    warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
-    whole = None if shares_of_filter is None else budget_of(found, shares_of_filter)
-    calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)
-    return Outcome(
-        recording,
-        preparation,
-        found.problem,
-        found,
-        seen,
-        facts,
-        halves,
-        verdict,
-        warnings,
-        calibration,
-        lack,
-        crossed[0] if crossed else None,
-        tuple(split for split, _ in compared),
-    )
+    return without_passing(found).adding(by_halves.contributions, by_halves.warnings), checks
 
 
 def _in_use(recording: Recording, settings: CalibrationSettings) -> Recording:
