@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.errors import RobotError, unknown_name
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
+from kreisel.recording.recording import DataWarning, ReferencePoses
 from kreisel.recording.recording_settings import RobotTable
 from kreisel.robot.arm_library import LIBRARY, Tool
 from kreisel.robot.description import Arm, parse_arm
@@ -19,7 +19,9 @@ NO_MODEL = "none"
 _NOTHING: tuple[None, Array, list[DataWarning]] = (None, np.zeros((0, 0)), [])
 
 
-def arm_of_poses(recording: Recording, reference: ReferencePoses) -> tuple[Arm | None, Array, list[DataWarning]]:
+def arm_of_poses(
+    table: RobotTable, urdf: str | None, reference: ReferencePoses, *, arm: bool
+) -> tuple[Arm | None, Array, list[DataWarning]]:
     """Return the arm, its joint angles at every pose (m, joints), and warnings; no arm where none is known.
 
     Raises
@@ -27,26 +29,23 @@ def arm_of_poses(recording: Recording, reference: ReferencePoses) -> tuple[Arm |
     RobotError
         If the arm that the user states is unknown, or does not reach the poses.
     """
-    table = recording.settings.robot
-    arm, angles, warnings = _arm(recording, table, reference)
+    found, angles, warnings = _arm(table, urdf, reference) if arm else _NOTHING
     tool = [key for key in ("tool_position", "tool_quaternion") if getattr(table, key) is not None]
     if tool and table.model in (None, NO_MODEL):
         message = f"robot.{tool[0]} in recording.toml is not used: it is the tool of an arm that robot.model names"
         warnings = [*warnings, DataWarning("robot", message)]
-    return arm, angles, warnings
+    return found, angles, warnings
 
 
-def _arm(
-    recording: Recording, table: RobotTable, reference: ReferencePoses
-) -> tuple[Arm | None, Array, list[DataWarning]]:
+def _arm(table: RobotTable, urdf: str | None, reference: ReferencePoses) -> tuple[Arm | None, Array, list[DataWarning]]:
     p, q = reference.positions, reference.quaternions
-    if p is None or q is None or table.model == NO_MODEL or recording.reference_kind != "robot":
+    if p is None or q is None or table.model == NO_MODEL:
         return _NOTHING
     if table.model is not None:
         arm = _stated(table, table.model, p, q)
         return arm, joint_path(arm, p, q), []
-    if recording.urdf is not None:
-        arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
+    if urdf is not None:
+        arm = parse_arm(urdf, table.tcp, table.urdf or "robot.urdf")
         try:
             return arm, joint_path(arm, p, q), []
         except RobotError as error:

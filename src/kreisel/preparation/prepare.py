@@ -5,6 +5,7 @@ from __future__ import annotations
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.inertial.readings import Readings
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.robot_model import RobotModel
 from kreisel.model.standstill import Standstill
 from kreisel.preparation.accelerometer_fit import acceleration_windows, fit_accelerometers, joined
 from kreisel.preparation.attitude import with_attitude
@@ -24,7 +25,7 @@ from kreisel.preparation.warnings import (
     stamp_warning,
     standstill_warning,
 )
-from kreisel.recording.recording import Recording, ReferencePoses
+from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.synchronization.fits import RateFit
 from kreisel.tasks import Executor, sequential
 
@@ -57,7 +58,7 @@ def prepare_recording(
     assumed = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
     standstills = find_standstills(stillness, reference, fit.clock, assumed)
     outside = standstill_outside(recording.imu, stillness, reference, fit.clock)
-    robot, of_robot = (None, []) if "robot_placement" in settings.fixed else robot_model(recording, reference)
+    robot, of_robot = _robot(recording, reference, settings)
     return Preparation(
         recording=recording,
         reference=reference,
@@ -77,7 +78,7 @@ def prepare_recording(
             *compared.warnings,
             *time_base_warning(recording, fit.clock),
             *reference_warnings(reference),
-            *overlap_warning(recording.imu, reference, fit.clock),
+            *overlap_warning(float(recording.imu.seconds[-1]), reference, fit.clock),
             *of_site,
             *standstill_warning(outside),
             *stamp_warning(assumed),
@@ -86,6 +87,16 @@ def prepare_recording(
         ),
         time_base_sd=time_base_deviation(recording, fit.clock),
     )
+
+
+def _robot(
+    recording: Recording, reference: ReferencePoses, settings: CalibrationSettings
+) -> tuple[RobotModel | None, list[DataWarning]]:
+    """Return the arm whose errors are estimated, and the warnings about it."""
+    if "robot_placement" in settings.fixed:
+        return None, []
+    by_arm = recording.reference_kind == "robot"
+    return robot_model(recording.settings.robot, recording.urdf, recording.joints, reference, arm=by_arm)
 
 
 def _accelerometers(

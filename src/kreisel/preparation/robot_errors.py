@@ -8,7 +8,8 @@ from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
 from kreisel.model.robot_model import RobotModel
 from kreisel.preparation.arm_of_poses import arm_of_poses
-from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses
+from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses
+from kreisel.recording.recording_settings import RobotTable
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
@@ -28,43 +29,46 @@ _MAX_WITHOUT = 0.01
 """Share of poses that may lie before or after the joint angles."""
 
 
-def robot_model(recording: Recording, reference: ReferencePoses) -> tuple[RobotModel | None, list[DataWarning]]:
+def robot_model(
+    table: RobotTable, urdf: str | None, joints: JointAngles | None, reference: ReferencePoses, *, arm: bool
+) -> tuple[RobotModel | None, list[DataWarning]]:
     """Return the robot of a recording, or None and the warning why it cannot be used.
+
+    arm: whether an arm reports the poses: without joint angles, it may be known.
 
     Raises
     ------
     RobotError
         If joint angles or poses and description do not belong together.
     """
-    table = recording.settings.robot
-    if recording.joints is None:
-        arm, angles, warnings = arm_of_poses(recording, reference)
+    if joints is None:
+        found, angles, warnings = arm_of_poses(table, urdf, reference, arm=arm)
     else:
-        arm, angles, warnings = _recorded(recording, recording.joints, reference)
-    if arm is None:
+        found, angles, warnings = _recorded(table, urdf, joints, reference)
+    if found is None:
         return None, warnings
     length = LENGTH_SD if table.length_sd is None else max(table.length_sd, 1e-9)
     angle = ANGLE_SD if table.angle_sd is None else max(table.angle_sd, 1e-9)
-    n = len(arm.joints)
-    torque = np.abs(kinematics.gravity_torques(arm, angles[:: max(1, len(angles) // 500)])).max(axis=0)
+    n = len(found.joints)
+    torque = np.abs(kinematics.gravity_torques(found, angles[:: max(1, len(angles) // 500)])).max(axis=0)
     covariance = {
         "robot_placement": np.diag(np.tile(np.repeat([length, angle], 3), n + 1) ** 2),
         "robot_gears": _GEAR_SD**2 * np.eye(2 * n),
         "robot_compliance": np.diag((_SAG_SD / np.maximum(torque, 1.0)) ** 2),
-        "robot_zeros": np.diag(np.where(arm.chain.turning, _ZERO_SD, _SLIDE_SD)[1:-1] ** 2),
+        "robot_zeros": np.diag(np.where(found.chain.turning, _ZERO_SD, _SLIDE_SD)[1:-1] ** 2),
     }
-    return RobotModel(arm, angles, covariance, stated=table.angle_sd is not None), warnings
+    return RobotModel(found, angles, covariance, stated=table.angle_sd is not None), warnings
 
 
 def _recorded(
-    recording: Recording, joints: JointAngles, reference: ReferencePoses
+    table: RobotTable, urdf: str | None, joints: JointAngles, reference: ReferencePoses
 ) -> tuple[Arm | None, Array, list[DataWarning]]:
     """Return the arm of a recording with joint angles, the angles at every pose, and warnings; no arm if unusable."""
-    table, nothing = recording.settings.robot, np.zeros((0, 0))
-    if recording.urdf is None:
+    nothing = np.zeros((0, 0))
+    if urdf is None:
         message = "there are joint angles, but no robot.urdf: with it, the robot's own errors would be estimated too"
         return None, nothing, [DataWarning("robot", f"{message}; they are treated as noise")]
-    arm = parse_arm(recording.urdf, table.tcp, table.urdf or "robot.urdf")
+    arm = parse_arm(urdf, table.tcp, table.urdf or "robot.urdf")
     if joints.angles.shape[1] != len(arm.joints):
         raise RobotError(
             f"{joints.source}: {joints.angles.shape[1]} joint angles, but {len(arm.joints)} joints of {arm.name} move "

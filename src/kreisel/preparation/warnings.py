@@ -5,7 +5,7 @@ from __future__ import annotations
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.preparation import ImuNoise
-from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses
+from kreisel.recording.recording import DataWarning, ReferencePoses
 from kreisel.synchronization.clock import Clock
 
 _MIN_COMMON_SHARE = 0.7
@@ -22,10 +22,12 @@ def reference_warnings(reference: ReferencePoses) -> list[DataWarning]:
     return []
 
 
-def overlap_warning(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> list[DataWarning]:
-    """Return the warning that the two have little time in common, e.g. if one started late or its clock jumped."""
+def overlap_warning(end: float, reference: ReferencePoses, clock: Clock) -> list[DataWarning]:
+    """Return the warning that the two have little time in common, e.g. if one started late or its clock jumped.
+
+    end: duration of the IMU's recording, s.
+    """
     first, last = clock.imu_time(reference.seconds[[0, -1]])
-    end = float(imu.seconds[-1])
     common, shorter = min(float(last), end) - max(float(first), 0.0), min(float(last - first), end)
     if common > _MIN_COMMON_SHARE * shorter:
         return []

@@ -56,7 +56,7 @@ def check_streams(recording: Recording) -> Recording:
         reference, rounded = with_lateness(reference)
         warnings += found + rounded
     if joints is not None:
-        joints, found = joints_in_radians(replace(recording, reference=reference))
+        joints, found = joints_in_radians(joints, recording.urdf, recording.settings.robot.tcp, reference)
         warnings += found
         if reference is not None:
             warnings += joint_stamp_warnings(joints, reference)

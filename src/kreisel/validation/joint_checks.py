@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
 from kreisel.recording.location import is_table
-from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.units import DEG
@@ -67,7 +67,9 @@ def _nearest(own: Stamps, stamps: Stamps) -> tuple[Indices, Mask]:
     return nearest, np.asarray(np.abs(own[nearest] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
 
 
-def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarning]]:
+def joints_in_radians(
+    joints: JointAngles, urdf: str | None, tcp: str | None, reference: ReferencePoses | None
+) -> tuple[JointAngles, list[DataWarning]]:
     """Return the joint angles, converted where no unit is stated and the poses prove that they are degrees.
 
     They are compared with the poses only if some are beyond a full turn, or a joint's limits; smaller ones are checked
@@ -78,21 +80,19 @@ def joints_in_radians(recording: Recording) -> tuple[JointAngles, list[DataWarni
     RecordingError
         If they look like degrees and the poses do not prove it, or the header says otherwise.
     """
-    joints = recording.joints
-    assert joints is not None  # noqa: S101 - for the type checker; the caller looked
     arm = None
-    if recording.urdf is not None and float(np.abs(joints.angles).max()) > np.pi:
+    if urdf is not None and float(np.abs(joints.angles).max()) > np.pi:
         with suppress(RobotError):  # the error is raised where the description is needed
-            arm = parse_arm(recording.urdf, recording.settings.robot.tcp)
+            arm = parse_arm(urdf, tcp)
         if arm is not None and len(arm.joints) != joints.angles.shape[1]:
             arm = None
     if not _look_like_degrees(joints, arm):
         return joints, []
-    if arm is not None and recording.reference is not None:
-        angles = angles_at(joints, recording.reference.stamps_ns)
-        if near(distance(arm, angles, recording.reference)):
+    if arm is not None and reference is not None:
+        angles = angles_at(joints, reference.stamps_ns)
+        if near(distance(arm, angles, reference)):
             return joints, []
-        if near(distance(arm, DEG * angles, recording.reference)):
+        if near(distance(arm, DEG * angles, reference)):
             return in_degrees(joints)
     raise looks_like_degrees(joints, f"joint angles reach {np.abs(joints.angles).max():.4g}")
 

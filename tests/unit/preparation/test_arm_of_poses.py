@@ -33,7 +33,7 @@ def test_a_stated_arm_and_tool_give_joint_angles(tmp_path: Path) -> None:
         "tool_position = [0.05, -0.02, 0.2]\ntool_quaternion = [0.8, 0.0, 0.6, 0.0]\n"
     )
     angles, recording = recorded(text, tmp_path)
-    arm, found, warnings = arm_of_poses(recording, recording.reference)
+    arm, found, warnings = arm_of_poses(recording.settings.robot, recording.urdf, recording.reference, arm=True)
     assert arm is not None
     assert arm.name == "irb2400"
     assert warnings == []
@@ -42,7 +42,7 @@ def test_a_stated_arm_and_tool_give_joint_angles(tmp_path: Path) -> None:
 
 def test_a_tool_without_an_arm_is_said_not_to_be_used(tmp_path: Path) -> None:
     _, recording = recorded('[reference]\nkind = "robot"\n[robot]\ntool_position = [0, 0, 0.2]\n', tmp_path)
-    arm, _, warnings = arm_of_poses(recording, recording.reference)
+    arm, _, warnings = arm_of_poses(recording.settings.robot, recording.urdf, recording.reference, arm=True)
     assert arm is None
     (warning,) = warnings
     assert "robot.tool_position in recording.toml is not used" in warning.message

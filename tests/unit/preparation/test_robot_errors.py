@@ -29,11 +29,15 @@ def recorded(unit: float = 1.0, stated: str | None = None) -> Recording:
     return Recording(Path("run"), imu, reference, joints, urdf=arm.urdf)
 
 
+def model_of(r: Recording):
+    return robot_model(r.settings.robot, r.urdf, r.joints, r.reference, arm=True)
+
+
 def test_small_angles_in_degrees_are_converted_where_the_poses_prove_it() -> None:
     right, degrees = recorded(), recorded(DEG)
-    want, said = robot_model(right, right.reference)
+    want, said = model_of(right)
     assert said == []
-    got, (warning,) = robot_model(degrees, degrees.reference)
+    got, (warning,) = model_of(degrees)
     np.testing.assert_allclose(got.angles, want.angles, rtol=1e-14)
     assert "joint angles are in degrees, as the poses show, and were converted" in warning.message
     assert "write q_1 [deg] into the header" in warning.message
@@ -42,11 +46,11 @@ def test_small_angles_in_degrees_are_converted_where_the_poses_prove_it() -> Non
 def test_small_angles_in_degrees_under_radians_are_refused() -> None:
     degrees = recorded(DEG, "rad")
     with pytest.raises(RecordingError, match=r"line 1: .* look like degrees; the header says \[rad\]: correct it"):
-        robot_model(degrees, degrees.reference)
+        model_of(degrees)
 
 
 def test_another_frame_is_no_other_unit() -> None:
     r = recorded()
-    model, (warning,) = robot_model(r, replace(r.reference, positions=r.reference.positions + 0.1))
+    model, (warning,) = model_of(replace(r, reference=replace(r.reference, positions=r.reference.positions + 0.1)))
     assert model is None
     assert "base or tool frame differ" in warning.message
