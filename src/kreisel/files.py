@@ -98,7 +98,7 @@ def finish_replacing(folder: Path, names: Collection[str]) -> None:
 
 _MAX_ENTRIES = 100_000
 """Entries of a YAML document. Chosen: fifty times those of the result of an arm with joint angles, which has 2000; a
-list of so many entries still takes little memory."""
+list of that length still takes little memory."""
 
 
 def check_entries(document: object) -> None:

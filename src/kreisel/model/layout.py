@@ -18,7 +18,7 @@ PATH_ERROR = (Part("path_position", 3), Part("path_orientation", 3))
 
 
 def group_part(group: str, order: int, joints: int = 0, fixed: Collection[str] = ()) -> Part:
-    """Return a group's part of the state, for sensor polynomials of an order and a robot of so many joints.
+    """Return a group's part of the state, for sensor polynomials of an order and a robot of some joints.
 
     fixed: names of parameters that are not in the state.
     """

@@ -39,7 +39,7 @@ _SURE = 0.97
 noise: a right relation may stay below it where the streams overlap in part, and further searches only take time."""
 
 _SURE_IN_PART = 0.93
-"""Coefficient of a part, from which it is believed. Chosen between `MIN_CORRELATION` and `_SURE`: a short interval fits
+"""Coefficient of a part, from which it is accepted. Chosen between `MIN_CORRELATION` and `_SURE`: a short interval fits
 fairly well in many places."""
 
 _MIN_OVERLAP = 0.25
