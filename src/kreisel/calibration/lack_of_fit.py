@@ -16,22 +16,13 @@ from kreisel.calibration.evidence import Disagreement, LackOfFit
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.blocks import Blocks
+from kreisel.fitting.blocks import MIN_BLOCKS, Blocks, block_ends, standstills_in
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
-
-MIN_SECONDS = 4.0
-"""s; shortest block, longer than errors of a reference on its path are correlated."""
-
-MAX_BLOCKS = 120
-"""Number of blocks at most: of more, each says little, and each costs an inverse."""
-
-MIN_BLOCKS = 8
-"""Number of blocks from which their scatter says something."""
 
 CHANCE = 1e-3
 """Probability that a group's scatter is as large by chance."""
@@ -49,30 +40,9 @@ _LAGS = 2
 """Blocks after which scores are independent, for sums of their products (Bartlett weights, Newey and West 1987)."""
 
 
-def block_ends(problem: Problem) -> list[int]:
-    """Return where blocks end: at the beginning of standstills where there are some, else by time."""
-    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
-    times = stamps[np.array([update.last for update in updates])]
-    shortest = max(MIN_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
-    resting = _standstills(problem) >= MIN_BLOCKS
-    ends, begun = [], float(times[0])
-    for i, update in enumerate(updates[1:], start=1):
-        fitting = update.new_standstill if resting else True
-        if (fitting and times[i] - begun >= shortest) or times[i] - begun >= 3.0 * shortest:
-            ends.append(i + 1)
-            begun = float(times[i])
-    if ends and len(updates) - ends[-1] < 3:
-        ends.pop()
-    return [*(end for end in ends if end < len(updates)), len(updates)]
-
-
-def _standstills(problem: Problem) -> int:
-    return sum(update.new_standstill for update in problem.schedule.updates)
-
-
 def moves_in(problem: Problem, lack: LackOfFit | None) -> int:
     """Return the number of moves between standstills whose scatter is known."""
-    return 0 if lack is None else min(len(lack.influence), _standstills(problem))
+    return 0 if lack is None else min(len(lack.influence), standstills_in(problem))
 
 
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:
@@ -81,7 +51,7 @@ def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOf
     belief = found.run.belief
     if len(ends) < MIN_BLOCKS or found.problem.constant(belief.standard_deviation).size == 0:
         return None
-    blocks = found.estimator.blocks(found.problem, found.run, ends, progress)
+    blocks = found.blocks or found.estimator.blocks(found.problem, found.run, ends, progress)
     factor = belief.factor[blocks.parameters]
     names = tuple(found.problem.parameter_names[k] for k in blocks.parameters)
     return replace(scatter(blocks, factor @ factor.T), names=names)

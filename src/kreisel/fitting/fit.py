@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.blocks import Blocks
-from kreisel.fitting.terms import Linearisation, Terms
+from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.fitting.update_history import History
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -56,6 +56,32 @@ class Fit:
         return degrees / max(degrees - self.fitted, 0.3 * degrees, 1.0) if degrees > 0.0 else 1.0
 
 
+class Linearised(Protocol):
+    """A problem linearised about a fit: what its data say of anything, to first order and without another run."""
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the problem near that fit."""
+        ...
+
+    @property
+    def blocks(self) -> Blocks | None:
+        """What the blocks of updates that end at `fitting.blocks.block_ends` say; None if it takes another run."""
+        ...
+
+    def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
+        """Return what the data say of terms outside the state; innovations: with what they do to each of these."""
+        ...
+
+    def scores(self, terms: Terms) -> Scores:
+        """Return the scores of terms outside the state: much cheaper than their information."""
+        ...
+
+    def walk_score(self, group: str) -> Scores:
+        """Return the score of the variance of a random walk of a group of parameters."""
+        ...
+
+
 class Estimator(Protocol):
     """What estimates the parameters of a problem from all its updates.
 
@@ -96,10 +122,8 @@ class Estimator(Protocol):
         """
         ...
 
-    def linearise(
-        self, problem: Problem, near: Fit, terms: Terms, progress: StepProgress | None = None
-    ) -> tuple[Fit, Linearisation]:
-        """Return the fit of a problem near another one, and what the data say of terms outside its state."""
+    def linearise(self, problem: Problem, near: Fit, progress: StepProgress | None = None) -> Linearised:
+        """Return a linearisation of a problem about a fit."""
         ...
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:

@@ -17,7 +17,7 @@ from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
 from kreisel.kalman.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.kalman.navigation_start import navigation_from_reference
-from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.kalman.slopes import Slopes
 from kreisel.kalman.update_record import history_of, joined
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance
@@ -42,7 +42,7 @@ def run_filter(
     progress: StepProgress | None = None,
     belief: Belief | None = None,
     visit: Mapping[int, Callable[[Belief], None]] | None = None,
-    sensitivity: Sensitivity | None = None,
+    slopes: Slopes | None = None,
 ) -> Fit:
     """Return the result of running the filter over all updates of a problem.
 
@@ -56,8 +56,8 @@ def run_filter(
         Called with the share done.
     visit
         By number of an update: what is called with the belief after all updates before it.
-    sensitivity
-        Carried along with the run.
+    slopes
+        Where the slopes of all updates are recorded.
 
     Raises
     ------
@@ -74,16 +74,15 @@ def run_filter(
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         reported = pose_regressor(problem, start, updates[chunk], reference_groups(problem, start))
         steps = filter_steps(problem, start, updates[chunk], reported)
-        record = filter_record(problem, chunk.stop - chunk.start, slopes=sensitivity is not None)
+        record = filter_record(problem, chunk.stop - chunk.start, slopes=slopes is not None)
         done = begin
         while done < chunk.stop:
             if limit.rejected[0] >= MAX_REJECTED_IN_A_ROW:
                 belief, jumps = _after_a_jump(problem, belief), jumps + 1
             anew = updates[done].new_segment or limit.rejected[0] >= MAX_REJECTED_IN_A_ROW
             belief = _belief_before(problem, start, belief, done, limit.rejected)
-            if sensitivity is not None and anew:
-                sensitivity.restart()
-            at = done
+            if slopes is not None and anew:
+                slopes.restart(done)
             filtered = filter_arguments.Gaussian(belief.mean.copy(), belief.factor.T.copy())
             signal, until = readings.holding(updates[done].first, updates[done].last)
             counted = steps._replace(first=steps.first - signal.begin, last=steps.last - signal.begin)
@@ -98,12 +97,12 @@ def run_filter(
                     f"the filter's state is no longer finite at {seconds:.2f} s; check units and noise figures, or fix "
                     "groups that are not observable"
                 )
-            if sensitivity is not None:
-                sensitivity.advance(at, updates[at:done], record, at - begin)
             if visit is not None and done in visit:
                 visit[done](belief)
             if progress is not None:
                 progress(done / len(updates))
+        if slopes is not None:
+            slopes.add(record, begin)
         histories.append(history_of(problem, updates[chunk], record))
     history = joined(problem, histories, belief.mean)
     parameters = parameters_of(problem, start, belief.mean)

@@ -68,9 +68,10 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     """
     if not problem.parameter_names:
         return run
-    scale, P, I_run, I_begun, I_prior, to_begun, to_prior = _informations(problem, run, begun)
+    known = elimination(problem, run, begun)
+    scale, P, _, I_begun, I_prior, to_begun, to_prior = known
     size = np.outer(scale, scale)
-    information = I_run - I_begun + I_prior
+    information = known.information
     fitted = max(0.0, float(np.trace((I_begun - I_prior) @ P)))
     noise = _information_of_noise(problem, run, scale)
     damped = _limited(0.5, noise, information)
@@ -82,8 +83,9 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     return replace(moved, fitted=fitted)
 
 
-class _Informations(NamedTuple):
-    """Covariance of a run's parameters, information matrices (n, n), and distances (n,), in units of `scale` (n,)."""
+class Elimination(NamedTuple):
+    """Covariance of a run's parameters, information matrices (n, n) of the run, of the belief it started with, and of
+    the problem's prior, and distances (n,) to the latter two; all in units of `scale` (n,)."""
 
     scale: Array
     P: Array
@@ -93,8 +95,23 @@ class _Informations(NamedTuple):
     to_begun: Array
     to_prior: Array
 
+    @property
+    def information(self) -> Array:
+        """Of the parameters, by data and prior."""
+        return np.asarray(self.run - self.begun + self.prior)
 
-def _informations(problem: Problem, run: Fit, begun: Belief) -> _Informations:
+    def step(self, to_begun: Array, to_prior: Array) -> Array:
+        """Return the way (n, k) from the run's result to that with the problem's prior, for distances (n, k)."""
+        return np.asarray(np.linalg.solve(self.information, self.prior @ to_prior - self.begun @ to_begun))
+
+    def drawn(self, to_begun: Array, rng: np.random.Generator) -> Array:
+        """Return steps (n, k) as they are by chance, for distances (n, k) of the begun belief that innovations made."""
+        true = np.linalg.cholesky(self.P) @ rng.standard_normal(to_begun.shape)
+        error = np.linalg.solve(np.linalg.cholesky(self.prior).T, rng.standard_normal(to_begun.shape))
+        return self.step(to_begun, true + error)
+
+
+def elimination(problem: Problem, run: Fit, begun: Belief) -> Elimination:
     """Return the information of a run, of the belief it started with, and of the problem's prior."""
     layout, n = problem.layout, len(problem.parameter_names)
     covariance = run.belief.covariance
@@ -106,10 +123,10 @@ def _informations(problem: Problem, run: Fit, begun: Belief) -> _Informations:
         np.linalg.inv(M) for M in (P, _start(begun, n, walk) / size, _start(prior, n, walk) / size)
     )
     to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
-    return _Informations(scale, P, I_run, I_begun, I_prior, to_begun, to_prior)
+    return Elimination(scale, P, I_run, I_begun, I_prior, to_begun, to_prior)
 
 
-def eliminated(problem: Problem, run: Fit, begun: Belief, beside: Sensitivity) -> Linearisation:
+def eliminated(known: Elimination, beside: Sensitivity) -> Linearisation:
     """Return what a run says of terms outside the state, about its result with the stated prior.
 
     Notes
@@ -118,16 +135,13 @@ def eliminated(problem: Problem, run: Fit, begun: Belief, beside: Sensitivity) -
     information B about the parameters ends with I: in the parameters and b, its log-likelihood has the blocks I, -I V
     and V' I V + N' N. With the stated prior A, I - B + A stands for the first; the parameters are then eliminated.
     """
-    scale, _, I_run, I_begun, I_prior, to_begun, to_prior = _informations(problem, run, begun)
-    V = beside.state[: scale.size] / scale[:, None]
-    information = I_run - I_begun + I_prior
-    pull = I_run @ V
-    change = np.linalg.solve(information, pull)
-    step = np.linalg.solve(information, I_prior @ to_prior - I_begun @ to_begun)
+    V = beside.state[: known.scale.size] / known.scale[:, None]
+    pull = known.run @ V
+    change = np.linalg.solve(known.information, pull)
     return Linearisation(
-        scale[:, None] * change,
+        known.scale[:, None] * change,
         beside.information + pull.T @ (V - change),
-        beside.score + pull.T @ step,
+        beside.score + pull.T @ known.step(known.to_begun, known.to_prior),
         beside.part_information,
         beside.part_scores,
         beside.misfit,

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.fitting.blocks import Blocks, increments
+from kreisel.fitting.blocks import Blocks, block_ends
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
-from kreisel.fitting.terms import Linearisation, Terms
 from kreisel.kalman.filter_pass import repeated, run_filter
-from kreisel.kalman.prior_exchange import eliminated, narrowed_belief, start_near, with_stated_prior
-from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.kalman.linear_run import LinearRun, blocks_of
+from kreisel.kalman.prior_exchange import narrowed_belief, start_near, with_stated_prior
+from kreisel.kalman.slopes import Slopes
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -59,24 +59,21 @@ class SigmaPointFilter:
     def blocks(self, problem: Problem, near: Fit, ends: Sequence[int], progress: StepProgress | None = None) -> Blocks:
         """Return what each block of updates says about the parameters: the increments of one pass near a fit."""
         start, begun = start_near(problem, near), narrowed_belief(problem, near)
-        constant = problem.constant(near.belief.standard_deviation)
         found: list[Belief] = [begun]
         run_filter(
             problem, start, belief=begun, gate=near.gate, progress=progress, visit=dict.fromkeys(ends, found.append)
         )
-        means = np.stack([belief.mean for belief in found], axis=1)
-        distance = problem.layout.minus(means, near.belief.mean)[constant].T
-        covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
-        return increments(constant, np.asarray(ends), distance, covariance)
+        return blocks_of(problem, near, np.asarray(ends), found)
 
-    def linearise(
-        self, problem: Problem, near: Fit, terms: Terms, progress: StepProgress | None = None
-    ) -> tuple[Fit, Linearisation]:
-        """Return the fit of a problem near another one, and what the data say of terms outside its state: one pass."""
-        begun, beside = narrowed_belief(problem, near), Sensitivity(problem, terms)
-        start = start_near(problem, near)
-        run = run_filter(problem, start, belief=begun, gate=_WIDE_GATE, progress=progress, sensitivity=beside)
-        return with_stated_prior(problem, run, begun), eliminated(problem, run, begun, beside)
+    def linearise(self, problem: Problem, near: Fit, progress: StepProgress | None = None) -> LinearRun:
+        """Return a linearisation of a problem about a fit: one pass with the slopes of all its updates."""
+        start, begun, slopes = start_near(problem, near), narrowed_belief(problem, near), Slopes(problem)
+        ends, found = block_ends(problem), [begun]
+        run = run_filter(
+            problem, start, belief=begun, gate=_WIDE_GATE, progress=progress,
+            visit=dict.fromkeys(ends, found.append), slopes=slopes,
+        )  # fmt: skip
+        return LinearRun(problem, near, run, begun, slopes, np.asarray(ends), found)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

@@ -14,13 +14,12 @@ import numpy as np
 
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import Fit, Linearised
 from kreisel.fitting.terms import Linearisation
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.problem import Problem
-from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning
-from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh
+from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms, FoundFamily
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
@@ -81,10 +80,9 @@ Settle = Callable[[Problem, Fit], tuple[Problem, Fit]]
 def find_discrepancy(
     recorded: Problem,
     near: Fit,
-    estimator: Estimator,
+    linearise: Callable[[Problem, Fit], Linearised],
     settle: Settle,
     least_noise: Callable[[Problem], float],
-    progress: StepProgress | None = None,
 ) -> Discrepancy:
     """Return what the data ask for. The last problem that was settled is without it.
 
@@ -94,6 +92,8 @@ def find_discrepancy(
         The problem with the data as recorded, and the noise that they ask for without terms.
     near
         Its fit.
+    linearise
+        Linearises a problem about a fit.
     least_noise
         Factor on the variance of a problem's noise that is left at least: noise that was found explains what terms
         would.
@@ -104,31 +104,40 @@ def find_discrepancy(
     if not terms.families:
         return Discrepancy()
     problem, fit, amplitude = recorded, near, np.zeros(terms.family.size)
+    worth = np.zeros(0, dtype=np.int64)
     for _ in range(MAX_ROUNDS):
-        _, about = estimator.linearise(problem, fit, terms.terms(problem.schedule), progress)
-        whole = _about_zero(about, amplitude)
-        weighed = weigh(whole, terms.family, terms.weight, least_noise(problem))
-        if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude) < _MOVED):
+        linear, every = linearise(problem, fit), terms.terms(problem.schedule)
+        worth = np.union1d(worth, worth_weighing(linear.scores(every), terms.family, terms.weight))
+        own = np.flatnonzero(np.isin(terms.family, worth))
+        if own.size == 0:
+            return Discrepancy()
+        family, weight = np.searchsorted(worth, terms.family[own]), terms.weight[own]
+        whole = _about_zero(linear.about(every.some(own)), amplitude[own])
+        weighed = weigh(whole, family, weight, least_noise(problem))
+        if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude[own]) < _MOVED):
             break
-        amplitude = weighed.amplitude
+        amplitude[own] = weighed.amplitude
         problem, fit = settle(terms.corrected(problem, amplitude), fit)
+    amplitude[own] = weighed.amplitude
     found = tuple(
-        FoundFamily(terms.families[f], float(weighed.gain[f]), terms.size(weighed.amplitude, f))
+        FoundFamily(terms.families[worth[f]], float(weighed.gain[f]), terms.size(amplitude, int(worth[f])))
         for f in weighed.families
     )
-    own = _root(whole.change @ weighed.covariance @ whole.change.T)
-    return Discrepancy(found, own, undecided(whole.change, weighed), _remainder(terms, whole.change, weighed))
+    columns = _root(whole.change @ weighed.covariance @ whole.change.T)
+    return Discrepancy(
+        found, columns, undecided(whole.change, weighed), _remainder(family, weight, whole.change, weighed)
+    )
 
 
-def _remainder(terms: DiscrepancyTerms, change: Array, weighed: Weighed) -> Array:
+def _remainder(family: Indices, weight: Array, change: Array, weighed: Weighed) -> Array:
     """Return columns (n, k) of what series of functions that end too early leave in the parameters.
 
     The terms that follow are taken for as large as those in the upper half of the degrees, and to act like them.
     """
     columns = [np.zeros((len(change), 0))]
     for f in weighed.families:
-        own = np.flatnonzero(terms.family == f)
-        degree = 1.0 / terms.weight[own]
+        own = np.flatnonzero(family == f)
+        degree = 1.0 / weight[own]
         upper = own[degree > 0.5 * degree.max()]
         columns.append(float(np.sqrt(np.mean(weighed.amplitude[upper] ** 2))) * change[:, upper])
     joined = np.hstack(columns)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.fitting.terms import Linearisation
+from kreisel.fitting.terms import Linearisation, Scores
 from kreisel.geometry.rotation import Array, Indices, Mask
 
 MIN_GAIN = 10.0
@@ -38,6 +38,10 @@ _SIZES = np.exp(np.linspace(-9.0, 12.0, 43))
 
 _LEAST_DEGREES = 0.02
 """Amplitudes that the data determine, of a family, below which its size is zero."""
+
+_FAR_SCORE, _FAR_SUM = 3.5, 1.5
+"""Deviations of one score, and of a family's sum of squares from its mean, beyond which a family is looked at: one of
+ten by chance."""
 
 _ROUNDING = 1e-8
 """Share of an information matrix's largest eigenvalue that is lost in rounding."""
@@ -163,6 +167,30 @@ def weigh(found: Linearisation, family: Indices, weight: Array, least: float = 1
     chosen, rest = state.variance > 0.0, _rest(data, amplitude)
     gains = np.where(chosen, _gains(data, state), [max(_alone(rest, f, state.noise)[0], 0.0) for f in range(count)])
     return Weighed(chosen, gains, amplitude, covariance, state.noise, rest)
+
+
+def worth_weighing(scores: Scores, family: Indices, weight: Array) -> Indices:
+    """Return the families whose scores are larger than most are by chance: others gain nothing.
+
+    A family is judged by the sum of its squared scores, in units of what is expected of its amplitudes and of what each
+    is by chance, and by the largest one.
+
+    Notes
+    -----
+    The first is the score of the variance of a family's amplitudes (Lin 1997), the most powerful test of a small one.
+    """
+    by_chance = np.sqrt(np.mean(scores.draws**2, axis=0)) + 1e-300
+    found = []
+    for f in np.unique(family):
+        own = np.flatnonzero(family == f)
+        far = float(np.max(np.abs(scores.value[own]) / by_chance[own])) > _FAR_SCORE
+        for unit in (weight[own], 1.0 / by_chance[own]):
+            drawn = np.sum((scores.draws[:, own] * unit) ** 2, axis=1)
+            value = float(np.sum((scores.value[own] * unit) ** 2))
+            far |= value > float(np.mean(drawn) + _FAR_SUM * np.std(drawn))
+        if far:
+            found.append(int(f))
+    return np.array(found, dtype=np.int64)
 
 
 def _rest(data: _Data, amplitude: Array) -> _Data:

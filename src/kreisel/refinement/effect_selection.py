@@ -1,9 +1,9 @@
-"""Which effects a recording shows: all that are possible are estimated once, together, and weighed by their evidence.
+"""Which effects a recording shows: all that are possible are linearised once, together, and weighed by their evidence.
 
-In one pass every candidate is in the state, with its prior. By its result, a normal distribution of all parameters, the
-model with some of the candidates only is known too: the others are then zero, and the distribution is conditioned on
-it. The evidence for a candidate is the ratio of the likelihoods of the data with and without it, each a mean over the
-prior: an effect with a wide prior has to gain more. No further pass is needed to compare models.
+What the data say of the parameters of all candidates, all others estimated, is a normal distribution, and so is what
+they say of some of them with the rest zero. The evidence for a candidate is the ratio of the likelihoods of the data
+with and without it, each a mean over the prior: an effect with a wide prior has to gain more. No further pass is needed
+to compare models.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import Fit, Linearised
+from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import parameters_of, stored_state
+from kreisel.fitting.terms import Linearisation
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
+from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE
 from kreisel.model.calibration_settings import BY_CHOICE
 from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal, without_groups
-from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
+from kreisel.refinement.named_terms import OFFSET_OF, named_terms
 
 MIN_GAIN = 6.0
 """Minimum logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
@@ -37,16 +39,8 @@ that is common in devices like it, and one that its grade states."""
 _CAREFUL = 0.25
 """Power of the tempering by which more evidence is needed."""
 
-_GATE = 100.0
-"""Factor on the gate: noise may be larger than assumed."""
-
-_ENOUGH = 10_000
-"""Samples that show the mean of a reading."""
-
 _MIN_TEMPERATURE_CHANGE = 0.5
 """K."""
-
-_OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
 
 _JOINTS_OF_FRAMES = 2
 """The first and the last joint: errors of their zeros are errors of the base and the tool frame."""
@@ -66,9 +60,15 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
         possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
+        possible &= group not in EFFECTS or _has_offset(problem, OFFSET_OF[EFFECTS[group].sensor])
         if possible and group not in problem.layout and group not in problem.settings.fixed:
             out.append(group)
     return tuple(group for group in GROUPS if group in out)
+
+
+def _has_offset(problem: Problem, group: str) -> bool:
+    """Return whether all offsets of a sensor are estimated; what is added to known ones has no slope in a fit."""
+    return group in problem.layout and problem.layout.present(group).size == problem.layout.whole(group)
 
 
 def _temperature_changes(problem: Problem) -> bool:
@@ -79,29 +79,35 @@ def _temperature_changes(problem: Problem) -> bool:
 
 @dataclass(frozen=True)
 class Survey:
-    """A pass with all candidates in the state.
+    """What the data say of all candidates.
 
     Attributes
     ----------
-    before
-        The problem without candidates.
-    problem, run
-        With all of them.
+    before, fit
+        The problem without candidates, and its fit.
     groups
         The candidates.
+    about
+        What the data say of their parameters, one group after another.
+    usual
+        Covariance of each candidate's prior, for devices of which nothing is known.
     temper
         Factor on the information of the data: the innovations are correlated in time.
     """
 
     before: Problem
-    problem: Problem
-    run: Fit
+    fit: Fit
     groups: tuple[str, ...]
+    about: Linearisation
+    usual: dict[str, Array]
     temper: float
 
     def places(self, groups: tuple[str, ...]) -> Indices:
-        """Return the degrees of freedom of groups."""
-        return _places(self.problem, groups)
+        """Return the numbers of the parameters of groups."""
+        sizes = [len(self.usual[group]) for group in self.groups]
+        begin = dict(zip(self.groups, np.cumsum([0, *sizes]).tolist(), strict=False))
+        own = [np.arange(begin[g], begin[g] + len(self.usual[g])) for g in self.groups if g in groups]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *own])
 
     def gain(self, groups: tuple[str, ...]) -> float:
         """Return the logarithm of the ratio of the evidences with some candidates and without any."""
@@ -118,25 +124,46 @@ class Survey:
         return np.asarray(P @ eta), np.asarray(P)
 
     def conditioned(self, groups: tuple[str, ...]) -> tuple[Problem, Fit]:
-        """Return the problem with some candidates, and the run's result with all others zero.
+        """Return the problem with some candidates, and its fit with all others zero.
 
         The prior of one that is larger than usual is as wide as its estimate: what is usual for many devices must not
         pull at one that is found in the data.
         """
-        rest = tuple(g for g in self.groups if g not in groups)
-        problem = with_groups(self.before, groups, {group: self._priors[group] for group in groups})
-        return problem, _with_zero(self.problem, self.run, problem, rest)
+        chosen = tuple(group for group in self.groups if group in groups)
+        larger = with_groups(self.before, chosen, {group: self._priors[group] for group in chosen})
+        value, P = self._untempered(chosen)
+        moved = self._moved(chosen, value)
+        known = moved.parameters.with_order(larger.settings.polynomial_order)
+        before, after = self.before.layout, larger.layout
+        mean, covariance = np.empty(after.size), np.zeros((after.degrees, after.degrees))
+        own = np.concatenate([np.zeros(0, dtype=np.int64), *(np.r_[after[group]] for group in chosen)])
+        kept = np.concatenate([np.r_[after[part.name]] for part in before])
+        for part in before:
+            mean[after.stored(part.name)] = moved.belief.mean[before.stored(part.name)]
+        at = 0
+        for group in chosen:
+            part = after.stored(group)
+            mean[part] = value[at : at + part.stop - part.start]
+            at += part.stop - part.start
+        columns = self._columns(chosen)
+        covariance[np.ix_(kept, kept)] = self.fit.belief.covariance + columns @ P @ columns.T
+        covariance[np.ix_(kept, own)] = columns @ P
+        covariance[np.ix_(own, kept)] = P @ columns.T
+        covariance[np.ix_(own, own)] = P
+        belief = Belief(mean, _factor(covariance))
+        return larger, replace(moved, belief=belief, parameters=parameters_of(larger, known, mean))
 
     def shift(self, group: str) -> tuple[float, str]:
         """Return the largest change of a sensor's parameter by one candidate, in deviations, and its name."""
-        base, P = self._plain
-        more, _ = self._with_one[group]
-        places = [i for i in self._others if i < self.problem.sensor_degrees]
-        if not places:
+        n = self.before.sensor_degrees
+        if n == 0:
             return 0.0, ""
-        change = self.problem.layout.minus(more[:, None], base)[places, 0] / _deviations(P)[places]
-        worst = int(np.argmax(np.abs(change)))
-        return float(np.abs(change[worst])), self.problem.parameter_names[places[worst]]
+        value, P = self._untempered((group,))
+        columns = self._columns((group,))[:n]
+        variance = self.fit.belief.standard_deviation[:n] ** 2 + np.sum((columns @ P) * columns, axis=1)
+        change = np.abs(columns @ value) / np.sqrt(variance)
+        worst = int(np.argmax(change))
+        return float(change[worst]), self.before.parameter_names[worst]
 
     def undecided(self) -> Array:
         """Return columns (degrees of the problem without candidates, k) for effects that may be there or not.
@@ -144,17 +171,13 @@ class Survey:
         The square of a column is what an effect that is left out may add to the covariance, times the probability that
         it is there: its shift of the result, and the uncertainty of that.
         """
-        degrees, base = self.before.layout.degrees, self._plain[0]
-        columns = [np.zeros((degrees, 0))]
+        columns = [np.zeros((self.before.layout.degrees, 0))]
         for group in self.groups:
             odds = self._odds(group) * np.exp(min(self.gain((group,)), MIN_GAIN))
-            more, P = self._with_one[group]
-            i = self.places((group,))
-            spread = P[np.ix_(self._others, i)] @ np.linalg.inv(np.linalg.cholesky(P[np.ix_(i, i)])).T
-            shift = self.problem.layout.minus(more[:, None], base)[self._others]
-            part = np.zeros((degrees, 1 + i.size))
-            part[: self._others.size] = (odds / (1.0 + odds)) ** 0.5 * np.hstack([shift, spread])
-            columns.append(part)
+            value, P = self._untempered((group,))
+            own = self._columns((group,))
+            part = np.hstack([(own @ value)[:, None], own @ np.linalg.cholesky(P)])
+            columns.append((odds / (1.0 + odds)) ** 0.5 * part)
         return np.hstack(columns)
 
     def _odds(self, group: str) -> float:
@@ -164,45 +187,26 @@ class Survey:
             return UNLIKELY_ODDS
         return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
 
-    @cached_property
-    def _others(self) -> Indices:
-        """Degrees of freedom of all parameters that are no candidates."""
-        return np.setdiff1d(np.arange(len(self.problem.parameter_names)), self.places(self.groups))
+    def _untempered(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return estimate and covariance of some candidates, all others zero, by data that count as they are."""
+        return replace(self, temper=1.0).alone(groups)
 
-    @cached_property
-    def _plain(self) -> tuple[Array, Array]:
-        """Mean and covariance without any candidate."""
-        return self._without(self.groups)
+    def _moved(self, groups: tuple[str, ...], value: Array) -> Fit:
+        """Return the fit with some candidates of a value, all others zero."""
+        step = (self._columns(groups) @ value)[: len(self.before.parameter_names)]
+        return result_moved(self.before, self.fit, step)
 
-    @cached_property
-    def _with_one(self) -> dict[str, tuple[Array, Array]]:
-        """Mean and covariance with each candidate alone."""
-        return {group: self._without(tuple(g for g in self.groups if g != group)) for group in self.groups}
-
-    def _without(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
-        """Return mean and covariance conditioned on zero values of candidates."""
-        return _conditioned(self.problem, self.run, groups)
-
-    @cached_property
-    def _values(self) -> Array:
-        """Distance of the estimate from one with all candidates zero, for every degree of freedom."""
-        return _distance(self.problem, self.run, self.groups)
-
-    @cached_property
-    def _data(self) -> tuple[Array, Array]:
-        """Information matrix and vector of the data about all candidates, all else estimated."""
-        every, covariance = self.places(self.groups), self.problem.prior.covariance
-        P = self.run.belief.covariance[np.ix_(every, every)]
-        scale = np.sqrt(np.diag(P))
-        information = np.linalg.inv(P / np.outer(scale, scale)) / np.outer(scale, scale)
-        prior = np.concatenate([np.diag(covariance[group]) for group in self.groups])
-        return self.temper * (information - np.diag(1.0 / prior)), self.temper * (information @ self._values[every])
+    def _columns(self, groups: tuple[str, ...]) -> Array:
+        """Return what units of the parameters of groups change in the state, (degrees, k); only in its parameters."""
+        out = np.zeros((self.before.layout.degrees, self.places(groups).size))
+        change = self.about.change[:, self.places(groups)]
+        out[: len(change)] = change
+        return out
 
     def _data_about(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
-        """Return the part of `_data` that belongs to some candidates."""
-        D, eta = self._data
-        i = np.searchsorted(self.places(self.groups), self.places(groups))
-        return D[np.ix_(i, i)], eta[i]
+        """Return information matrix and vector of the data about some candidates, all else estimated."""
+        i = self.places(groups)
+        return self.temper * self.about.information[np.ix_(i, i)], self.temper * self.about.score[i]
 
     def _prior(self, groups: tuple[str, ...]) -> Array:
         """Return the covariance of the candidates' prior, as wide as the data ask for."""
@@ -222,7 +226,7 @@ class Survey:
         return {group: self._as_wide_as_asked(group) for group in self.groups}
 
     def _as_wide_as_asked(self, group: str) -> Array:
-        usual = self.before.prior.covariance.get(group, self.problem.prior.covariance[group])
+        usual = self.before.prior.covariance.get(group, self.usual[group])
         D, eta = self._data_about((group,))
         scale = np.sqrt(np.diag(usual))
         seen, strength = np.linalg.eigh(D * np.outer(scale, scale))
@@ -291,65 +295,43 @@ def _factor(P: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
 
 
-def survey(problem: Problem, run: Fit, estimator: Estimator, progress: StepProgress | None = None) -> Survey | None:
-    """Return a pass with all candidates, from the result of a run without them; None if there are none.
+def survey(problem: Problem, near: Fit, linear: Linearised) -> Survey | None:
+    """Return what the data say of all candidates beyond a fit's parameters; None if there are none.
 
-    If the innovations of this very pass are too large or correlated, something else is missing too: the evidence is
+    If the innovations are too large or correlated even with all of them, something else is missing too: the evidence is
     then tempered.
+
+    Parameters
+    ----------
+    near, linear
+        The problem's fit, and its linearisation about that.
     """
     groups = candidates(problem)
     if not groups:
         return None
     # A grade may state that there is hardly such an effect. Here its prior is wide: it must not hide what the data say.
-    wide = {g: usual_covariance(g, problem) for g in groups if group_named(g).usual_sd is not None}
-    larger = with_groups(problem, groups, {g: P for g, P in wide.items() if len(P)})
-    n, before, after = len(problem.parameter_names), problem.layout, larger.layout
-    parameters = run.parameters.with_order(larger.settings.polynomial_order)
-    P = np.zeros((after.degrees, after.degrees))
-    for part in after:
-        d = after[part.name]
-        P[d, d] = larger.prior.covariance[part.name] if part.name in groups else np.eye(d.stop - d.start)
-    names = [part.name for part in before if before[part.name].stop <= n]
-    old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
-    P[np.ix_(new, new)] = run.belief.covariance[np.ix_(old, old)]
-    T = _kept_mean(larger, groups)
-    P = T @ P @ T.T
-    begun = replace(run, belief=Belief(stored_state(larger, parameters), _factor(P)), parameters=parameters)
-    found = estimator.refit(larger, begun, gate=_GATE, progress=progress)
-    return Survey(problem, larger, found, groups, 1.0 / (correlation_factor(found) ** 2 * max(1.0, _size(found))))
+    usual = {g: usual_covariance(g, problem) for g in groups}
+    usual |= {g: problem.prior.covariance[g] for g in groups if g in problem.prior.covariance and not _has_usual(g)}
+    terms, combined = named_terms(problem, near, groups)
+    whole = linear.about(terms, innovations=True)
+    about = replace(
+        whole, change=whole.change @ combined, information=combined.T @ whole.information @ combined,
+        score=combined.T @ whole.score,
+    )  # fmt: skip
+    found = Survey(problem, near, groups, about, usual, 1.0)
+    value, _ = found.alone(groups)
+    return replace(found, temper=_temper(linear.fit, whole.innovations @ (combined @ value).astype(np.float32)))
 
 
-def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
-    """Return the change of a state (degrees, degrees) in which offsets take back what effects add on average.
+def _has_usual(group: str) -> bool:
+    return group_named(group).usual_sd is not None
 
-    So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
-    distinguished from an offset starts as such.
-    """
-    layout, readings, known = problem.layout, problem.sensor.readings, problem.known_places
-    T = np.eye(layout.degrees)
-    thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
-    raw = RawReadings(
-        readings.stamps[thinned],
-        readings.rates[thinned],
-        readings.accelerations[thinned],
-        np.zeros_like,  # derivatives are zero on average
-        np.zeros_like,
-        np.zeros(readings.stamps[thinned].size)
-        if readings.temperature_difference is None
-        else readings.temperature_difference[thinned],
-    )
-    for group in groups:
-        effect = EFFECTS.get(group)
-        if effect is None or _OFFSET_OF[effect.sensor] not in layout:
-            continue
-        offset, own = layout[_OFFSET_OF[effect.sensor]].start, layout[group]
-        size = own.stop - own.start
-        means = effect.features(raw, size).mean(axis=1)
-        for mean, places in zip(means, effect.places(size), strict=True):
-            for i, axis in enumerate(layout.present(_OFFSET_OF[effect.sensor])):
-                if places[axis] >= 0 and not known[offset + i]:
-                    T[offset + i, own.start + places[axis]] -= mean
-    return T
+
+def _temper(run: Fit, added: Array) -> float:
+    """Return the factor on the information of data, by their innovations with all candidates: added (u, 9)."""
+    whitened = run.history.whitened - added
+    left = replace(run, history=replace(run.history, whitened=whitened, nis=np.nansum(whitened**2, axis=1)))
+    return 1.0 / (correlation_factor(left) ** 2 * max(1.0, _size(left)))
 
 
 def _size(run: Fit) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.uncertainty import Contribution, total
+from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered
@@ -31,7 +32,7 @@ class Estimate:
     deviations; 0 if one pass was enough. `considered` are all effects beyond the usual ones, found or not; `walks` the
     groups that walk, and what that gains in log-likelihood; `contradicted` the offsets whose stated prior had to be
     widened, with their scores; `stated` the problem as it was stated; `discrepancy` the families of generic terms by
-    which its readings and poses are corrected.
+    which its readings and poses are corrected; `blocks` what parts of the recording say, if that is known already.
     """
 
     problem: Problem
@@ -48,6 +49,7 @@ class Estimate:
     stated: Problem | None = None
     contributions: tuple[Contribution, ...] = ()
     discrepancy: tuple[FoundFamily, ...] = ()
+    blocks: Blocks | None = None
 
     @cached_property
     def belief(self) -> Belief:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-
 import numpy as np
 
 from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.blocks import Blocks
+from kreisel.fitting.fit import Estimator, Fit, Linearised
 from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time
-from kreisel.progress import Progress, StepProgress, of_parts, of_step
+from kreisel.progress import Progress, StepProgress, of_step
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
@@ -36,7 +35,7 @@ from kreisel.refinement.noise_adaptation import (
     within_bounds,
 )
 from kreisel.refinement.nominal_values import with_nominal_values
-from kreisel.refinement.parameter_walk import found_walks
+from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.tasks import Executor, sequential
@@ -91,8 +90,21 @@ class _Work:
     progress: Progress | None
     executor: Executor
 
+    linearised: list[tuple[Problem, Fit, Linearised]] = field(default_factory=list)
+    """The last linearisation, with the problem and the fit that it is about."""
+
     def step(self, name: str) -> StepProgress | None:
         return of_step(self.progress, name)
+
+    def linear(self, problem: Problem, near: Fit) -> Linearised:
+        """Return a linearisation of a problem about a fit."""
+        for known, about, found in self.linearised:
+            if known is problem and about is near:
+                return found
+        self.linearised.clear()
+        found = self.estimator.linearise(problem, near, self.step("linearise"))
+        self.linearised.append((problem, near, found))
+        return found
 
 
 @dataclass(frozen=True)
@@ -192,6 +204,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
         contradicted=contradicted,
         stated=problem,
         discrepancy=discrepancy.found,
+        blocks=_blocks(found, run, work),
     )
     of_terms = discrepancy.contributions(found.layout.degrees)
     estimate = estimate.adding([
@@ -247,6 +260,14 @@ def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
     ]
 
 
+def _blocks(problem: Problem, run: Fit, work: _Work) -> Blocks | None:
+    """Return what blocks say about the parameters of a run, if a linearisation of its problem told it."""
+    for known, near, found in work.linearised:
+        if known is problem and found.blocks is not None:
+            return found.blocks.about(problem.layout.minus(run.belief.mean[:, None], near.belief.mean)[:, 0])
+    return None
+
+
 def _last_survey(passes: _Passes, work: _Work) -> Survey | None:
     """Return the survey of the final problem: the last one, if the problem has not changed since."""
     found = passes.survey
@@ -254,7 +275,7 @@ def _last_survey(passes: _Passes, work: _Work) -> Survey | None:
         return None
     if passes.surveyed is passes.problem:
         return found
-    return survey(passes.problem, passes.run, work.estimator, work.step("effects"))
+    return survey(passes.problem, passes.run, work.linear(passes.problem, passes.run))
 
 
 def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
@@ -338,18 +359,18 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         return passes
     for _ in range(MAX_ROUNDS):
         problem, run, count = passes.problem, passes.run, passes.count + 1
-        correlation, name = correlation_factor(run), f"pass {count}"
-        steps = [of_step(part, name) for part in of_parts(work.progress, name, 2)]
+        correlation, step = correlation_factor(run), work.step(f"pass {count}")
         quiet = with_noise_of(first, problem)  # noise that was found explains what effects would
         least = MIN_LIKELIHOOD_GAIN * correlation**2
-        found, walk = work.executor([
-            partial(survey, quiet, run, work.estimator, steps[0]),
-            partial(found_walks, problem, run, work.estimator, least, steps[1]),
-        ])  # fmt: skip
+        linear = work.linear(quiet, run)
+        found = survey(quiet, run, linear)
+        walk = None
+        if may_walk(quiet, linear):
+            walk = found_walks(problem, run, work.estimator, least, step)
         chosen = () if found is None else selected(found)
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
-            again = work.estimator.repeat(quiet, run, steps[1])
-            walk = found_walks(quiet, again, work.estimator, least, steps[1])
+            again = work.estimator.repeat(quiet, run, step)
+            walk = found_walks(quiet, again, work.estimator, least, step)
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
@@ -396,8 +417,7 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     def least_noise(problem: Problem) -> float:
         return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
 
-    step = work.step("discrepancy")
-    found = find_discrepancy(passes.problem, passes.run, work.estimator, settle, least_noise, step)
+    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise)
     if not found.found:
         return passes, found
     if _probability(last) < _probability(passes):

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import Estimator, Fit, Linearised
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import bounded_likelihood
@@ -19,6 +19,21 @@ GROUPS_THAT_WALK = ("gyro_offset", "accel_offset", "time_offset")
 
 _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 """Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
+
+
+_WORTH = 2.0
+"""Deviations of a walk's score from its mean by chance, beyond which it is tried."""
+
+
+def may_walk(problem: Problem, linear: Linearised) -> bool:
+    """Return whether the score of a random walk is larger than by chance: only then it is worth a pass to try."""
+    for group in GROUPS_THAT_WALK:
+        if group in problem.layout:
+            score = linear.walk_score(group)
+            size = float(np.std(score.draws))
+            if float(score.value[0]) > float(np.mean(score.draws)) + _WORTH * size:
+                return True
+    return False
 
 
 def found_walks(

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.lack_of_fit import (
-    block_ends,
     lack_of_fit,
     lack_of_fit_disagreement,
     larger_deviations,
     scatter,
     within_subsets,
 )
-from kreisel.fitting.blocks import Blocks, increments
+from kreisel.fitting.blocks import Blocks, block_ends, increments
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.problem import part_of
 from kreisel.refinement.iteration import StatedFigures, estimate

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kreisel.fitting.blocks import block_ends
 from kreisel.fitting.terms import Terms
 from kreisel.geometry.rotation import exp, multiply
 from kreisel.kalman import filter_pass
+from kreisel.kalman import scores as scores_module
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.kernel_inputs import filter_record
 from kreisel.kalman.prior_exchange import narrowed_belief, start_near
 from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.slopes import Slopes
 from kreisel.model.problem import with_readings
 
 from ...small_problem import camera_problem
@@ -70,10 +73,10 @@ def near():
 
 @pytest.fixture(scope="module")
 def beside(near):
-    problem, sensitivity = camera_problem(), Sensitivity(camera_problem(), terms())
+    problem, slopes = camera_problem(), Slopes(camera_problem())
     start, begun = start_near(problem, near), narrowed_belief(problem, near)
-    run = run_filter(problem, start, belief=begun, gate=100.0, sensitivity=sensitivity)
-    return run, sensitivity, start, begun
+    run = run_filter(problem, start, belief=begun, gate=100.0, slopes=slopes)
+    return run, Sensitivity(problem, terms(), slopes), start, begun
 
 
 @pytest.mark.parametrize("row", range(13))
@@ -107,13 +110,14 @@ def test_slopes_have_room_for_every_update_or_for_none(beside, monkeypatch, fiel
 
     monkeypatch.setattr(filter_pass, "filter_record", short)
     with pytest.raises(ValueError, match=f"{field} has the shape"):
-        run_filter(problem, start, belief=begun, sensitivity=Sensitivity(problem, terms()))
+        run_filter(problem, start, belief=begun, slopes=Slopes(problem))
 
 
 @pytest.mark.parametrize("row", [0, 4, 8, 10])
 def test_the_change_of_a_fit_is_that_of_a_fit_of_corrected_data(near, row):
     problem = camera_problem()
-    fit, found = ESTIMATOR.linearise(problem, near, terms())
+    linear = ESTIMATOR.linearise(problem, near)
+    fit, found = linear.fit, linear.about(terms())
     n = len(problem.parameter_names)
     deviation = fit.belief.standard_deviation[:n]
     size = 0.03 / np.max(np.abs(found.change[:, row]) / deviation)
@@ -128,10 +132,33 @@ def test_the_evidence_is_that_of_the_same_terms_in_the_state(near):
     constant = Terms(
         np.ones((len(problem.schedule.updates), 1)), np.zeros(3, dtype=np.int64), np.arange(3), terms().directions
     )
-    _, found = ESTIMATOR.linearise(problem, near, constant)
+    found = ESTIMATOR.linearise(problem, near).about(constant)
     part = problem.layout["gyro_offset"]
     # a second offset can't be told from the first but by the first one's prior
     prior = problem.prior.covariance["gyro_offset"]
     run = ESTIMATOR.refit(problem, near, gate=100.0)
     own = np.linalg.inv(run.belief.covariance[part, part]) - np.linalg.inv(prior)
     np.testing.assert_allclose(found.information, np.linalg.inv(np.linalg.inv(own) + prior), rtol=0.05)
+
+
+def test_scores_by_adjoint_are_those_carried_along(near):
+    linear = ESTIMATOR.linearise(camera_problem(), near)
+    found, scores = linear.about(terms()), linear.scores(terms())
+    np.testing.assert_allclose(scores.value, found.score, rtol=1e-6, atol=1e-6 * np.abs(found.score).max())
+
+
+def test_drawn_scores_are_as_large_as_the_information_says(near, monkeypatch):
+    monkeypatch.setattr(scores_module, "DRAWS", 2000)
+    linear = ESTIMATOR.linearise(camera_problem(), near)
+    found, scores = linear.about(terms()), linear.scores(terms())
+    scale = np.sqrt(np.diag(found.information))
+    expected = found.information / np.outer(scale, scale)
+    np.testing.assert_allclose(np.cov((scores.draws / scale).T), expected, atol=0.12)
+    assert np.abs(scores.draws.mean(axis=0) / scale).max() < 4.0 / 2000**0.5
+
+
+def test_blocks_of_a_linearisation_are_those_of_a_run_for_them(near):
+    problem = camera_problem()
+    linear, alone = ESTIMATOR.linearise(problem, near), ESTIMATOR.blocks(problem, near, block_ends(problem))
+    np.testing.assert_array_equal(linear.blocks.ends, alone.ends)
+    np.testing.assert_allclose(linear.blocks.score, alone.score, rtol=1e-9)

@@ -1,0 +1,100 @@
+"""A run of the filter with the slopes of all its updates: answers to many questions without another run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from kreisel.estimation.belief import Belief
+from kreisel.estimation.consistency import gate_bounds
+from kreisel.fitting.blocks import Blocks, increments
+from kreisel.fitting.fit import Fit
+from kreisel.fitting.terms import Linearisation, Scores, Terms
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.kalman.prior_exchange import Elimination, eliminated, elimination, with_stated_prior
+from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
+from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.kalman.slopes import Slopes
+from kreisel.model.problem import Problem
+
+WALKING = ("gyro_offset", "accel_offset", "time_offset")
+"""Groups whose random walks have a score."""
+
+
+@dataclass(frozen=True)
+class LinearRun:
+    """See `fitting.fit.Linearised`.
+
+    Attributes
+    ----------
+    problem, near
+        What was run, near which fit.
+    run, begun
+        The run, and the belief it started with.
+    slopes
+        Of all its updates.
+    ends, found
+        Updates before which blocks end, and the beliefs before the first of all and at these.
+    """
+
+    problem: Problem
+    near: Fit
+    run: Fit
+    begun: Belief
+    slopes: Slopes
+    ends: Indices
+    found: list[Belief]
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The fit with the stated prior."""
+        return with_stated_prior(self.problem, self.run, self.begun)
+
+    @cached_property
+    def blocks(self) -> Blocks | None:
+        """What each block says; None if a gate that leaves out updates would have left out some."""
+        history = self.run.history
+        if np.any(history.nis > self.near.gate * gate_bounds(history.degrees)):
+            return None
+        return blocks_of(self.problem, self.near, self.ends, self.found)
+
+    def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
+        """Return what the data say of terms outside the state."""
+        beside = Sensitivity(self.problem, terms, self.slopes, kept=innovations)
+        found = eliminated(self._known, beside)
+        return replace(found, innovations=beside.innovations) if innovations else found
+
+    def scores(self, terms: Terms) -> Scores:
+        """Return the scores of terms outside the state."""
+        return scores_of(self._gradients, terms)
+
+    def walk_score(self, group: str) -> Scores:
+        """Return the score of a random walk of a group of parameters."""
+        part = self.problem.layout[group]
+        places = np.flatnonzero(np.isin(self._walking, np.arange(part.start, part.stop)))
+        return walk_score(self._gradients, places, self.slopes.seconds)
+
+    @cached_property
+    def _known(self) -> Elimination:
+        return elimination(self.problem, self.run, self.begun)
+
+    @property
+    def _walking(self) -> Indices:
+        layout = self.problem.layout
+        parts = [layout[group] for group in WALKING if group in layout]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(p.start, p.stop) for p in parts)])
+
+    @cached_property
+    def _gradients(self) -> Gradients:
+        return gradients(self.problem, self.slopes, self._known, self._walking)
+
+
+def blocks_of(problem: Problem, near: Fit, ends: Indices, found: list[Belief]) -> Blocks:
+    """Return the blocks of a run near a fit, from its beliefs before the first update and at the ends."""
+    constant = problem.constant(near.belief.standard_deviation)
+    means = np.stack([belief.mean for belief in found], axis=1)
+    distance = problem.layout.minus(means, near.belief.mean)[constant].T
+    covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
+    return increments(constant, ends, distance, covariance)
