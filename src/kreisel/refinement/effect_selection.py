@@ -15,17 +15,17 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
-from kreisel.fitting.fit import Fit, Linearised
+from kreisel.fitting.fit import Estimator, Fit, Linearised
 from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import parameters_of, stored_state
-from kreisel.fitting.terms import Linearisation
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE
+from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
 from kreisel.model.calibration_settings import BY_CHOICE
 from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal, without_groups
+from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 from kreisel.refinement.named_terms import OFFSET_OF, named_terms
 
@@ -38,6 +38,15 @@ that is common in devices like it, and one that its grade states."""
 
 _CAREFUL = 0.25
 """Power of the tempering by which more evidence is needed."""
+
+_GATE = 100.0
+"""Factor on the gate: noise may be larger than assumed."""
+
+_TRUSTED = 0.7
+"""Tempering of a linearisation above which it is taken as it is: below, effects may be too large for it."""
+
+_ENOUGH = 10_000
+"""Samples that show the mean of a reading."""
 
 _MIN_TEMPERATURE_CHANGE = 0.5
 """K."""
@@ -87,8 +96,10 @@ class Survey:
         The problem without candidates, and its fit.
     groups
         The candidates.
-    about
-        What the data say of their parameters, one group after another.
+    change : (n, c)
+        Of the fit's parameters, for units of theirs, one group after another.
+    information : (c, c), score : (c,)
+        What the data say of theirs, all others estimated, about zero.
     usual
         Covariance of each candidate's prior, for devices of which nothing is known.
     temper
@@ -98,7 +109,9 @@ class Survey:
     before: Problem
     fit: Fit
     groups: tuple[str, ...]
-    about: Linearisation
+    change: Array
+    information: Array
+    score: Array
     usual: dict[str, Array]
     temper: float
 
@@ -199,14 +212,14 @@ class Survey:
     def _columns(self, groups: tuple[str, ...]) -> Array:
         """Return what units of the parameters of groups change in the state, (degrees, k); only in its parameters."""
         out = np.zeros((self.before.layout.degrees, self.places(groups).size))
-        change = self.about.change[:, self.places(groups)]
+        change = self.change[:, self.places(groups)]
         out[: len(change)] = change
         return out
 
     def _data_about(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return information matrix and vector of the data about some candidates, all else estimated."""
         i = self.places(groups)
-        return self.temper * self.about.information[np.ix_(i, i)], self.temper * self.about.score[i]
+        return self.temper * self.information[np.ix_(i, i)], self.temper * self.score[i]
 
     def _prior(self, groups: tuple[str, ...]) -> Array:
         """Return the covariance of the candidates' prior, as wide as the data ask for."""
@@ -295,7 +308,9 @@ def _factor(P: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(0.5 * (correlation + correlation.T) + 1e-12 * np.eye(len(P))))
 
 
-def survey(problem: Problem, near: Fit, linear: Linearised) -> Survey | None:
+def survey(
+    problem: Problem, near: Fit, linear: Linearised, estimator: Estimator, progress: StepProgress | None = None
+) -> Survey | None:
     """Return what the data say of all candidates beyond a fit's parameters; None if there are none.
 
     If the innovations are too large or correlated even with all of them, something else is missing too: the evidence is
@@ -305,6 +320,8 @@ def survey(problem: Problem, near: Fit, linear: Linearised) -> Survey | None:
     ----------
     near, linear
         The problem's fit, and its linearisation about that.
+    estimator
+        Makes a pass with all candidates, if the linearisation is too far from it.
     """
     groups = candidates(problem)
     if not groups:
@@ -314,24 +331,91 @@ def survey(problem: Problem, near: Fit, linear: Linearised) -> Survey | None:
     usual |= {g: problem.prior.covariance[g] for g in groups if g in problem.prior.covariance and not _has_usual(g)}
     terms, combined = named_terms(problem, near, groups)
     whole = linear.about(terms, innovations=True)
-    about = replace(
-        whole, change=whole.change @ combined, information=combined.T @ whole.information @ combined,
-        score=combined.T @ whole.score,
+    found = Survey(
+        problem, near, groups, whole.change @ combined, combined.T @ whole.information @ combined,
+        combined.T @ whole.score, usual, 1.0,
     )  # fmt: skip
-    found = Survey(problem, near, groups, about, usual, 1.0)
     value, _ = found.alone(groups)
-    return replace(found, temper=_temper(linear.fit, whole.innovations @ (combined @ value).astype(np.float32)))
+    added = whole.innovations @ (combined @ value).astype(np.float32)
+    whitened = linear.fit.history.whitened - added
+    history = replace(linear.fit.history, whitened=whitened, nis=np.nansum(whitened**2, axis=1))
+    found = replace(found, temper=_temper(replace(linear.fit, history=history)))
+    return found if found.temper > _TRUSTED else _relinearised(found, estimator, progress)
+
+
+def _relinearised(found: Survey, estimator: Estimator, progress: StepProgress | None) -> Survey:
+    """Return a survey linearised about the fit with all candidates, where the first one is too far from it to tell."""
+    problem, near, groups = found.before, found.fit, found.groups
+    larger = with_groups(problem, groups, found.usual)
+    n, before, after = len(problem.parameter_names), problem.layout, larger.layout
+    parameters = near.parameters.with_order(larger.settings.polynomial_order)
+    P = np.zeros((after.degrees, after.degrees))
+    for part in after:
+        d = after[part.name]
+        P[d, d] = larger.prior.covariance[part.name] if part.name in groups else np.eye(d.stop - d.start)
+    names = [part.name for part in before if before[part.name].stop <= n]
+    old, new = (np.concatenate([np.r_[layout[g]] for g in names]) for layout in (before, after))
+    P[np.ix_(new, new)] = near.belief.covariance[np.ix_(old, old)]
+    T = _kept_mean(larger, groups)
+    begun = replace(near, belief=Belief(stored_state(larger, parameters), _factor(T @ P @ T.T)), parameters=parameters)
+    run = estimator.refit(larger, begun, gate=_GATE, progress=progress)
+    own = _places(larger, groups)
+    others, P = np.setdiff1d(np.arange(len(larger.parameter_names)), own), run.belief.covariance
+    scale = np.sqrt(np.diag(P)[own])
+    information = np.linalg.inv(P[np.ix_(own, own)] / np.outer(scale, scale)) / np.outer(scale, scale)
+    prior = np.zeros_like(information)
+    at = 0
+    for group in groups:
+        block = np.linalg.inv(larger.prior.covariance[group])
+        prior[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return replace(
+        found, fit=_with_zero(larger, run, problem, groups), change=P[np.ix_(others, own)] @ information,
+        information=information - prior, score=information @ _distance(larger, run, groups)[own],
+        temper=_temper(run),
+    )  # fmt: skip
+
+
+def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
+    """Return the change of a state (degrees, degrees) in which offsets take back what effects add on average.
+
+    So the readings' mean stays as it is, and with it all that the data already showed: an effect that is hardly
+    distinguished from an offset starts as such.
+    """
+    layout, readings, known = problem.layout, problem.sensor.readings, problem.known_places
+    T = np.eye(layout.degrees)
+    thinned = slice(None, None, max(1, readings.stamps.size // _ENOUGH))
+    raw = RawReadings(
+        readings.stamps[thinned],
+        readings.rates[thinned],
+        readings.accelerations[thinned],
+        np.zeros_like,  # derivatives are zero on average
+        np.zeros_like,
+        np.zeros(readings.stamps[thinned].size)
+        if readings.temperature_difference is None
+        else readings.temperature_difference[thinned],
+    )
+    for group in groups:
+        effect = EFFECTS.get(group)
+        if effect is None or OFFSET_OF[effect.sensor] not in layout:
+            continue
+        offset, own = layout[OFFSET_OF[effect.sensor]].start, layout[group]
+        size = own.stop - own.start
+        means = effect.features(raw, size).mean(axis=1)
+        for mean, places in zip(means, effect.places(size), strict=True):
+            for i, axis in enumerate(layout.present(OFFSET_OF[effect.sensor])):
+                if places[axis] >= 0 and not known[offset + i]:
+                    T[offset + i, own.start + places[axis]] -= mean
+    return T
 
 
 def _has_usual(group: str) -> bool:
     return group_named(group).usual_sd is not None
 
 
-def _temper(run: Fit, added: Array) -> float:
-    """Return the factor on the information of data, by their innovations with all candidates: added (u, 9)."""
-    whitened = run.history.whitened - added
-    left = replace(run, history=replace(run.history, whitened=whitened, nis=np.nansum(whitened**2, axis=1)))
-    return 1.0 / (correlation_factor(left) ** 2 * max(1.0, _size(left)))
+def _temper(run: Fit) -> float:
+    """Return the factor on the information of data, by the innovations with all candidates."""
+    return 1.0 / (correlation_factor(run) ** 2 * max(1.0, _size(run)))
 
 
 def _size(run: Fit) -> float:

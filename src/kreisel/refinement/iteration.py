@@ -275,7 +275,8 @@ def _last_survey(passes: _Passes, work: _Work) -> Survey | None:
         return None
     if passes.surveyed is passes.problem:
         return found
-    return survey(passes.problem, passes.run, work.linear(passes.problem, passes.run))
+    linear = work.linear(passes.problem, passes.run)
+    return survey(passes.problem, passes.run, linear, work.estimator, work.step("effects"))
 
 
 def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
@@ -363,9 +364,10 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         quiet = with_noise_of(first, problem)  # noise that was found explains what effects would
         least = MIN_LIKELIHOOD_GAIN * correlation**2
         linear = work.linear(quiet, run)
-        found = survey(quiet, run, linear)
+        found = survey(quiet, run, linear, work.estimator, step)
         walk = None
-        if may_walk(quiet, linear):
+        clean = quiet is problem and correlation == 1.0  # else the size of a score by chance is not known
+        if not clean or may_walk(quiet, linear):
             walk = found_walks(problem, run, work.estimator, least, step)
         chosen = () if found is None else selected(found)
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:

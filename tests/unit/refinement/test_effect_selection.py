@@ -11,7 +11,7 @@ from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass, further_pass
 from kreisel.model.problem import with_groups, with_readings
 from kreisel.refinement import effect_selection
-from kreisel.refinement.effect_selection import candidates, selected, survey
+from kreisel.refinement.effect_selection import _kept_mean, candidates, selected, survey
 
 from ...small_problem import camera_problem, small_problem
 
@@ -20,7 +20,8 @@ from ...small_problem import camera_problem, small_problem
 def found():
     problem = small_problem()
     run = further_pass(problem, first_pass(problem))
-    return survey(problem, run, SigmaPointFilter().linearise(problem, run))
+    estimator = SigmaPointFilter()
+    return survey(problem, run, estimator.linearise(problem, run), estimator)
 
 
 def filtered(problem, groups):
@@ -86,6 +87,19 @@ def test_undecided_effects_widen_by_little_where_they_gain_nothing(found):
     variance = np.diag(found.conditioned(())[1].belief.covariance)[: added.size]
     assert (added >= 0.0).all()
     assert (added / variance).max() < 0.3
+
+
+def test_a_new_effect_leaves_the_mean_of_the_readings_as_it_was():
+    """Offset and effect together: drawn from the changed belief, they add nothing on average."""
+    problem = with_groups(camera_problem(), ("gyro_g_sensitivity", "accel_asymmetry"))
+    T = _kept_mean(problem, ("gyro_g_sensitivity", "accel_asymmetry"))
+    layout, readings = problem.layout, problem.sensor.readings
+    x = np.random.default_rng(4).normal(size=layout.degrees)
+    changed = T @ x - x
+    np.testing.assert_array_equal(np.delete(changed, np.r_[layout["gyro_offset"], layout["accel_offset"]]), 0.0)
+    G, c = x[layout["gyro_g_sensitivity"]].reshape(3, 3), x[layout["accel_asymmetry"]]
+    np.testing.assert_allclose(changed[layout["gyro_offset"]], -G @ readings.accelerations.mean(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(changed[layout["accel_offset"]], -c * np.abs(readings.accelerations).mean(axis=0))
 
 
 def test_what_is_rare_or_needs_a_thermometer_is_looked_for_only_then():
