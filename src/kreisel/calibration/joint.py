@@ -228,9 +228,12 @@ def _bound(degrees: int, tests: int) -> float:
 
 
 def _remedy(outcomes: tuple[Outcome, ...], names: tuple[str, ...], common: tuple[str, ...], factor: float) -> str:
-    """Return the likeliest cause of differences covered by a factor, such as what recordings do not have in common."""
+    """Return the likeliest cause of differences covered by a factor, such as what recordings do not have in common.
+
+    Of those that explain it equally well, what the user states comes before what is usual.
+    """
     factors = {}
-    for word in (word for word in common if word in _ADVICE):
+    for word in (word for word in _ADVICE if word in common):
         other = Sharing(outcomes, [one for one in common if one != word])
         factors[word] = _difference(fuse(other.contributions(), other.layout, other.start(), other.prior()), names)[1]
     best = min(factors, key=lambda word: factors[word], default=None)
