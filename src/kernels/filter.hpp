@@ -80,13 +80,23 @@ inline void places_of(const Steps &steps, Index i, Index *place) {
 }
 
 /// Write rows of slopes (r, n) along the columns of a factor as rows along the degrees of freedom; upper: the factor, transposed.
-inline void along_degrees(Columns slopes, Index first, Table upper, Table out) {
-    for (Index i = 0; i < out.rows; i++) {
-        for (Index j = upper.rows - 1; j >= 0; j--) {
-            double rest = slopes(first + i, j);
-            for (Index x = j + 1; x < upper.rows; x++) rest -= out(i, x) * upper(j, x);
-            out(i, j) = upper(j, j) != 0.0 ? rest / upper(j, j) : 0.0;
+///
+/// All rows are solved for together, so that the inner loop runs along them.
+inline void along_degrees(Columns slopes, Index first, Table upper, Table out, Workspace &memory) {
+    const Index n = upper.rows, width = padded(out.rows);
+    double *all = memory.numbers(n * width);
+    for (Index j = 0; j < n; j++) {
+        for (Index i = 0; i < width; i++) all[j * width + i] = i < out.rows ? slopes(first + i, j) : 0.0;
+    }
+    for (Index j = n - 1; j >= 0; j--) {
+        double *own = all + j * width;
+        for (Index x = j + 1; x < n; x++) {
+            const double share = upper(j, x), *other = all + x * width;
+            if (share == 0.0) continue;
+            for (Index i = 0; i < width; i += LANES) store(load(own + i) - share * load(other + i), own + i);
         }
+        const double scale = upper(j, j) != 0.0 ? 1.0 / upper(j, j) : 0.0;
+        for (Index i = 0; i < out.rows; i++) out(i, j) = own[i] *= scale;
     }
 }
 
@@ -94,11 +104,11 @@ inline void along_degrees(Columns slopes, Index first, Table upper, Table out) {
 inline void record_slopes(const Record &record, Index i, const Updated &done, const Index *place, Table upper, Workspace &memory) {
     const Index n = upper.rows, m = done.factor.rows;
     if (record.transition.tables == 0) return;
-    along_degrees(done.slopes, m, upper, record.transition[i]);
+    along_degrees(done.slopes, m, upper, record.transition[i], memory);
     const Table design = record.design[i], gain = record.gain[i], whitening = record.whitening[i];
     for (Table table : {design, gain, whitening}) fill(table, 0.0);
     const Table measured = {memory.numbers(m * n), m, n};
-    along_degrees(done.slopes, 0, upper, measured);
+    along_degrees(done.slopes, 0, upper, measured, memory);
     for (Index r = 0; r < m; r++) {
         for (Index x = 0; x <= r; x++) {  // row r of the factor's inverse, by rows before it
             double inverse = x == r ? 1.0 : 0.0;

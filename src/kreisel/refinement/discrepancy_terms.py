@@ -126,19 +126,43 @@ class _Functions:
 
     def __call__(self, which: Indices) -> Array:
         """Return the functions at samples, (n, k)."""
-        return np.asarray((self.raw(which) - self.usual(which) @ self.share)[:, self.kept] / self.scale)
+        return self.without_usual(self.raw(which), self.usual(which))
+
+    def without_usual(self, raw: Array, usual: Array) -> Array:
+        """Return the functions from what they are made of, both (n, …) at the same samples or averaged alike."""
+        return np.asarray((raw - usual @ self.share)[:, self.kept] / self.scale)
 
 
-def _separated(
-    raw: Callable[[Indices], Array], degree: Array, usual: Callable[[Indices], Array], count: int
-) -> _Functions:
-    """Return functions without what the usual model has, over `count` samples."""
-    some = _some(count)
-    values, columns = raw(some), usual(some)
-    share = np.linalg.lstsq(columns, values, rcond=1e-9)[0]
-    rms = np.sqrt(np.mean((values - columns @ share) ** 2, axis=0))
-    kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
-    return _Functions(raw, usual, np.asarray(share), np.asarray(rms[kept]), degree[kept], kept)
+@dataclass(frozen=True)
+class _Usual:
+    """What the usual model has, to be taken out of functions.
+
+    Attributes
+    ----------
+    of
+        From indices of samples to its columns (n, j).
+    count
+        Number of samples.
+    """
+
+    of: Callable[[Indices], Array]
+    count: int
+
+    @cached_property
+    def _columns(self) -> Array:
+        return self.of(_some(self.count))
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.pinv(self._columns, rcond=1e-9))
+
+    def without(self, raw: Callable[[Indices], Array], degree: Array, values: Array | None = None) -> _Functions:
+        """Return functions without what the usual model has; values: of `raw` at `_some` samples, if they are known."""
+        values = raw(_some(self.count)) if values is None else values
+        share = self._inverse @ values
+        rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
+        kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
+        return _Functions(raw, self.of, share, rms[kept], degree[kept], kept)
 
 
 def _some(count: int) -> Indices:
@@ -163,10 +187,15 @@ def _polynomials(
     mean, spread = x.mean(axis=0), x.std(axis=0)
     chosen = [c for d in range(1, degree + 1) for c in combinations_with_replacement(range(x.shape[1]), d)]
     chosen += [(i,) * d for d in range(degree + 1, alone + 1) for i in range(x.shape[1])]
+    place = {c: i for i, c in enumerate(chosen)}  # a product follows from one of a degree less, which stands before it
 
     def values(which: Indices) -> Array:
-        z = _CLIP * np.tanh((of(which) - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0))
-        return np.stack([np.prod(z[:, list(c)], axis=1) for c in chosen], axis=1)
+        z = _CLIP * np.tanh((of(which) - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0)).T
+        out = np.empty((len(chosen), which.size))
+        for row, c in zip(out, chosen, strict=True):
+            before = place.get(c[:-1])
+            np.multiply(z[c[-1]], 1.0 if before is None else out[before], out=row)
+        return out.T
 
     return values, np.array([len(c) for c in chosen], dtype=float)
 
@@ -244,8 +273,15 @@ class DiscrepancyTerms:
         """Return the terms at the updates of a schedule."""
         updates = schedule.updates
         first, last, pose = (np.array([getattr(u, name) for u in updates]) for name in ("first", "last", "pose"))
+        means: dict[Callable[[Indices], Array], Array] = {}  # sensors have functions in common
+        for family, functions in zip(self._families, self._functions, strict=True):
+            for of in (functions.raw, functions.usual) if family.owner in _SENSORS else ():
+                if of not in means:
+                    means[of] = self._grid.mean(of, first, last)
         columns = [
-            self._grid.mean(functions, first, last) if family.owner in _SENSORS else functions(pose)
+            functions.without_usual(means[functions.raw], means[functions.usual])
+            if family.owner in _SENSORS
+            else functions(pose)
             for family, functions in zip(self._families, self._functions, strict=True)
         ]
         begin = np.cumsum([0, *(column.shape[1] for column in columns)])
@@ -302,6 +338,7 @@ class DiscrepancyTerms:
         usual["accelerometer"] = linear_columns(rates, forces, alpha)
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        known = {owner: _Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
         memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
             "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
@@ -315,6 +352,7 @@ class DiscrepancyTerms:
         if readings.temperature_difference is not None:
             difference = grid.average(readings.temperature_difference[:, None])
             quantities["temperature"] = _polynomials(difference.__getitem__, t.size, 3)
+        values = {name: raw(_some(t.size)) for name, (raw, _) in quantities.items()}
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:
                 continue
@@ -322,7 +360,7 @@ class DiscrepancyTerms:
             own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
             own_rows = tuple(rows[axis] for axis in axes)
             for name, (raw, degree) in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
-                functions = _separated(raw, degree, usual[owner].__getitem__, t.size)
+                functions = known[owner].without(raw, degree, None if name == _SCALE else values[name])
                 if name != _SCALE or functions.kept.size == degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
@@ -337,6 +375,7 @@ class DiscrepancyTerms:
             frames += [] if p is None else [p[which] - p[0]]
             return np.hstack(frames)
 
+        known = _Usual(usual, tau.size)
         quantities = {"motion": _polynomials(lambda which: _motion(reference, which), tau.size, 1)}
         if p is not None:
             quantities["position"] = _polynomials(p.__getitem__, tau.size, 3)
@@ -348,14 +387,14 @@ class DiscrepancyTerms:
         rows = {"position": tuple(POSE_ROWS)[:3], "orientation": tuple(POSE_ROWS)[3:]}
         present = {"position": p is not None, "orientation": q is not None}
         for name, (raw, degree) in quantities.items():
-            functions = _separated(raw, degree, usual, tau.size)
+            functions = known.without(raw, degree)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
-        late = POSE_ROWS.stop
-        waves = _separated(*_waves(tau), lambda which: np.ones((which.size, 1)), tau.size)
+        late, constant = POSE_ROWS.stop, _Usual(lambda which: np.ones((which.size, 1)), tau.size)
+        waves = constant.without(*_waves(tau))
         self._add(Family("reference", "stamps_by_time", (late,)), waves)
         if robot is not None:
-            own = _separated(*_of_own_angle(robot.angles), lambda which: np.ones((which.size, 1)), tau.size)
+            own = constant.without(*_of_own_angle(robot.angles))
             each = own.degree.size // robot.joints
             if own.kept.size == each * robot.joints:
                 self._add(Family("robot", _OWN_ANGLE, tuple(range(late + 1, late + 1 + robot.joints))), own)
@@ -469,10 +508,10 @@ class _Grid:
         """Return the means of values (n, k) over the groups, (g, k)."""
         return np.asarray(np.add.reduceat(values, self.begin, axis=0) / (self._ends - self.begin)[:, None])
 
-    def mean(self, functions: _Functions, first: Indices, last: Indices) -> Array:
+    def mean(self, functions: Callable[[Indices], Array], first: Indices, last: Indices) -> Array:
         """Return the means of functions from samples `first` to `last`, (u, k)."""
         edges = np.append(self.begin, self.samples).astype(float)
-        sums = np.zeros((self.count + 1, functions.degree.size))
+        sums = np.zeros((self.count + 1, functions(np.zeros(1, dtype=np.int64)).shape[1]))
         for block in _blocks(self.count):
             added = functions(block) * np.diff(edges)[block, None]
             sums[block + 1] = sums[block[0]] + np.cumsum(added, axis=0)
