@@ -81,7 +81,7 @@ def run_calibration(
     validate
         Whether to cross-validate, too.
     budget
-        Whether to split the variances by their sources: up to four passes of the filter.
+        Whether to split the variances by their sources.
     """
     if progress is not None:
         progress("synchronise", 0.0)
@@ -93,6 +93,7 @@ def run_calibration(
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
     found, checks = _checked(found, progress, executor, validate=validate, budget=budget)
+    found = replace(found, linear=None)  # it keeps the slopes of all updates
     seen = observability(found.problem, found.deviation)
     found = with_doubtful_latitude(with_walked_deviations(found), checks.latitude)
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
@@ -142,7 +143,7 @@ def _checked(
     compared = compare_splits(found, lack)
     checks = _Checks(
         lack, _by_scatter(halves, found, lack), tuple(split for split, _ in compared), latitude,
-        crossed[0] if crossed else None, filter_parts(found, progress, executor) if budget else None,
+        crossed[0] if crossed else None, filter_parts(found, progress) if budget else None,
     )  # fmt: skip
     by_halves = halves_disagreement(without_passing(found), halves)
     by_parts = lack_of_fit_disagreement(found, larger_deviations(found, lack))

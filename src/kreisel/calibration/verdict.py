@@ -14,8 +14,11 @@ from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
+from kreisel.model.groups import group_named
 from kreisel.preparation.gravity import UNKNOWN_SD
+from kreisel.refinement import discrepancy
 from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.named_terms import OFFSET_OF
 from kreisel.refinement.observability import Observability
 from kreisel.refinement.prior_conflict import MAX_SCORE, largest_score
 from kreisel.synchronization.fits import Correlation
@@ -43,6 +46,10 @@ of noise figures."""
 _BOTH_MOUNTS, _BOTH_HALVES = 3.0, 4.0
 """Deviations of the result between what two halves say, up to which it contains both: a mean of them lies half as far
 from each. A mount before and after a slip is a fact; what errors do to a half is drawn."""
+
+MAX_UNLISTED = 3.0
+"""Rms of a sensor's errors that are on no list, in deviations of usual devices' offsets, up to which a result is
+accepted: what a gyro or an accelerometer drifts by, in the worst case. Chosen as the bound of a normal error."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -122,6 +129,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_priors(estimate),
         *_known(evidence.known),
         *_expansions(estimate),
+        *_implausible(estimate),
         *_passes(estimate),
         *_noise(estimate, largest, explained=moves >= _MIN_PARTS or bool(named & SEEN_IN_THE_DATA)),
         *(() if settings.partial else motion_reasons(evidence.observability)),
@@ -285,6 +293,19 @@ def _expansions(estimate: Estimate) -> list[Reason]:
         for effect in estimate.considered
         if effect.included and float(np.abs(effect.value).max()) > _LARGEST.get(effect.group, np.inf)
     ]
+
+
+def _implausible(estimate: Estimate) -> list[Reason]:
+    """Return the reasons for errors on no list that are larger than those of any device: something else is wrong."""
+    found = []
+    for one in estimate.discrepancy:
+        sensor = one.family.owner
+        usual = group_named(OFFSET_OF[sensor]).usual_sd if sensor in OFFSET_OF else None
+        if usual is not None and one.size > MAX_UNLISTED * usual:
+            words = discrepancy.describe(one)
+            text = f"errors on no list are larger than those of any device ({words}): the model does not describe it"
+            found.append(Reason(text, (sensor,)))
+    return found
 
 
 def _passes(estimate: Estimate) -> list[Reason]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from kreisel.estimation.belief import Belief
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.fitting.update_history import History
+from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -60,6 +62,11 @@ class Linearised(Protocol):
     """A problem linearised about a fit: what its data say of anything, to first order and without another run."""
 
     @property
+    def near(self) -> Fit:
+        """The fit that it is about."""
+        ...
+
+    @property
     def fit(self) -> Fit:
         """The fit of the problem near that fit."""
         ...
@@ -79,6 +86,10 @@ class Linearised(Protocol):
 
     def walk_score(self, group: str) -> Scores:
         """Return the score of the variance of a random walk of a group of parameters."""
+        ...
+
+    def variance_of_reference(self) -> Mapping[Source, Array]:
+        """Return what the reference's noise adds to the variance of each parameter, (n,), by source."""
         ...
 
 

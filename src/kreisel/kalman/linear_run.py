@@ -9,10 +9,12 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import gate_bounds
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.kalman.noise_shares import variance_of_reference
 from kreisel.kalman.prior_exchange import Elimination, eliminated, elimination, with_stated_prior
 from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
 from kreisel.kalman.sensitivity import Sensitivity
@@ -75,6 +77,10 @@ class LinearRun:
         part = self.problem.layout[group]
         places = np.flatnonzero(np.isin(self._walking, np.arange(part.start, part.stop)))
         return walk_score(self._gradients, places, self.slopes.seconds)
+
+    def variance_of_reference(self) -> dict[Source, Array]:
+        """Return the variances (n,) of all parameters by the reference's noise, by source."""
+        return variance_of_reference(self.problem, self.run, self.slopes, self._known)
 
     @cached_property
     def _known(self) -> Elimination:

@@ -84,8 +84,10 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
 
 
 class Elimination(NamedTuple):
-    """Covariance of a run's parameters, information matrices (n, n) of the run, of the belief it started with, and of
-    the problem's prior, and distances (n,) to the latter two; all in units of `scale` (n,)."""
+    """Covariance of a run's parameters, information matrices (n, n), and distances (n,), in units of `scale` (n,).
+
+    Informations of the run, of the belief it started with, and of the problem's prior; distances to the latter two.
+    """
 
     scale: Array
     P: Array

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.fitting.terms import ACCEL_ROWS, OFFSET_ROWS, POSE_ROWS, Scores, Terms
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.prior_exchange import Elimination
 from kreisel.kalman.slopes import Slopes, offsets
 from kreisel.model.problem import Problem
@@ -46,7 +46,7 @@ class Gradients:
     increments: Array
 
 
-def gradients(problem: Problem, slopes: Slopes, known: Elimination, walking: Array) -> Gradients:
+def gradients(problem: Problem, slopes: Slopes, known: Elimination, walking: Indices) -> Gradients:
     """Return the derivatives of the log-likelihoods of a run and of draws.
 
     walking (n,): degrees of freedom whose increments are wanted.
@@ -73,7 +73,7 @@ def _estimates(slopes: Slopes, noise: Array) -> Array:
     return state
 
 
-def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: Array) -> Gradients:
+def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: Indices) -> Gradients:
     rows, places = offsets(problem, OFFSET_ROWS)
     u, columns = slopes.count, end.shape[1]
     found = Gradients(
@@ -81,7 +81,7 @@ def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: A
         np.zeros((u, walking.size, columns)),
     )  # fmt: skip
     moving, position = slopes.moving, slice(slopes.position, slopes.position + 3)
-    size, after = moving.stop - moving.start, end
+    after = end
     weights = np.empty((9, columns))
     for slope in reversed(slopes):
         i = slope.number
@@ -118,7 +118,7 @@ def scores_of(found: Gradients, terms: Terms) -> Scores:
     return Scores(out[:, 0], out[:, 1:].T)
 
 
-def walk_score(found: Gradients, places: Array, seconds: Array) -> Scores:
+def walk_score(found: Gradients, places: Indices, seconds: Array) -> Scores:
     """Return the score of the variance of a random walk of some of the increments' degrees of freedom.
 
     The derivative of the log-likelihood by it, but for a factor and a constant that draws have too.

@@ -1,4 +1,4 @@
-"""What small changes of a filter's state do, update by update: recorded in a run, and used again without another one."""
+"""What small changes of a filter's state do, update by update: recorded in a run, used again without another one."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Slopes:
         fading = problem.noise.gauss_markov
         self._fading = [(places[group], 1.0 / process.time) for group, process in fading.items() if group in layout]
         self.seconds = np.array([float(stamps[update.last] - stamps[update.first]) for update in updates])
-        self._new_standstill = [update.new_standstill for update in updates]
+        self.new_standstill = [update.new_standstill for update in updates]
         self._records: list[Record] = []
         self._begin: list[int] = []
         self._restarts: set[int] = set()
@@ -69,6 +69,11 @@ class Slopes:
     def restart(self, at: int) -> None:
         """Note that navigation began anew before update `at`."""
         self._restarts.add(at)
+
+    @property
+    def starts(self) -> set[int]:
+        """Updates before which navigation began anew, and the first."""
+        return {0, *self._restarts}
 
     def __iter__(self) -> Iterator[Slope]:
         for record, begin in zip(self._records, self._begin, strict=True):
@@ -94,7 +99,7 @@ class Slopes:
                 changes[part] = 0.0
         for part, rate in self._fading:
             changes[part] *= np.exp(-rate * self.seconds[number])
-        if self._new_standstill[number]:
+        if self.new_standstill[number]:
             for part in self._standstill:
                 changes[part] = 0.0
 

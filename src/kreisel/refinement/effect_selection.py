@@ -155,9 +155,9 @@ class Survey:
             mean[after.stored(part.name)] = moved.belief.mean[before.stored(part.name)]
         at = 0
         for group in chosen:
-            part = after.stored(group)
-            mean[part] = value[at : at + part.stop - part.start]
-            at += part.stop - part.start
+            stored = after.stored(group)
+            mean[stored] = value[at : at + stored.stop - stored.start]
+            at += stored.stop - stored.start
         columns = self._columns(chosen)
         covariance[np.ix_(kept, kept)] = self.fit.belief.covariance + columns @ P @ columns.T
         covariance[np.ix_(kept, own)] = columns @ P

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.estimation.belief import Belief, triangularise
 from kreisel.estimation.uncertainty import Contribution, total
 from kreisel.fitting.blocks import Blocks
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import Estimator, Fit, Linearised
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered
 from kreisel.model.layout import without
@@ -32,7 +32,7 @@ class Estimate:
     deviations; 0 if one pass was enough. `considered` are all effects beyond the usual ones, found or not; `walks` the
     groups that walk, and what that gains in log-likelihood; `contradicted` the offsets whose stated prior had to be
     widened, with their scores; `stated` the problem as it was stated; `discrepancy` the families of generic terms by
-    which its readings and poses are corrected; `blocks` what parts of the recording say, if that is known already.
+    which its readings and poses are corrected; `linear` the problem linearised near the run, if that is known already.
     """
 
     problem: Problem
@@ -49,12 +49,21 @@ class Estimate:
     stated: Problem | None = None
     contributions: tuple[Contribution, ...] = ()
     discrepancy: tuple[FoundFamily, ...] = ()
-    blocks: Blocks | None = None
+    linear: Linearised | None = None
 
     @cached_property
     def belief(self) -> Belief:
         """Result with all that is known of its uncertainty."""
         return total(self.run.belief, self.contributions)
+
+    @property
+    def blocks(self) -> Blocks | None:
+        """What blocks of the recording say about the parameters, if that is known already."""
+        blocks = None if self.linear is None else self.linear.blocks
+        if blocks is None or self.linear is None:
+            return None
+        step = self.problem.layout.minus(self.run.belief.mean[:, None], self.linear.near.belief.mean)[:, 0]
+        return blocks.about(step)
 
     @property
     def recorded(self) -> Problem:
@@ -99,6 +108,7 @@ def without_passing(found: Estimate) -> Estimate:
     return replace(
         found,
         problem=replace(problem, layout=smaller),
+        linear=None,
         contributions=tuple(replace(one, columns=one.columns[kept]) for one in found.contributions),
         run=replace(
             run,

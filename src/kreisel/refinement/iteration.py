@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+
 import numpy as np
 
 from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.fit import Estimator, Fit, Linearised
 from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.stored_state import parameters_of
@@ -204,7 +204,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
         contradicted=contradicted,
         stated=problem,
         discrepancy=discrepancy.found,
-        blocks=_blocks(found, run, work),
+        linear=next((linear for problem, _, linear in work.linearised if problem is found), None),
     )
     of_terms = discrepancy.contributions(found.layout.degrees)
     estimate = estimate.adding([
@@ -258,14 +258,6 @@ def _wider(contradicted: Mapping[str, float]) -> list[DataWarning]:
         )
         for group, score in contradicted.items()
     ]
-
-
-def _blocks(problem: Problem, run: Fit, work: _Work) -> Blocks | None:
-    """Return what blocks say about the parameters of a run, if a linearisation of its problem told it."""
-    for known, near, found in work.linearised:
-        if known is problem and found.blocks is not None:
-            return found.blocks.about(problem.layout.minus(run.belief.mean[:, None], near.belief.mean)[:, 0])
-    return None
 
 
 def _last_survey(passes: _Passes, work: _Work) -> Survey | None:

@@ -12,7 +12,6 @@ from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.terms import OFFSET_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, matrix
 from kreisel.inertial.effects import EFFECTS, groups_of
-from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import ROBOT_GROUPS
@@ -122,7 +121,7 @@ def _counts(signal: InertialSignal) -> tuple[int, int, int]:
 
 
 def _sums(signal: InertialSignal, joint: int, low: Indices, high: Indices, end: Array) -> Iterator[Array]:
-    """Yield integrals (u, k) from samples `low` to `high`, which is larger, of the features of gyros and accelerometers.
+    """Yield integrals (u, k), from samples `low` to `high`, which is larger, of features of gyros and accelerometers.
 
     Then those of the accelerometers' times the seconds that are left until the times `end` (u,).
     """

@@ -46,6 +46,19 @@ def test_the_sensors_noise_is_what_is_left(parts):
     assert parts[Source.SENSOR].max() > 0.3
 
 
+@pytest.mark.parametrize(
+    ("source", "kinds"), [(Source.PATH, ("position", "orientation")), (Source.STANDSTILL, ("standstill",))]
+)
+def test_the_references_noise_is_what_more_of_it_adds(parts, source, kinds):
+    """By a pass with noise of one kind larger by 2 % in variance: the filter's own covariance, and no adjoint."""
+    problem, run, step = small_problem(), small_run(), 0.02
+    factors = dict.fromkeys(("position", "orientation", "standstill"), 1.0) | dict.fromkeys(kinds, (1.0 + step) ** 0.5)
+    larger = with_noise(problem, reference=problem.noise.reference.scaled(**factors))
+    base, more = (further_pass(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, larger))
+    n = len(problem.parameter_names)
+    np.testing.assert_allclose((more[:n] / base[:n] - 1.0) / step, parts[source], atol=2e-3)
+
+
 def test_gravity_and_the_robots_errors_come_from_what_is_stated(parts):
     problem = small_problem()
     gravity = problem.layout["gravity"]

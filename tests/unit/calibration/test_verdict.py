@@ -8,11 +8,23 @@ from scipy.stats import chi2
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Consistency
-from kreisel.calibration.verdict import MAX_CONTRADICTION, MAX_MOVED, MAX_NIS, MAX_SCORE, consistency, judge
+from kreisel.calibration.verdict import (
+    MAX_CONTRADICTION,
+    MAX_MOVED,
+    MAX_NIS,
+    MAX_SCORE,
+    MAX_UNLISTED,
+    consistency,
+    judge,
+)
+from kreisel.fitting.terms import GYRO_ROWS
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.groups import group_named
+from kreisel.refinement.discrepancy_terms import Family, FoundFamily
 from kreisel.refinement.observability import Observability
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.fits import Correlation
+from kreisel.units import DEG
 
 from ...small_problem import estimate_of, history, moved_by, small_problem, small_run
 
@@ -41,6 +53,17 @@ def test_innovations_too_large_are_named_with_their_size(field, where):
     (reason,) = reasons(facts=replace(FACTS, **{field: 9.0}))
     assert len(reasons(facts=replace(FACTS, **{field: 1.01 * MAX_NIS}))) == 1
     assert f"innovations {where} are 3.0 times" in reason
+
+
+def test_errors_on_no_list_that_no_device_has_are_a_reason():
+    def of(size):
+        family = Family("gyroscope", "time", tuple(GYRO_ROWS))
+        return found(discrepancy=(FoundFamily(family, 100.0, size),))
+
+    usual = group_named("gyro_offset").usual_sd
+    assert reasons(of(0.99 * MAX_UNLISTED * usual)) == ()
+    (reason,) = reasons(of(12.0 * DEG))
+    assert "gyros by time, 12 deg/s rms" in reason
 
 
 def test_a_recording_without_standstills_is_not_rejected_for_it():
