@@ -62,7 +62,7 @@ def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     from kreisel.report.report_page import write_report
 
     laps = _Laps()
-    recording = load(folder)
+    recording = load(folder, executor=in_threads)
     laps.end("read and check")
     steps = _Steps()
     outcome = run_calibration(recording, CalibrationSettings(), steps, executor=in_threads, validate=True, budget=True)
