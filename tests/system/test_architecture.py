@@ -147,6 +147,8 @@ THROUGH = {
     "kreisel.simulation": "tests/system/test_simulate.py",
     "kreisel.synchronization.lost_samples": "tests/unit/synchronization/test_lost_samples.py",
     "kreisel.markup": "tests/unit/robot/test_description.py",  # what a hostile description is refused by
+    "kreisel.kalman.noise_shares": "tests/unit/calibration/test_filter_budget.py",
+    "kreisel.refinement.named_terms": "tests/unit/refinement/test_effect_selection.py",
     "kreisel.model.considered_terms": "tests/unit/refinement/test_effect_selection.py",
     "kreisel.progress": "tests/system/test_cli.py",
     "kreisel.protocols.framing": "tests/protocols/test_peers.py",

@@ -16,7 +16,8 @@ from kreisel.calibration.evidence import Disagreement, LackOfFit
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.blocks import MIN_BLOCKS, Blocks, block_ends, standstills_in
+from kreisel.fitting.blocks import Blocks
+from kreisel.fitting.partition import MIN_BLOCKS, block_ends, standstills_in
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import Problem

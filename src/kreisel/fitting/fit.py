@@ -73,7 +73,7 @@ class Linearised(Protocol):
 
     @property
     def blocks(self) -> Blocks | None:
-        """What the blocks of updates that end at `fitting.blocks.block_ends` say; None if it takes another run."""
+        """What the blocks of updates that end at `fitting.partition.block_ends` say; None if it takes another run."""
         ...
 
     def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:

@@ -17,7 +17,7 @@ from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
 from kreisel.kalman.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.kalman.navigation_start import navigation_from_reference
-from kreisel.kalman.slopes import Slopes
+from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.update_record import history_of, joined
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance

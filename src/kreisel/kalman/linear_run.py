@@ -14,11 +14,11 @@ from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.noise_shares import variance_of_reference
-from kreisel.kalman.prior_exchange import Elimination, eliminated, elimination, with_stated_prior
+from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
 from kreisel.kalman.sensitivity import Sensitivity
-from kreisel.kalman.slopes import Slopes
 from kreisel.model.problem import Problem
 
 WALKING = ("gyro_offset", "accel_offset", "time_offset")
@@ -33,8 +33,10 @@ class LinearRun:
     ----------
     problem, near
         What was run, near which fit.
-    run, begun
-        The run, and the belief it started with.
+    run, fit
+        The run, and the fit: its result with the stated prior.
+    known
+        What is known of the parameters by the run, the belief it started with, and the prior.
     slopes
         Of all its updates.
     ends, found
@@ -44,15 +46,11 @@ class LinearRun:
     problem: Problem
     near: Fit
     run: Fit
-    begun: Belief
+    fit: Fit
+    known: Elimination
     slopes: Slopes
     ends: Indices
     found: list[Belief]
-
-    @cached_property
-    def fit(self) -> Fit:
-        """The fit with the stated prior."""
-        return with_stated_prior(self.problem, self.run, self.begun)
 
     @cached_property
     def blocks(self) -> Blocks | None:
@@ -65,7 +63,7 @@ class LinearRun:
     def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
         """Return what the data say of terms outside the state."""
         beside = Sensitivity(self.problem, terms, self.slopes, kept=innovations)
-        found = eliminated(self._known, beside)
+        found = eliminated(self.known, beside)
         return replace(found, innovations=beside.innovations) if innovations else found
 
     def scores(self, terms: Terms) -> Scores:
@@ -80,11 +78,7 @@ class LinearRun:
 
     def variance_of_reference(self) -> dict[Source, Array]:
         """Return the variances (n,) of all parameters by the reference's noise, by source."""
-        return variance_of_reference(self.problem, self.run, self.slopes, self._known)
-
-    @cached_property
-    def _known(self) -> Elimination:
-        return elimination(self.problem, self.run, self.begun)
+        return variance_of_reference(self.problem, self.run, self.slopes, self.known)
 
     @property
     def _walking(self) -> Indices:
@@ -94,7 +88,7 @@ class LinearRun:
 
     @cached_property
     def _gradients(self) -> Gradients:
-        return gradients(self.problem, self.slopes, self._known, self._walking)
+        return gradients(self.problem, self.slopes, self.known, self._walking)
 
 
 def blocks_of(problem: Problem, near: Fit, ends: Indices, found: list[Belief]) -> Blocks:
@@ -104,3 +98,26 @@ def blocks_of(problem: Problem, near: Fit, ends: Indices, found: list[Belief]) -
     distance = problem.layout.minus(means, near.belief.mean)[constant].T
     covariance = np.stack([belief.factor[constant] @ belief.factor[constant].T for belief in found])
     return increments(constant, ends, distance, covariance)
+
+
+def eliminated(known: Elimination, beside: Sensitivity) -> Linearisation:
+    """Return what a run says of terms outside the state, about its result with the stated prior.
+
+    Notes
+    -----
+    With amplitudes b, derivatives V of the parameters and N of the whitened innovations, a run that begins with the
+    information B about the parameters ends with I: in the parameters and b, its log-likelihood has the blocks I, -I V
+    and V' I V + N' N. With the stated prior A, I - B + A stands for the first; the parameters are then eliminated.
+    """
+    V = beside.state[: known.scale.size] / known.scale[:, None]
+    pull = known.run @ V
+    change = np.linalg.solve(known.information, pull)
+    return Linearisation(
+        known.scale[:, None] * change,
+        beside.information + pull.T @ (V - change),
+        beside.score + pull.T @ known.step(known.to_begun, known.to_prior),
+        beside.part_information,
+        beside.part_scores,
+        beside.misfit,
+        beside.degrees,
+    )

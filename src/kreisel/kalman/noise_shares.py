@@ -11,8 +11,8 @@ import numpy as np
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.prior_exchange import Elimination
-from kreisel.kalman.slopes import Slopes
+from kreisel.kalman.elimination import Elimination
+from kreisel.kalman.run_slopes import Slopes
 from kreisel.model.assumed_noise import AssumedNoise
 from kreisel.model.problem import Problem
 
@@ -24,6 +24,10 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
     """Return the variances of all parameters (n,) by the reference's noise on the path, at standstill, and of an arm.
 
     Components of a measurement's noise count as independent.
+
+    Notes
+    -----
+    The recursion of equation (30), with the last estimates themselves in the place of the log-likelihood.
     """
     layout, noise, n = problem.layout, problem.noise, known.scale.size
     still, measured = run.history.at_standstill, np.nan_to_num(run.history.noise_variance)

@@ -9,7 +9,6 @@ added. Only the point about which the model was linearised still depends on the 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +17,8 @@ from kreisel.fitting.fit import Fit
 from kreisel.fitting.nonlinearity import linear_inflation
 from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import first_belief
-from kreisel.fitting.terms import Linearisation
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.kalman.elimination import Elimination
 from kreisel.model.parameters import PASSING_GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_nominal
 
@@ -83,36 +81,6 @@ def with_stated_prior(problem: Problem, run: Fit, begun: Belief) -> Fit:
     return replace(moved, fitted=fitted)
 
 
-class Elimination(NamedTuple):
-    """Covariance of a run's parameters, information matrices (n, n), and distances (n,), in units of `scale` (n,).
-
-    Informations of the run, of the belief it started with, and of the problem's prior; distances to the latter two.
-    """
-
-    scale: Array
-    P: Array
-    run: Array
-    begun: Array
-    prior: Array
-    to_begun: Array
-    to_prior: Array
-
-    @property
-    def information(self) -> Array:
-        """Of the parameters, by data and prior."""
-        return np.asarray(self.run - self.begun + self.prior)
-
-    def step(self, to_begun: Array, to_prior: Array) -> Array:
-        """Return the way (n, k) from the run's result to that with the problem's prior, for distances (n, k)."""
-        return np.asarray(np.linalg.solve(self.information, self.prior @ to_prior - self.begun @ to_begun))
-
-    def drawn(self, to_begun: Array, rng: np.random.Generator) -> Array:
-        """Return steps (n, k) as they are by chance, for distances (n, k) of the begun belief that innovations made."""
-        true = np.linalg.cholesky(self.P) @ rng.standard_normal(to_begun.shape)
-        error = np.linalg.solve(np.linalg.cholesky(self.prior).T, rng.standard_normal(to_begun.shape))
-        return self.step(to_begun, true + error)
-
-
 def elimination(problem: Problem, run: Fit, begun: Belief) -> Elimination:
     """Return the information of a run, of the belief it started with, and of the problem's prior."""
     layout, n = problem.layout, len(problem.parameter_names)
@@ -126,29 +94,6 @@ def elimination(problem: Problem, run: Fit, begun: Belief) -> Elimination:
     )
     to_begun, to_prior = (layout.minus(other.mean[:, None], run.belief.mean)[:n, 0] / scale for other in (begun, prior))
     return Elimination(scale, P, I_run, I_begun, I_prior, to_begun, to_prior)
-
-
-def eliminated(known: Elimination, beside: Sensitivity) -> Linearisation:
-    """Return what a run says of terms outside the state, about its result with the stated prior.
-
-    Notes
-    -----
-    With amplitudes b, derivatives V of the parameters and N of the whitened innovations, a run that begins with the
-    information B about the parameters ends with I: in the parameters and b, its log-likelihood has the blocks I, -I V
-    and V' I V + N' N. With the stated prior A, I - B + A stands for the first; the parameters are then eliminated.
-    """
-    V = beside.state[: known.scale.size] / known.scale[:, None]
-    pull = known.run @ V
-    change = np.linalg.solve(known.information, pull)
-    return Linearisation(
-        known.scale[:, None] * change,
-        beside.information + pull.T @ (V - change),
-        beside.score + pull.T @ known.step(known.to_begun, known.to_prior),
-        beside.part_information,
-        beside.part_scores,
-        beside.misfit,
-        beside.degrees,
-    )
 
 
 def _information_of_noise(problem: Problem, run: Fit, scale: Array) -> Array:

@@ -13,8 +13,8 @@ import numpy as np
 
 from kreisel.fitting.terms import ACCEL_ROWS, OFFSET_ROWS, POSE_ROWS, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.kalman.prior_exchange import Elimination
-from kreisel.kalman.slopes import Slopes, offsets
+from kreisel.kalman.elimination import Elimination
+from kreisel.kalman.run_slopes import Slopes, offsets
 from kreisel.model.problem import Problem
 
 DRAWS = 32
@@ -86,7 +86,7 @@ def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: I
     for slope in reversed(slopes):
         i = slope.number
         weights[:, 0], weights[:, 1:] = slope.innovation, noise[i]
-        of_prediction = weights - slope.gain @ after
+        of_prediction = weights - slope.gain @ after  # equation (30)
         if not slope.used:
             of_prediction[:] = 0.0
         found.position[i] = after[position] + slope.whitening[:, :3].T @ of_prediction

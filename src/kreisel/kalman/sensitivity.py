@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kreisel.fitting.terms import ACCEL_ROWS, OFFSET_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.slopes import Slope, Slopes, offsets
+from kreisel.kalman.run_slopes import Slope, Slopes, offsets
 from kreisel.model.problem import Problem
 
 PARTS = 20

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.fitting.blocks import Blocks, block_ends
+from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.partition import block_ends
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import repeated, run_filter
 from kreisel.kalman.linear_run import LinearRun, blocks_of
-from kreisel.kalman.prior_exchange import narrowed_belief, start_near, with_stated_prior
-from kreisel.kalman.slopes import Slopes
+from kreisel.kalman.prior_exchange import elimination, narrowed_belief, start_near, with_stated_prior
+from kreisel.kalman.run_slopes import Slopes
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
@@ -73,7 +74,8 @@ class SigmaPointFilter:
             problem, start, belief=begun, gate=_WIDE_GATE, progress=progress,
             visit=dict.fromkeys(ends, found.append), slopes=slopes,
         )  # fmt: skip
-        return LinearRun(problem, near, run, begun, slopes, np.asarray(ends), found)
+        fit, known = with_stated_prior(problem, run, begun), elimination(problem, run, begun)
+        return LinearRun(problem, near, run, fit, known, slopes, np.asarray(ends), found)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

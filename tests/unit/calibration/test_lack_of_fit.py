@@ -12,7 +12,8 @@ from kreisel.calibration.lack_of_fit import (
     scatter,
     within_subsets,
 )
-from kreisel.fitting.blocks import Blocks, block_ends, increments
+from kreisel.fitting.blocks import Blocks, increments
+from kreisel.fitting.partition import block_ends
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.problem import part_of
 from kreisel.refinement.iteration import StatedFigures, estimate

@@ -5,17 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.fitting.blocks import block_ends
+from kreisel.fitting.partition import block_ends
 from kreisel.fitting.terms import Terms
 from kreisel.geometry.rotation import exp, multiply
 from kreisel.kalman import filter_pass
 from kreisel.kalman import scores as scores_module
+from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.kernel_inputs import filter_record
+from kreisel.kalman.linear_run import LinearRun
 from kreisel.kalman.prior_exchange import narrowed_belief, start_near
+from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
-from kreisel.kalman.slopes import Slopes
 from kreisel.model.problem import with_readings
 
 from ...small_problem import camera_problem
@@ -157,8 +159,21 @@ def test_drawn_scores_are_as_large_as_the_information_says(near, monkeypatch):
     assert np.abs(scores.draws.mean(axis=0) / scale).max() < 4.0 / 2000**0.5
 
 
+def test_steps_are_drawn_as_wide_as_what_the_prior_adds():
+    """From a run that ends where it began, a step is what the stated prior pulls by, and its variance is known."""
+    known = Elimination(
+        np.ones(2), np.diag([1.0, 4.0]), np.diag([1.0, 0.25]), np.diag([0.5, 0.05]), np.diag([0.2, 0.1]),
+        np.zeros(2), np.zeros(2),
+    )  # fmt: skip
+    drawn = known.drawn(np.zeros((2, 40_000)), np.random.default_rng(2))
+    information, prior = np.array([0.7, 0.3]), np.array([0.2, 0.1])
+    expected = (prior / information) ** 2 * (np.array([1.0, 4.0]) + 1.0 / prior)
+    np.testing.assert_allclose(drawn.var(axis=1), expected, rtol=0.05)
+
+
 def test_blocks_of_a_linearisation_are_those_of_a_run_for_them(near):
     problem = camera_problem()
+    linear: LinearRun
     linear, alone = ESTIMATOR.linearise(problem, near), ESTIMATOR.blocks(problem, near, block_ends(problem))
     np.testing.assert_array_equal(linear.blocks.ends, alone.ends)
     np.testing.assert_allclose(linear.blocks.score, alone.score, rtol=1e-9)

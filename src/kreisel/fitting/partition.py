@@ -1,0 +1,38 @@
+"""Where the blocks of a recording end, of which each is asked what it says by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.model.problem import Problem
+
+MIN_BLOCK_SECONDS = 4.0
+"""s; shortest block, longer than errors of a reference on its path are correlated."""
+
+MAX_BLOCKS = 120
+"""Number of blocks at most: of more, each says little, and each costs an inverse."""
+
+MIN_BLOCKS = 8
+"""Number of blocks from which their scatter says something."""
+
+
+def block_ends(problem: Problem) -> list[int]:
+    """Return where blocks end: at the beginning of standstills where there are some, else by time."""
+    updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
+    times = stamps[np.array([update.last for update in updates])]
+    shortest = max(MIN_BLOCK_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
+    resting = standstills_in(problem) >= MIN_BLOCKS
+    ends, begun = [], float(times[0])
+    for i, update in enumerate(updates[1:], start=1):
+        fitting = update.new_standstill if resting else True
+        if (fitting and times[i] - begun >= shortest) or times[i] - begun >= 3.0 * shortest:
+            ends.append(i + 1)
+            begun = float(times[i])
+    if ends and len(updates) - ends[-1] < 3:
+        ends.pop()
+    return [*(end for end in ends if end < len(updates)), len(updates)]
+
+
+def standstills_in(problem: Problem) -> int:
+    """Return the number of standstills."""
+    return sum(update.new_standstill for update in problem.schedule.updates)
