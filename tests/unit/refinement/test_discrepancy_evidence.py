@@ -5,9 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.fitting.terms import Linearisation
+from kreisel.fitting.terms import Linearisation, Scores
 from kreisel.refinement import discrepancy_evidence
-from kreisel.refinement.discrepancy_evidence import _alone, _gains, _prepared, _solved, undecided, weigh
+from kreisel.refinement.discrepancy_evidence import (
+    _alone,
+    _gains,
+    _prepared,
+    _solved,
+    undecided,
+    weigh,
+    worth_weighing,
+)
 
 ROWS, PARAMETERS, FAMILIES, EACH, PARTS = 400, 4, 5, 6, 20
 FAMILY = np.repeat(np.arange(FAMILIES), EACH)
@@ -124,3 +132,32 @@ def test_a_family_that_may_be_there_counts_with_its_probability(designs):
     plain, hinted = (undecided(one.change, weigh(one, FAMILY, WEIGHT)) for one in (found, hint))
     assert np.sum(plain**2) < 0.05 * np.trace(np.linalg.inv(X.T @ X))  # an honest recording pays nothing
     assert np.sum(hinted**2) > 2.0 * np.sum(plain**2)
+
+
+def scored(X, Z, y, rng):
+    free = Z - X @ np.linalg.lstsq(X, Z, rcond=None)[0]
+    return Scores(free.T @ y, rng.normal(size=(32, ROWS)) @ free)
+
+
+def test_families_that_gain_are_worth_weighing_and_few_others(designs):
+    """What a screening by scores leaves out, the evidence of all would have left out too."""
+    X, Z = designs
+    rng, looked_at, missed = np.random.default_rng(6), 0, 0
+    for _ in range(60):
+        y = rng.normal(size=ROWS)
+        true = int(rng.integers(FAMILIES))
+        if rng.random() < 0.5:
+            y += Z[:, true == FAMILY] @ (0.15 * rng.normal(size=EACH))
+        worth = worth_weighing(scored(X, Z, y, rng), FAMILY, WEIGHT)
+        found = set(weigh(linearised(X, Z, y), FAMILY, WEIGHT).families)
+        missed += len(found - set(worth.tolist()))
+        looked_at += len(set(worth.tolist()) - {true})
+    assert missed == 0
+    assert looked_at < 0.25 * 60 * (FAMILIES - 1)
+
+
+def test_one_strong_term_makes_its_family_worth_weighing(designs):
+    X, Z = designs
+    rng = np.random.default_rng(8)
+    y = rng.normal(size=ROWS) + 0.35 * Z[:, 9]
+    assert FAMILY[9] in worth_weighing(scored(X, Z, y, rng), FAMILY, WEIGHT)
