@@ -107,13 +107,14 @@ def find_discrepancy(
     worth = np.zeros(0, dtype=np.int64)
     for _ in range(MAX_ROUNDS):
         linear, every = linearise(problem, fit), terms.terms(problem.schedule)
-        worth = np.union1d(worth, worth_weighing(linear.scores(every), terms.family, terms.weight))
+        least = least_noise(problem)
+        worth = np.union1d(worth, worth_weighing(linear.scores(every), terms.family, terms.weight, least))
         own = np.flatnonzero(np.isin(terms.family, worth))
         if own.size == 0:
             return Discrepancy()
         family, weight = np.searchsorted(worth, terms.family[own]), terms.weight[own]
         whole = _about_zero(linear.about(every.some(own)), amplitude[own])
-        weighed = weigh(whole, family, weight, least_noise(problem))
+        weighed = weigh(whole, family, weight, least)
         if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude[own]) < _MOVED):
             break
         amplitude[own] = weighed.amplitude

@@ -169,16 +169,17 @@ def weigh(found: Linearisation, family: Indices, weight: Array, least: float = 1
     return Weighed(chosen, gains, amplitude, covariance, state.noise, rest)
 
 
-def worth_weighing(scores: Scores, family: Indices, weight: Array) -> Indices:
+def worth_weighing(scores: Scores, family: Indices, weight: Array, least: float = 1.0) -> Indices:
     """Return the families whose scores are larger than most are by chance: others gain nothing.
 
     A family is judged by the sum of its squared scores, in units of what is expected of its amplitudes and of what each
-    is by chance, and by the largest one.
+    is by chance, and by the largest one. least: as in `weigh`; with less noise scores are by chance smaller.
 
     Notes
     -----
     The first is the score of the variance of a family's amplitudes (Lin 1997), the most powerful test of a small one.
     """
+    scores = replace(scores, draws=scores.draws * least**0.5)
     by_chance = np.sqrt(np.mean(scores.draws**2, axis=0)) + 1e-300
     found = []
     for f in np.unique(family):
