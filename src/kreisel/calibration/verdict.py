@@ -15,12 +15,13 @@ from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
 from kreisel.model.groups import group_named
+from kreisel.model.problem import walked_variance
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.refinement import discrepancy
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.named_terms import OFFSET_OF
 from kreisel.refinement.observability import Observability
-from kreisel.refinement.prior_conflict import MAX_SCORE, largest_score
+from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, largest_score
 from kreisel.synchronization.fits import Correlation
 
 MAX_NIS = 4.0
@@ -48,8 +49,8 @@ _BOTH_MOUNTS, _BOTH_HALVES = 3.0, 4.0
 from each. A mount before and after a slip is a fact; what errors do to a half is drawn."""
 
 MAX_UNLISTED = 3.0
-"""Rms of a sensor's errors that are on no list, in deviations of usual devices' offsets, up to which a result is
-accepted: what a gyro or an accelerometer drifts by, in the worst case. Chosen as the bound of a normal error."""
+"""Rms of a sensor's errors that are on no list, and walk of its offsets, in deviations of usual devices' offsets, up to
+which a result is accepted: what a sensor drifts by, in the worst case. Chosen as the bound of a normal error."""
 
 MAX_MOVED = 1.0
 """Standard deviations by which the last pass may have moved the estimates."""
@@ -296,16 +297,26 @@ def _expansions(estimate: Estimate) -> list[Reason]:
 
 
 def _implausible(estimate: Estimate) -> list[Reason]:
-    """Return the reasons for errors on no list that are larger than those of any device: something else is wrong."""
+    """Return the reasons for errors on no list, and walks, larger than those of any device: something else is wrong."""
     found = []
     for one in estimate.discrepancy:
         sensor = one.family.owner
-        usual = group_named(OFFSET_OF[sensor]).usual_sd if sensor in OFFSET_OF else None
-        if usual is not None and one.size > MAX_UNLISTED * usual:
+        if sensor in OFFSET_OF and one.size > _largest(OFFSET_OF[sensor]):
             words = discrepancy.describe(one)
             text = f"errors on no list are larger than those of any device ({words}): the model does not describe it"
             found.append(Reason(text, (sensor,)))
+    for sensor, group in OFFSET_OF.items():
+        if group in estimate.walks and walked_variance(estimate.problem, group) ** 0.5 > _largest(group):
+            text = (
+                f"the {OFFSETS[group]} offsets change by more than those of any device: the model does not describe it"
+            )
+            found.append(Reason(text, (sensor,)))
     return found
+
+
+def _largest(offset: str) -> float:
+    """Return the largest error, SI, of a sensor that its offset, or errors on no list, may have."""
+    return MAX_UNLISTED * (group_named(offset).usual_sd or np.inf)
 
 
 def _passes(estimate: Estimate) -> list[Reason]:

@@ -26,7 +26,7 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.fits import Correlation
 from kreisel.units import DEG
 
-from ...small_problem import estimate_of, history, moved_by, small_problem, small_run
+from ...small_problem import estimate_of, history, moved_by, small_problem, small_run, with_noise
 
 FACTS = Consistency(1.0, 1.0, 100, 0, np.zeros(6), 1.0, 0.99)
 SEEN = Observability((), np.zeros(0), np.zeros(0), (), ())
@@ -64,6 +64,20 @@ def test_errors_on_no_list_that_no_device_has_are_a_reason():
     assert reasons(of(0.99 * MAX_UNLISTED * usual)) == ()
     (reason,) = reasons(of(12.0 * DEG))
     assert "gyros by time, 12 deg/s rms" in reason
+
+
+def test_a_walk_that_no_device_has_is_a_reason():
+    problem = small_problem()
+    stamps = problem.sensor.readings.stamps[[one.last for one in problem.schedule.updates]]
+    largest = MAX_UNLISTED * group_named("gyro_offset").usual_sd / float(np.ptp(stamps)) ** 0.5
+
+    def of(density):
+        walks = problem.noise.offset_walk | {"gyro_offset": density}
+        return found(problem=with_noise(problem, offset_walk=walks), walks={"gyro_offset": 100.0})
+
+    assert reasons(of(0.95 * largest)) == ()
+    (reason,) = reasons(of(1.1 * largest))
+    assert "gyro offsets change by more than those of any device" in reason
 
 
 def test_a_recording_without_standstills_is_not_rejected_for_it():
