@@ -19,10 +19,8 @@ from kreisel.kalman.noise_shares import variance_of_reference
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
 from kreisel.kalman.sensitivity import Sensitivity
+from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import Problem
-
-WALKING = ("gyro_offset", "accel_offset", "time_offset")
-"""Groups whose random walks have a score."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class LinearRun:
     @property
     def _walking(self) -> Indices:
         layout = self.problem.layout
-        parts = [layout[group] for group in WALKING if group in layout]
+        parts = [layout[group] for group in WALKING_GROUPS if group in layout]
         return np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(p.start, p.stop) for p in parts)])
 
     @cached_property

@@ -13,7 +13,6 @@ from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.run_slopes import Slopes
-from kreisel.model.assumed_noise import AssumedNoise
 from kreisel.model.problem import Problem
 
 _PARTS = (("standstill_position", "path_position"), ("standstill_orientation", "path_orientation"))
@@ -32,6 +31,9 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
     layout, noise, n = problem.layout, problem.noise, known.scale.size
     still, measured = run.history.at_standstill, np.nan_to_num(run.history.noise_variance)
     coloured, starts = noise.coloured, slopes.starts
+    of_arm = np.array([noise.pose_error.position, noise.pose_error.orientation]) ** 2
+    at_rest = np.array([noise.reference.standstill_position, noise.reference.standstill_orientation]) ** 2
+    in_motion = np.array([coloured.position, coloured.orientation]) ** 2 - of_arm
     out = {Source.PATH: np.zeros(n), Source.STANDSTILL: np.zeros(n), Source.ROBOT: np.zeros(n)}
     exchange = np.linalg.solve(known.information, known.run)
     after = np.zeros((slopes.degrees, n))
@@ -43,42 +45,23 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
         by_measured = slope.whitening.T @ by_whitened
         source = Source.STANDSTILL if still[i] else Source.PATH
         out[source] += measured[i] @ by_measured**2
-        of_prediction = -by_whitened
-        before = slope.slopes.T @ np.vstack([after[moving], of_prediction])
+        before = slope.slopes.T @ np.vstack([after[moving], -by_whitened])
         before[: moving.start] += after[: moving.start]
         for kind, (at_standstill, on_path) in enumerate(_PARTS):
             if at_standstill in layout and (slopes.new_standstill[i] or i == 0):
-                _add(out, *_of_standstill(noise, kind), np.sum(before[layout[at_standstill]] ** 2, axis=0))
+                squares = np.sum(before[layout[at_standstill]] ** 2, axis=0)
+                out[Source.STANDSTILL] += at_rest[kind] * squares
+                out[Source.ROBOT] += of_arm[kind] * squares
             if on_path in layout:
                 ended = after[layout[on_path]]
                 if not still[i]:  # at standstill it is not a part of what is measured
                     ended = ended - by_measured[3 * kind : 3 * kind + 3]
                 fresh = -np.expm1(-2.0 * slopes.seconds[i] / coloured.time)
-                added = fresh * np.sum(ended**2, axis=0)
+                squares = fresh * np.sum(ended**2, axis=0)
                 if i in starts:
-                    added = added + np.sum(before[layout[on_path]] ** 2, axis=0)
-                _add(out, *_of_path(noise, kind), added)
+                    squares += np.sum(before[layout[on_path]] ** 2, axis=0)
+                out[Source.PATH] += in_motion[kind] * squares
+                out[Source.ROBOT] += of_arm[kind] * squares
         slopes.between(i, before)
         after = before
     return out
-
-
-def _add(out: dict[Source, Array], reference: tuple[Source, float], arm: float, squares: Array) -> None:
-    """Add variances by an error of the reference and of an arm, from squares of the derivatives by both."""
-    source, variance = reference
-    out[source] += variance * squares
-    out[Source.ROBOT] += arm * squares
-
-
-def _of_standstill(noise: AssumedNoise, kind: int) -> tuple[tuple[Source, float], float]:
-    """Return the variance of a standstill's error by the reference and by an arm's geometry."""
-    own = (noise.reference.standstill_position, noise.reference.standstill_orientation)[kind]
-    arm = (noise.pose_error.position, noise.pose_error.orientation)[kind]
-    return (Source.STANDSTILL, own**2), arm**2
-
-
-def _of_path(noise: AssumedNoise, kind: int) -> tuple[tuple[Source, float], float]:
-    """Return the variance of coloured noise by the reference and by an arm's geometry."""
-    whole = (noise.coloured.position, noise.coloured.orientation)[kind]
-    arm = (noise.pose_error.position, noise.pose_error.orientation)[kind]
-    return (Source.PATH, whole**2 - arm**2), arm**2

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel._kernels.filter_arguments import Record
+from kreisel.fitting.terms import OFFSET_ROWS
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR
 from kreisel.model.problem import Problem
@@ -111,12 +112,12 @@ def _slope(record: Record, begin: int, k: int) -> Slope:
     return Slope(begin + k, slopes, record.gain[k], record.whitening[k], innovation, measured, used)
 
 
-def offsets(problem: Problem, rows: dict[str, range]) -> tuple[Indices, Indices]:
+def offsets(problem: Problem) -> tuple[Indices, Indices]:
     """Return which rows of terms are readings with an offset in the state, and the offsets' degrees of freedom."""
     layout = problem.layout
     found = [
         (own[axis], layout[group].start + i)
-        for group, own in rows.items()
+        for group, own in OFFSET_ROWS.items()
         if group in layout
         for i, axis in enumerate(layout.present(group).tolist())
     ]

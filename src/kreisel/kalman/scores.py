@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.fitting.terms import ACCEL_ROWS, OFFSET_ROWS, POSE_ROWS, Scores, Terms
+from kreisel.fitting.terms import ACCEL_ROWS, POSE_ROWS, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.run_slopes import Slopes, offsets
@@ -74,7 +74,7 @@ def _estimates(slopes: Slopes, noise: Array) -> Array:
 
 
 def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: Indices) -> Gradients:
-    rows, places = offsets(problem, OFFSET_ROWS)
+    rows, places = offsets(problem)
     u, columns = slopes.count, end.shape[1]
     found = Gradients(
         np.zeros((u, 6, columns)), np.zeros((u, 3, columns)), np.zeros((u, 6, columns)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.fitting.terms import ACCEL_ROWS, OFFSET_ROWS, POSE_ROWS, Terms
+from kreisel.fitting.terms import ACCEL_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array
 from kreisel.kalman.run_slopes import Slope, Slopes, offsets
 from kreisel.model.problem import Problem
@@ -47,7 +47,7 @@ class Sensitivity:
         self._of_sensor = np.flatnonzero(terms.row < POSE_ROWS.start)
         self._of_pose = np.flatnonzero(terms.row >= POSE_ROWS.start)
         self._of_force = np.flatnonzero((terms.row >= ACCEL_ROWS.start) & (terms.row < ACCEL_ROWS.stop))
-        places = dict(zip(*(one.tolist() for one in offsets(problem, OFFSET_ROWS)), strict=True))
+        places = dict(zip(*(one.tolist() for one in offsets(problem)), strict=True))
         self._offset = np.array([places[int(row)] for row in terms.row[self._of_sensor]], dtype=np.int64)
         self._direction = terms.row[self._of_pose] - POSE_ROWS.start
         self._axis = terms.row[self._of_force] - ACCEL_ROWS.start

@@ -21,6 +21,9 @@ SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
 PASSING_GROUPS = tuple(group.name for group in REGISTRY if group.passing)
 """Groups that change within seconds: noise with a memory."""
 
+WALKING_GROUPS = ("gyro_offset", "accel_offset", "time_offset")
+"""Groups that may walk at random during a recording."""
+
 ROBOT_GROUPS = tuple(group.name for group in REGISTRY if group.owner == "robot")
 """Groups of the robot's errors."""
 

@@ -144,21 +144,16 @@ class Survey:
         """
         chosen = tuple(group for group in self.groups if group in groups)
         larger = with_groups(self.before, chosen, {group: self._priors[group] for group in chosen})
-        value, P = self._untempered(chosen)
-        moved = self._moved(chosen, value)
+        (value, P), columns = self._untempered.alone(chosen), self._columns(chosen)
+        moved = result_moved(self.before, self.fit, (columns @ value)[: len(self.before.parameter_names)])
         known = moved.parameters.with_order(larger.settings.polynomial_order)
         before, after = self.before.layout, larger.layout
         mean, covariance = np.empty(after.size), np.zeros((after.degrees, after.degrees))
-        own = np.concatenate([np.zeros(0, dtype=np.int64), *(np.r_[after[group]] for group in chosen)])
+        own = _places(larger, chosen)
         kept = np.concatenate([np.r_[after[part.name]] for part in before])
         for part in before:
             mean[after.stored(part.name)] = moved.belief.mean[before.stored(part.name)]
-        at = 0
-        for group in chosen:
-            stored = after.stored(group)
-            mean[stored] = value[at : at + stored.stop - stored.start]
-            at += stored.stop - stored.start
-        columns = self._columns(chosen)
+        mean[np.concatenate([own[:0], *(np.r_[after.stored(group)] for group in chosen)])] = value
         covariance[np.ix_(kept, kept)] = self.fit.belief.covariance + columns @ P @ columns.T
         covariance[np.ix_(kept, own)] = columns @ P
         covariance[np.ix_(own, kept)] = P @ columns.T
@@ -171,7 +166,7 @@ class Survey:
         n = self.before.sensor_degrees
         if n == 0:
             return 0.0, ""
-        value, P = self._untempered((group,))
+        value, P = self._untempered.alone((group,))
         columns = self._columns((group,))[:n]
         variance = self.fit.belief.standard_deviation[:n] ** 2 + np.sum((columns @ P) * columns, axis=1)
         change = np.abs(columns @ value) / np.sqrt(variance)
@@ -187,7 +182,7 @@ class Survey:
         columns = [np.zeros((self.before.layout.degrees, 0))]
         for group in self.groups:
             odds = self._odds(group) * np.exp(min(self.gain((group,)), MIN_GAIN))
-            value, P = self._untempered((group,))
+            value, P = self._untempered.alone((group,))
             own = self._columns((group,))
             part = np.hstack([(own @ value)[:, None], own @ np.linalg.cholesky(P)])
             columns.append((odds / (1.0 + odds)) ** 0.5 * part)
@@ -200,14 +195,10 @@ class Survey:
             return UNLIKELY_ODDS
         return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
 
-    def _untempered(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
-        """Return estimate and covariance of some candidates, all others zero, by data that count as they are."""
-        return replace(self, temper=1.0).alone(groups)
-
-    def _moved(self, groups: tuple[str, ...], value: Array) -> Fit:
-        """Return the fit with some candidates of a value, all others zero."""
-        step = (self._columns(groups) @ value)[: len(self.before.parameter_names)]
-        return result_moved(self.before, self.fit, step)
+    @cached_property
+    def _untempered(self) -> Survey:
+        """The same by data that count as they are."""
+        return replace(self, temper=1.0)
 
     def _columns(self, groups: tuple[str, ...]) -> Array:
         """Return what units of the parameters of groups change in the state, (degrees, k); only in its parameters."""
@@ -223,12 +214,7 @@ class Survey:
 
     def _prior(self, groups: tuple[str, ...]) -> Array:
         """Return the covariance of the candidates' prior, as wide as the data ask for."""
-        out, at = np.zeros((self.places(groups).size,) * 2), 0
-        for group in groups:
-            block = self._priors[group]
-            out[at : at + len(block), at : at + len(block)] = block
-            at += len(block)
-        return out
+        return _block_diagonal([self._priors[group] for group in groups])
 
     @cached_property
     def _priors(self) -> dict[str, Array]:
@@ -249,6 +235,15 @@ class Survey:
         along = strength[:, shown].T @ (scale * eta) / seen[shown]
         factor = float(np.mean(along**2 - 1.0 / seen[shown]))
         return usual * max(1.0, factor)
+
+
+def _block_diagonal(blocks: list[Array]) -> Array:
+    """Return a matrix of blocks along its diagonal, zero elsewhere."""
+    out, at = np.zeros((sum(map(len, blocks)),) * 2), 0
+    for block in blocks:
+        out[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return out
 
 
 def _places(problem: Problem, groups: tuple[str, ...]) -> Indices:
@@ -363,12 +358,7 @@ def _relinearised(found: Survey, estimator: Estimator, progress: StepProgress | 
     others, P = np.setdiff1d(np.arange(len(larger.parameter_names)), own), run.belief.covariance
     scale = np.sqrt(np.diag(P)[own])
     information = np.linalg.inv(P[np.ix_(own, own)] / np.outer(scale, scale)) / np.outer(scale, scale)
-    prior = np.zeros_like(information)
-    at = 0
-    for group in groups:
-        block = np.linalg.inv(larger.prior.covariance[group])
-        prior[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
+    prior = _block_diagonal([np.asarray(np.linalg.inv(larger.prior.covariance[group])) for group in groups])
     return replace(
         found, fit=_with_zero(larger, run, problem, groups), change=P[np.ix_(others, own)] @ information,
         information=information - prior, score=information @ _distance(larger, run, groups)[own],

@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.fitting.fit import Estimator, Fit, Linearised
+from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import bounded_likelihood
-
-GROUPS_THAT_WALK = ("gyro_offset", "accel_offset", "time_offset")
 
 _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 """Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
@@ -27,7 +26,7 @@ _WORTH = 2.0
 
 def may_walk(problem: Problem, linear: Linearised) -> bool:
     """Return whether the score of a random walk is larger than by chance: only then it is worth a pass to try."""
-    for group in GROUPS_THAT_WALK:
+    for group in WALKING_GROUPS:
         if group in problem.layout:
             score = linear.walk_score(group)
             size = float(np.std(score.draws))
@@ -45,7 +44,7 @@ def found_walks(
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
     """
-    groups = [g for g in GROUPS_THAT_WALK if g in problem.layout]
+    groups = [g for g in WALKING_GROUPS if g in problem.layout]
     if not groups:
         return None
     seconds = float(problem.sensor.readings.stamps[problem.schedule.updates[-1].last])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import with_readings
-from kreisel.refinement.parameter_walk import GROUPS_THAT_WALK, may_walk
+from kreisel.refinement.parameter_walk import may_walk
 
 from ...small_problem import camera_problem
 
@@ -30,7 +31,7 @@ def walking(field, size):
 def test_nothing_walks_in_a_sound_recording():
     problem, linear = linearised(camera_problem())
     assert not may_walk(problem, linear)
-    for group in GROUPS_THAT_WALK:
+    for group in WALKING_GROUPS:
         score = linear.walk_score(group)
         assert score.value[0] < np.quantile(score.draws, 0.98) + score.draws.std()
 
@@ -39,5 +40,5 @@ def test_nothing_walks_in_a_sound_recording():
 def test_a_walk_is_noticed_in_its_own_score(field, size, group):
     problem, linear = linearised(walking(field, size))
     assert may_walk(problem, linear)
-    score = linear.walk_score(GROUPS_THAT_WALK[group])
+    score = linear.walk_score(WALKING_GROUPS[group])
     assert score.value[0] > score.draws.mean() + 10.0 * score.draws.std()
