@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem
@@ -207,11 +207,16 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
         if held > _REPEATED:
             return "held poses", f"{100.0 * held:.0f} % of the poses repeat the one before"
     size = history.nis / history.degrees
-    gross = size > _GROSS * np.median(size)
-    alone = gross[1:-1] & ~(gross[:-2] & gross[2:])  # what lasts is no outlier
-    if float(np.mean(alone)) > _REPEATED:
+    if float(np.mean(_short(size > _GROSS * np.median(size)))) > _REPEATED:
         return "pose outliers", "some poses are grossly wrong"
     return "stated reference", "the poses are less accurate than stated"
+
+
+def _short(marked: Mask) -> Mask:
+    """Return those that are marked in runs of one or two: what lasts is no outlier."""
+    around = np.pad(marked, 1)
+    middle = np.pad(around[:-2] & around[1:-1] & around[2:], 1)  # of three in a row
+    return np.asarray(marked & ~(middle[:-2] | middle[1:-1] | middle[2:]))
 
 
 def _of_readings(estimate: Estimate) -> tuple[str, str]:

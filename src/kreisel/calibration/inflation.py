@@ -13,7 +13,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
-from kreisel.model.parameters import GROUPS
+from kreisel.model.parameters import DELAYS, GROUPS, SMOOTHINGS
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.preparation.gravity import ANOMALY_SD
@@ -21,8 +21,8 @@ from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
 
 _TERMS = {
-    **dict.fromkeys(("accel_delay", "accel_axis_delay"), 0.01),
-    **dict.fromkeys(("accel_smoothing", "reference_smoothing"), 1.5e-4),
+    **dict.fromkeys(DELAYS, 0.01),
+    **dict.fromkeys(SMOOTHINGS, 1.5e-4),
 }
 """Sizes (s, s^2) at which the terms that the model of an effect leaves out are as large as other uncertainties."""
 

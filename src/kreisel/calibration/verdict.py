@@ -15,6 +15,7 @@ from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
 from kreisel.model.groups import group_named
+from kreisel.model.parameters import DELAYS, SMOOTHINGS
 from kreisel.model.problem import walked_variance
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.refinement import discrepancy
@@ -66,8 +67,8 @@ MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
 more."""
 
 _LARGEST = {
-    **dict.fromkeys(("accel_delay", "accel_axis_delay"), 50e-3),
-    **dict.fromkeys(("accel_smoothing", "reference_smoothing"), 1.5e-3),
+    **dict.fromkeys(DELAYS, 50e-3),
+    **dict.fromkeys(SMOOTHINGS, 1.5e-3),
 }
 """Sizes (s, s^2) up to which the first terms of a series describe an effect."""
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, skew
-from kreisel.inertial.effects import RawReadings, added
+from kreisel.inertial.effects import OF_CHANGE, RawReadings, added
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named
+from kreisel.model.parameters import DELAYS, SMOOTHINGS
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MRAD, PPM, STANDARD_GRAVITY
 
 RATE = 100.0 * DEG
@@ -18,8 +19,13 @@ RATE = 100.0 * DEG
 TURNING = 10.0
 """Angular acceleration at which losses are stated, rad/s^2."""
 
-JERK = 10.0
-"""Derivative of the specific force at which losses of delay and smoothing are stated, m/s^3 (and m/s^4)."""
+CHANGE = 10.0
+"""Derivatives of force and rate at which losses of delay and smoothing are stated, m/s^3 (m/s^4), rad/s^2 (rad/s^3)."""
+
+_MOVING = {
+    **dict.fromkeys((*DELAYS, *SMOOTHINGS), " and 10 m/s^3"),
+    **dict.fromkeys(OF_CHANGE, " and 10 rad/s^2"),
+}
 
 TEMPERATURE_CHANGE = 10.0
 """Kelvin above the calibration's temperature at which losses are stated."""
@@ -93,18 +99,17 @@ def _effect(group: str, value: Array) -> list[str]:
         np.arange(6.0),
         RATE * axes,
         STANDARD_GRAVITY * axes,
-        lambda values: JERK * np.sign(values),
-        lambda values: JERK * np.sign(values),
+        lambda values: CHANGE * np.sign(values),
+        lambda values: CHANGE * np.sign(values),
         np.full(6, TEMPERATURE_CHANGE),
     )
     gyro, accel = (_largest(part) for part in added(raw, {group: value}))
     meaning = group_named(group).meaning.partition(":")[0].partition(",")[0]
-    condition = " and 10 K" if "temperature" in group else ""
+    condition = " and 10 K" if "temperature" in group else _MOVING.get(group, "")
     if gyro >= _SMALLEST_DEG_H * DEG_PER_HOUR:
         return [f"{group} ({meaning}): {gyro / DEG_PER_HOUR:.3g} deg/h at 1 g, 100 deg/s{condition}"]
     if accel >= _SMALLEST_MG * MG:
-        moving = " and 10 m/s^3" if group in ("accel_delay", "accel_axis_delay", "accel_smoothing") else condition
-        return [f"{group} ({meaning}): {accel / MG:.3g} mg at 1 g{moving}"]
+        return [f"{group} ({meaning}): {accel / MG:.3g} mg at 1 g{condition}"]
     return []
 
 

@@ -15,9 +15,9 @@ from kreisel.errors import SettingsError
 from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effect_formulas import ArrayLanguage, AxisLanguage, of_arrays, of_axis
-from kreisel.inertial.effects import EFFECTS, Factor, follows_temperature
+from kreisel.inertial.effects import EFFECTS, Factor, follows_temperature, reaches_further
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.inertial.slopes import LONGEST_GAP
+from kreisel.inertial.slopes import LONGEST_GAP, REACH
 
 _RESERVED = frozenset({
     "break", "case", "catch", "classdef", "continue", "do", "else", "elseif", "end", "for", "function", "global", "if",
@@ -31,13 +31,13 @@ def _plain(x: float) -> str:
 
 
 def _factor(factor: Factor, own: str, axis: int, absolute: Callable[[str], str]) -> str:
-    """Return a factor over arrays w, a, da, dda and `temperature_difference`."""
+    """Return a factor over arrays w, dw, ddw, a, da, dda and `temperature_difference`."""
     return {
         Factor.READING: f"{own}[{axis}]",
         Factor.MAGNITUDE: absolute(f"{own}[{axis}]"),
         Factor.FORCE: f"a[{axis}]",
-        Factor.SLOPE: f"da[{axis}]",
-        Factor.CURVATURE: f"(-dda[{axis}])",
+        Factor.SLOPE: f"d{own}[{axis}]",
+        Factor.CURVATURE: f"(-dd{own}[{axis}])",
         Factor.TEMPERATURE: "temperature_difference",
     }[factor]
 
@@ -55,8 +55,8 @@ MATLAB = ArrayLanguage(
         Factor.READING: own,
         Factor.MAGNITUDE: f"abs({own})",
         Factor.FORCE: "a",
-        Factor.SLOPE: "slope(a)",
-        Factor.CURVATURE: "(-curvature(a))",
+        Factor.SLOPE: f"slope({own})",
+        Factor.CURVATURE: f"(-curvature({own}))",
         Factor.TEMPERATURE: "temperature_difference",
     }[factor],
     product=" .* ".join,
@@ -126,6 +126,8 @@ def _context(request: ExportRequest) -> dict[str, Any]:
         "temperature": temperature,
         "temperature_c": temperature,
         "needs_temperature": follows_temperature(calibration.sensors.others),
+        "later": REACH if reaches_further(calibration.sensors.others) else 0,
+        "late_by": "six" if reaches_further(calibration.sensors.others) else "three",
         "gap_ns": round(1e9 * max(LONGEST_GAP, 5.0 / rate if rate else 0.0)),
     }
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import RawReadings
+from kreisel.inertial.effects import RawReadings, reaches_further
 from kreisel.inertial.sensor_model import (
     SensorParameters,
     SizeEffect,
@@ -83,11 +83,13 @@ class Correction:
 
     Notes
     -----
-    A sample is returned when the three after it have come; the first ones of a run, when seven have. Nothing is
-    returned until `slopes.USUAL` intervals have shown the usual one.
+    A sample is returned when the three after it have come; the first ones of a run, when seven have: three more where
+    derivatives of the gyros' readings correct them. Nothing is returned until `slopes.USUAL` intervals have shown the
+    usual one.
     """
 
     def __init__(self, sensors: SensorParameters, form: SizeEffect) -> None:
+        self._later = REACH if reaches_further(sensors.others) else 0
         self._correct: Callable[[Block, float | None], Block] = lambda raw, usual: corrected(raw, sensors, form, usual)
         self._kept: Block | None = None
         self._returned = 0  # of those kept
@@ -98,7 +100,7 @@ class Correction:
         self._kept = raw if self._kept is None else self._kept.followed_by(raw)
         if self._usual is None and len(self._kept) > USUAL:
             self._usual = usual_interval(self._kept.stamps)
-        return self._until(0 if self._usual is None else _complete(self._kept.stamps, self._usual))
+        return self._until(0 if self._usual is None else _complete(self._kept.stamps, self._usual, self._later))
 
     def close(self) -> Block:
         """Return the remaining samples; their derivatives are those at the end of the last cubic."""
@@ -110,14 +112,14 @@ class Correction:
         if self._kept is None or end <= self._returned:
             return nothing
         out = self._correct(self._kept, self._usual).part(self._returned, end)
-        begin = max(end - SAMPLES, 0)
+        begin = max(end - SAMPLES - self._later, 0)
         self._kept, self._returned = self._kept.part(begin), end - begin
         return out
 
 
-def _complete(stamps: Array, usual: float) -> int:
-    """Return how many of the samples have cubics that no later sample changes."""
+def _complete(stamps: Array, usual: float, later: int) -> int:
+    """Return how many samples have cubics that no later one changes; later: samples that the fitted values need."""
     starts = run_starts(stamps, usual)
-    if starts.size and stamps.size < starts[-1] + SAMPLES:
+    if starts.size and stamps.size < starts[-1] + SAMPLES + later:
         return int(starts[-1])
-    return int(stamps.size) - REACH
+    return int(stamps.size) - REACH - later

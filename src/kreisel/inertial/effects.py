@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices
+
+Sensor = Literal["gyroscope", "accelerometer"]
 
 
 @dataclass(frozen=True)
@@ -41,15 +43,29 @@ class RawReadings:
     second_derivative: Callable[[Array], Array]
     temperature_difference: Array
 
-    @cached_property
-    def accel_slopes(self) -> Array:
-        """Time derivative of the accelerometers' readings, (n, 3)."""
-        return self.derivative(self.accelerations)
+    def of(self, sensor: Sensor) -> Array:
+        """Return the readings of a sensor, (n, 3)."""
+        return self.rates if sensor == "gyroscope" else self.accelerations
+
+    def slopes(self, sensor: Sensor) -> Array:
+        """Return the time derivative of a sensor's readings, (n, 3)."""
+        return self._slopes[sensor == "accelerometer"]()
+
+    def curvatures(self, sensor: Sensor) -> Array:
+        """Return the second time derivative of a sensor's readings, (n, 3)."""
+        return self._curvatures[sensor == "accelerometer"]()
 
     @cached_property
-    def accel_curvatures(self) -> Array:
-        """Second time derivative of the accelerometers' readings, (n, 3)."""
-        return self.second_derivative(self.accelerations)
+    def _slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        return self._once(self.derivative)
+
+    @cached_property
+    def _curvatures(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        return self._once(self.second_derivative)
+
+    def _once(self, derivative: Callable[[Array], Array]) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        """Return functions that give a derivative of rates and accelerations, computed when it is first asked for."""
+        return cache(lambda: derivative(self.rates)), cache(lambda: derivative(self.accelerations))
 
 
 class Factor(Enum):
@@ -58,8 +74,8 @@ class Factor(Enum):
     READING = "the sensor's own reading"
     MAGNITUDE = "absolute value of the sensor's own reading"
     FORCE = "reading of the accelerometers"
-    SLOPE = "derivative of the accelerometers' readings"
-    CURVATURE = "negative second derivative of the accelerometers' readings"
+    SLOPE = "derivative of the sensor's own reading"
+    CURVATURE = "negative second derivative of the sensor's own reading"
     TEMPERATURE = "temperature difference"
 
     @property
@@ -67,14 +83,14 @@ class Factor(Enum):
         """Whether it is one number for all axes."""
         return self is Factor.TEMPERATURE
 
-    def of(self, raw: RawReadings, own: Array) -> Array:
-        """Return its values (3, n), or (1, n) where it is common to the axes; `own`: readings (n, 3) of the sensor."""
+    def of(self, raw: RawReadings, sensor: Sensor) -> Array:
+        """Return its values (3, n), or (1, n) where it is common to the axes, for an effect of a sensor."""
         values: dict[Factor, Callable[[], Array]] = {
-            Factor.READING: lambda: own.T,
-            Factor.MAGNITUDE: lambda: np.abs(own.T),
+            Factor.READING: lambda: raw.of(sensor).T,
+            Factor.MAGNITUDE: lambda: np.abs(raw.of(sensor).T),
             Factor.FORCE: lambda: raw.accelerations.T,
-            Factor.SLOPE: lambda: raw.accel_slopes.T,
-            Factor.CURVATURE: lambda: -raw.accel_curvatures.T,
+            Factor.SLOPE: lambda: raw.slopes(sensor).T,
+            Factor.CURVATURE: lambda: -raw.curvatures(sensor).T,
             Factor.TEMPERATURE: lambda: raw.temperature_difference[None],
         }
         return values[self]()
@@ -105,7 +121,7 @@ class SensorEffect:
         Whether three parameters follow for each further power of the reading, from the second on.
     """
 
-    sensor: Literal["gyroscope", "accelerometer"]
+    sensor: Sensor
     factors: tuple[Factor, ...] = ()
     arrangement: Arrangement = Arrangement.EACH_AXIS
     powers: bool = False
@@ -123,8 +139,7 @@ class SensorEffect:
 
     def features(self, raw: RawReadings, count: int) -> Array:
         """Return what the parameters are multiplied by, (E, n); count: number of parameters."""
-        own = raw.rates if self.sensor == "gyroscope" else raw.accelerations
-        return np.concatenate([_product(factors, raw, own) for factors in self.products(count)])
+        return np.concatenate([_product(factors, raw, self.sensor) for factors in self.products(count)])
 
     def places(self, count: int) -> Indices:
         """Return which parameter each feature is multiplied by in each axis, -1 for none, (E, 3); count: parameters."""
@@ -139,12 +154,12 @@ class SensorEffect:
         return out
 
 
-def _product(factors: tuple[Factor, ...], raw: RawReadings, own: Array) -> Array:
+def _product(factors: tuple[Factor, ...], raw: RawReadings, sensor: Sensor) -> Array:
     """Return a product of factors, (3, n) or (1, n)."""
     out = np.ones((1, raw.stamps.size))
     for i, factor in enumerate(dict.fromkeys(factors)):
         count = factors.count(factor)
-        values = factor.of(raw, own) if count == 1 else factor.of(raw, own) ** count
+        values = factor.of(raw, sensor) if count == 1 else factor.of(raw, sensor) ** count
         out = values if i == 0 else out * values
     return out
 
@@ -154,6 +169,8 @@ EFFECTS: dict[str, SensorEffect] = {
     "gyro_g_sensitivity": SensorEffect("gyroscope", (Factor.FORCE,), Arrangement.MATRIX),
     "gyro_g_squared": SensorEffect("gyroscope", (Factor.FORCE, Factor.FORCE), Arrangement.MATRIX),
     "gyro_asymmetry": SensorEffect("gyroscope", (Factor.MAGNITUDE,)),
+    "gyro_axis_delay": SensorEffect("gyroscope", (Factor.SLOPE,)),
+    "gyro_axis_smoothing": SensorEffect("gyroscope", (Factor.CURVATURE,)),
     "gyro_temperature": SensorEffect("gyroscope", (Factor.TEMPERATURE,)),
     "gyro_scale_temperature": SensorEffect("gyroscope", (Factor.READING, Factor.TEMPERATURE)),
     "gyro_gauss_markov": SensorEffect("gyroscope"),
@@ -162,6 +179,7 @@ EFFECTS: dict[str, SensorEffect] = {
     "accel_delay": SensorEffect("accelerometer", (Factor.SLOPE,), Arrangement.ALL_AXES),
     "accel_smoothing": SensorEffect("accelerometer", (Factor.CURVATURE,), Arrangement.ALL_AXES),
     "accel_axis_delay": SensorEffect("accelerometer", (Factor.SLOPE,)),
+    "accel_axis_smoothing": SensorEffect("accelerometer", (Factor.CURVATURE,)),
     "accel_temperature": SensorEffect("accelerometer", (Factor.TEMPERATURE,)),
     "accel_scale_temperature": SensorEffect("accelerometer", (Factor.READING, Factor.TEMPERATURE)),
     "accel_gauss_markov": SensorEffect("accelerometer"),
@@ -171,6 +189,14 @@ EFFECTS: dict[str, SensorEffect] = {
 
 OF_TEMPERATURE = ("gyro_temperature", "gyro_scale_temperature", "accel_temperature", "accel_scale_temperature")
 """Effects of a recorded temperature."""
+
+OF_CHANGE = ("gyro_axis_delay", "gyro_axis_smoothing")
+"""Effects of the gyros by derivatives of their readings: a slope of corrected rates needs samples further away."""
+
+
+def reaches_further(values: Mapping[str, Array]) -> bool:
+    """Return whether any of the values of effects, by group, is one of `OF_CHANGE` other than zero."""
+    return any(np.any(values.get(group, 0.0)) for group in OF_CHANGE)
 
 
 def follows_temperature(values: Mapping[str, Array]) -> bool:

@@ -20,7 +20,8 @@ CHUNK = 1 << 16
 EXCERPT = 8
 """Chunks that are enough where not all of a long recording is needed."""
 
-_REACH = 6  # samples around an interval that enter its integral
+_REACH = 11  # samples around an interval that enter its integral: six a curvature's, two a slope's, three a stencil's
+_SHORTEST = 6  # intervals of a segment that is integrated by stencils
 _HELD = 4
 """Prepared chunks that are kept: 20 MB each, 300 bytes a sample (decision 10 in docs/decisions). Chosen: tasks that run
 side by side are in different chunks."""
@@ -140,12 +141,12 @@ class Readings:
     def _between(self, low: int, high: int) -> InertialSignal:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
         inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
+        segments = tuple((a, b) for a, b in inside if b - a >= _SHORTEST)
         part = slice(low, high + 1)
         temperature_difference = None if self.temperature_difference is None else self.temperature_difference[part]
         signal = prepare(
             self.stamps[part], self.rates[part], self.accelerations[part], noise=self.noise, estimated=self.estimated,
-            applied=self.applied,
-            temperature_difference=temperature_difference, segments=tuple((a, b) for a, b in inside if b - a >= _REACH),
+            applied=self.applied, temperature_difference=temperature_difference, segments=segments,
         )  # fmt: skip
         return replace(signal, begin=low)
 

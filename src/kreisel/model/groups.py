@@ -19,6 +19,9 @@ from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 Indices = Callable[[int, int], tuple[str, ...]]
 """From the order of the sensor polynomials and the number of joints to what follows the path in each name."""
 
+_NO_MEAN = 1e-6
+"""Variance left to a mean that is zero, relative: 1 us for delays. Chosen: small beside any use, far above rounding."""
+
 
 @dataclass(frozen=True)
 class ParameterGroup:
@@ -51,6 +54,8 @@ class ParameterGroup:
         Whether it is estimated only if asked for.
     rare
         Whether it is looked for only in devices whose grade has it.
+    common_elsewhere
+        Whether the mean of its parameters is a parameter of another group, so that their sum is zero.
     passing
         Whether it changes within seconds: it is a part of the noise, and not of the result.
     rotation
@@ -74,6 +79,7 @@ class ParameterGroup:
     known_before: bool = False
     by_choice: bool = False
     rare: bool = False
+    common_elsewhere: bool = False
     passing: bool = False
     rotation: bool = False
     shape: Callable[[int], tuple[int, ...]] | None = None
@@ -86,6 +92,13 @@ class ParameterGroup:
     def degrees(self, order: int, joints: int = 0) -> int:
         """Return the degrees of freedom."""
         return len(self.indices(order, joints))
+
+    def usual_covariance(self, count: int, sd: float | None = None) -> Array:
+        """Return the covariance (n, n) of usual devices for `count` of its parameters; sd: if not `usual_sd`."""
+        shape = np.eye(count)
+        if self.common_elsewhere and count > 1:
+            shape -= (1.0 - _NO_MEAN) / count
+        return (sd or self.usual_sd or 1.0) ** 2 * shape
 
     def nominal(self, order: int, joints: int = 0) -> Array:
         """Return the value of a faultless cell as it is stored, for groups that have no field of their own."""
@@ -163,6 +176,16 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         shape=lambda _: (3,),
     ),
     ParameterGroup(
+        "gyro_axis_delay", "delay of each gyro axis beyond the mean of the three, s: times dw'/dt", "τ<sub>ω</sub>",
+        "gyroscope", "gyroscope.axis_delay", _axes, "ms", MS, 1e-3, known_before=True, by_choice=True,
+        shape=lambda _: (3,), common_elsewhere=True,
+    ),
+    ParameterGroup(
+        "gyro_axis_smoothing", "smoothing of each gyro axis, s^2: times -d^2w'/dt^2", "κ<sub>ω</sub>",
+        "gyroscope", "gyroscope.axis_smoothing", _axes, "ms²", MS**2, 3e-5, known_before=True, by_choice=True,
+        shape=lambda _: (3,),
+    ),
+    ParameterGroup(
         "gyro_temperature", "temperature coefficient of the gyro offsets: times T - T_0", "c<sub>ω</sub>",
         "gyroscope", "gyroscope.temperature", _axes, "deg/h/K", DEG_PER_HOUR, 1e-4, known_before=True,
         by_choice=True, shape=lambda _: (3,),
@@ -208,7 +231,12 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ParameterGroup(
         "accel_axis_delay", "delay of each accelerometer axis beyond the common one, s: times da'/dt", "τ<sub>a</sub>",
         "accelerometer", "accelerometer.axis_delay", _axes, "ms", MS, 1e-3, known_before=True, by_choice=True,
-        shape=lambda _: (3,),
+        shape=lambda _: (3,), common_elsewhere=True,
+    ),
+    ParameterGroup(
+        "accel_axis_smoothing", "smoothing of each accelerometer axis beyond the common one, s^2: times -d^2a'/dt^2",
+        "κ<sub>aj</sub>", "accelerometer", "accelerometer.axis_smoothing", _axes, "ms²", MS**2, 3e-5,
+        known_before=True, by_choice=True, shape=lambda _: (3,), common_elsewhere=True,
     ),
     ParameterGroup(
         "accel_temperature", "temperature coefficient of the accelerometer offsets: times T - T_0", "c<sub>a</sub>",

@@ -261,8 +261,7 @@ def with_nominal(problem: Problem, values: CellParameters, groups: tuple[str, ..
 def usual_covariance(group: str, problem: Problem) -> Array:
     """Return the covariance of a group's prior for devices of which nothing is known; polynomials of second order."""
     degrees = group_part(group, max(problem.settings.polynomial_order, 2), problem.joints).degrees
-    sd = _CONSIDERED_SD.get(group, group_named(group).usual_sd or 1.0)
-    return np.asarray(sd**2 * np.eye(degrees))
+    return group_named(group).usual_covariance(degrees, _CONSIDERED_SD.get(group))
 
 
 def _with_order(problem: Problem, order: int) -> Problem:

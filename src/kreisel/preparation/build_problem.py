@@ -95,7 +95,7 @@ def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, A
     out = {group: P for group, P in covariance.items() if P.size}
     for group in REGISTRY:
         if group.name in layout:
-            out.setdefault(group.name, (group.usual_sd or 1.0) ** 2 * np.eye(layout.present(group.name).size))
+            out.setdefault(group.name, group.usual_covariance(layout.present(group.name).size))
     return out
 
 

@@ -203,7 +203,7 @@ def _polynomials(
 def _changes(first: Array, second: Array) -> tuple[Callable[[Indices], Array], Array]:
     """Return products of two of the first derivatives (n, 3) of readings, and both derivatives as they are.
 
-    A delay of single axes is proportional to the first, an unequal bandwidth to the second.
+    Delays and smoothings of other axes than the readings' own are proportional to these.
     """
     products, degree = _polynomials(first.__getitem__, len(first), 2)
     linear = np.hstack([_unit(first), _unit(second)])

@@ -227,12 +227,12 @@ class Survey:
     def _as_wide_as_asked(self, group: str) -> Array:
         usual = self.before.prior.covariance.get(group, self.usual[group])
         D, eta = self._data_about((group,))
-        scale = np.sqrt(np.diag(usual))
-        seen, strength = np.linalg.eigh(D * np.outer(scale, scale))
+        root = np.linalg.cholesky(usual)
+        seen, strength = np.linalg.eigh(root.T @ D @ root)
         shown = seen > 1.0  # by data, not by the prior
         if not shown.any():
             return usual
-        along = strength[:, shown].T @ (scale * eta) / seen[shown]
+        along = strength[:, shown].T @ (root.T @ eta) / seen[shown]
         factor = float(np.mean(along**2 - 1.0 / seen[shown]))
         return usual * max(1.0, factor)
 

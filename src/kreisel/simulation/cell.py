@@ -270,9 +270,9 @@ def _imu(
     shake = vibration(streams.vibration, cell.imu, planned, t)
     temperature = temperature_of(cell.imu, t)
     temperature_difference = None if temperature is None else temperature - temperature.mean()
-    rates, accelerations = _ideal(motion(t), shake, device, t, temperature_difference)
-    if device.effects.accel_delay:
-        _, accelerations = _ideal(motion(t - device.effects.accel_delay), shake, device, t, temperature_difference)
+    rates, accelerations = device.effects.seen(
+        lambda late: _ideal(motion(t - late), shake, device, t, temperature_difference)
+    )
     unlisted = device.physics.readings(grade, t, rates, accelerations)
     rates, accelerations = rates + unlisted[0], accelerations + unlisted[1]
     drift = offset_drift(streams.drift, cell.imu, t)
@@ -341,6 +341,8 @@ def write_truth(truth: Truth, file: Path) -> None:
         "g_sensitivity": effects.g_sensitivity.tolist(),
         "g_squared": effects.g_squared.tolist(),
         "asymmetry": effects.gyro_asymmetry.tolist(),
+        "axis_delay": effects.axis_delay.tolist(),
+        "axis_smoothing": effects.axis_smoothing.tolist(),
         "temperature": effects.temperature[0].tolist(),
         "scale_temperature": effects.temperature[1].tolist(),
     }
@@ -350,6 +352,9 @@ def write_truth(truth: Truth, file: Path) -> None:
         "lever_arms": s.lever_arms.tolist(),
         "asymmetry": effects.accel_asymmetry.tolist(),
         "delay": effects.accel_delay,
+        "smoothing": float(effects.axis_smoothing.mean()),
+        "axis_delay": effects.axis_delay.tolist(),
+        "axis_smoothing": (effects.axis_smoothing - effects.axis_smoothing.mean()).tolist(),
         "temperature": effects.temperature[2].tolist(),
         "scale_temperature": effects.temperature[3].tolist(),
     }

@@ -153,6 +153,11 @@ class Imu(_Table):
     accel_bandwidth: float | None = _key(
         None, "Hz: low-pass of the accelerometers, if it is not that of the gyros; 0: none", ge=0.0, le=5000.0
     )
+    axis_delay: float = _key(0.0, "s: axis x of a sensor is so much earlier, z so much later than y", ge=0.0, le=0.05)
+    axis_smoothing: float = _key(
+        0.0, "s: axis z of both sensors is a mean over a window of this standard deviation, y of half of it",
+        ge=0.0, le=0.05,
+    )  # fmt: skip
     gyro_walk: float = _key(0.0, "further random walk of the offsets, rad/s per root second", ge=0.0, le=0.1)
     accel_walk: float = _key(0.0, "the same for accelerometers, m/s^2 per root second", ge=0.0, le=1.0)
     gyro_step: float = _key(0.0, "jump of every offset, up or down, once in the middle half, rad/s", ge=0.0, le=1.0)
@@ -224,8 +229,6 @@ class Unlisted(_Table):
     size: float = _key(1.0, "factor on the sizes, which go up to what data sheets state", ge=0.0, le=10.0)
     gyro_cubic: float = _key(0.0, "coefficient of w'^3, either sign, (rad/s)^-2", ge=0.0, le=0.01)
     accel_products: float = _key(0.0, "sd of the coefficients of products of two axes, (m/s^2)^-1", ge=0.0, le=1e-3)
-    axis_delay: float = _key(0.0, "s: x is so much earlier, z so much later than y", ge=0.0, le=0.05)
-    axis_smoothing: float = _key(0.0, "s: z is a mean over a window of this sd, y of half of it", ge=0.0, le=0.1)
     scale_drift: float = _key(0.0, "change of the scale factors over the recording, up or down", ge=0.0, le=0.1)
     hysteresis: float = _key(0.0, "share of a play of half the rms of the readings", ge=0.0, le=0.1)
     dead_zone: float = _key(0.0, "rad/s: smaller rates read zero", ge=0.0, le=0.1)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 
 from kreisel.geometry.rotation import Array, exp, matrix
 from kreisel.inertial.noise_figures import Grade
@@ -26,6 +29,10 @@ _PHASE_WALK = 0.5
 _RAMP = 0.25
 """s in which vibration and sway begin and end, within a move."""
 
+_INSTANT = (np.zeros(1), np.ones(1))
+_WINDOW = hermegauss(7)
+"""Places, in standard deviations, and weights of an instant and of a window."""
+
 _SPIKE = 10.0
 """A spike is so many times as large as usual readings."""
 
@@ -42,6 +49,8 @@ class DeviceEffects:
         Coefficients of |w'| and |a'|.
     accel_delay
         By how much accelerometers are later than gyros, s.
+    axis_delay, axis_window : (3,)
+        By how much the axes of both sensors are late, and standard deviations of the windows they are means over, s.
     g_squared : (3, 3)
         The same for squares of the accelerations, rad/s per (m/s^2)^2.
     temperature : (4, 3)
@@ -53,6 +62,8 @@ class DeviceEffects:
     gyro_asymmetry: Array
     accel_asymmetry: Array
     accel_delay: float = 0.0
+    axis_delay: Array = field(default_factory=lambda: np.zeros(3))
+    axis_window: Array = field(default_factory=lambda: np.zeros(3))
     g_squared: Array = field(default_factory=lambda: np.zeros((3, 3)))
     temperature: Array = field(default_factory=lambda: np.zeros((4, 3)))
 
@@ -60,6 +71,27 @@ class DeviceEffects:
     def none(cls) -> DeviceEffects:
         """Return those of a device that has none."""
         return cls(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
+
+    @property
+    def axis_smoothing(self) -> Array:
+        """Half the variance of each axis's window, s^2, (3,)."""
+        return 0.5 * self.axis_window**2
+
+    def seen(self, ideal: Callable[[float], tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Return readings (n, 3) each of axes that are late and are means over windows.
+
+        ideal: from seconds that readings are late to those of all axes. A window is a normal distribution, by Gauss
+        and Hermite's rule.
+        """
+        late = cache(ideal)
+        out = np.zeros((2, *late(0.0)[0].shape))
+        for sensor, axis in np.ndindex(2, 3):
+            delay = (0.0, self.accel_delay)[sensor] + self.axis_delay[axis]
+            sd = self.axis_window[axis]
+            places, weights = _WINDOW if sd > 0.0 else _INSTANT
+            for place, weight in zip(places, weights / weights.sum(), strict=True):
+                out[sensor, :, axis] += weight * late(float(delay + place * sd))[sensor][:, axis]
+        return out[0], out[1]
 
 
 @dataclass(frozen=True)
@@ -107,6 +139,8 @@ def draw_effects(rng: np.random.Generator, imu: Imu, grade: Grade) -> DeviceEffe
         imu.gyro_asymmetry_sd * rng.normal(size=3),
         imu.accel_asymmetry_sd * rng.normal(size=3),
         imu.accel_delay,
+        imu.axis_delay * np.array([-1.0, 0.0, 1.0]),
+        imu.axis_smoothing * np.array([0.0, 0.5, 1.0]),
         squared * rng.spawn(1)[0].normal(size=(3, 3)),
         np.array(of_temperature)[:, None] * rng.normal(size=(4, 3)),
     )

@@ -18,7 +18,7 @@ from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.noise_figures import Grade
 from kreisel.inertial.sensor_model import linear_columns
 from kreisel.simulation.cell_settings import Unlisted
-from kreisel.simulation.shaped_errors import of_delays, of_poses, of_readings
+from kreisel.simulation.shaped_errors import of_poses, of_readings
 from kreisel.units import STANDARD_GRAVITY
 
 _WAVES = 12
@@ -89,20 +89,16 @@ class RandomPhysics:
     def readings(self, grade: Grade, t: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
         """Return what is added to ideal raw rates and accelerations (n, 3) at times t (n,)."""
         shaped = of_readings(self.shapes, self.of_shapes.spawn(1)[0], t, rates, accelerations)
-        late = of_delays(self.shapes, t, rates, accelerations)
-        if not self.gyro and not self.accel and not np.any(shaped) and not np.any(late):
+        if not self.gyro and not self.accel and not np.any(shaped):
             return np.zeros_like(rates), np.zeros_like(accelerations)
         # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
         linear = _orthogonal([linear_columns(rates, accelerations, np.gradient(rates, t, axis=0))])
         out = []
-        readings = _orthogonal([np.ones((t.size, 1)), rates, accelerations])
-        for streams, own, size, shape, delay in (
-            (self.gyro, rates, grade.gyro_scale_sd * _rms(rates), shaped[0], late[0]),
-            (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY, shaped[1], late[1]),
+        for streams, own, size, shape in (
+            (self.gyro, rates, grade.gyro_scale_sd * _rms(rates), shaped[0]),
+            (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY, shaped[1]),
         ):
             total = shape - linear @ (linear.T @ shape)
-            basis = readings if own is rates else linear  # a gyro's own delay is an angular acceleration
-            total += delay - basis @ (basis.T @ delay)
             for rng in streams:
                 value = _waves(rng, _of_sensor(rng, t, own, rates, accelerations), own.shape[1])
                 value = value - linear @ (linear.T @ value)

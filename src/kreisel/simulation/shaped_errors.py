@@ -20,10 +20,6 @@ def of_readings(
     if settings.accel_products > 0.0:
         products = accelerations[:, [1, 2, 0]] * accelerations[:, [2, 0, 1]]
         accel += products @ (settings.accel_products * rng.normal(size=(3, 3)))
-    if settings.axis_smoothing > 0.0:  # unequal bandwidths: window of variance 2 kappa
-        kappa = 0.5 * (settings.axis_smoothing * np.array([0.0, 0.5, 1.0])) ** 2
-        gyro += kappa * np.gradient(np.gradient(rates, t, axis=0), t, axis=0)
-        accel += kappa * np.gradient(np.gradient(accelerations, t, axis=0), t, axis=0)
     if settings.scale_drift > 0.0:
         share = (t - t[0]) / (t[-1] - t[0]) - 0.5
         gyro += settings.scale_drift * signs[1] * share[:, None] * rates
@@ -34,12 +30,6 @@ def of_readings(
     if settings.dead_zone > 0.0:
         gyro -= np.clip(rates, -settings.dead_zone, settings.dead_zone)
     return gyro, accel
-
-
-def of_delays(settings: Unlisted, t: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
-    """Return what is added to readings whose axes are sampled one after another, (n, 3) each."""
-    late = settings.axis_delay * np.array([-1.0, 0.0, 1.0])
-    return -late * np.gradient(rates, t, axis=0), -late * np.gradient(accelerations, t, axis=0)
 
 
 def _play(values: Array) -> Array:

@@ -184,6 +184,14 @@ def _sensors() -> tuple[_Effect, ...]:
             "accel_smoothing", "a low-pass of the accelerometers alone",
             _sizes("imu", "accel_bandwidth", "Hz", 1.0, 80, 30, 8), ("accel_smoothing", "accel_delay"),
         ),
+        _Effect(
+            "axis delays", "axes are sampled one after another",
+            _sizes("imu", "axis_delay", "ms", MS, 0.1, 0.5, 3), ("gyro_axis_delay", "accel_axis_delay"),
+        ),
+        _Effect(
+            "axis bandwidths", "axes have unequal bandwidths", _sizes("imu", "axis_smoothing", "ms", MS, 2, 5, 15),
+            ("gyro_axis_smoothing", "accel_axis_smoothing", "accel_smoothing", "reference_smoothing"),
+        ),
         *_temperatures(),
         _Effect("bandwidth", "a low-pass of both sensors", _sizes("imu", "bandwidth", "Hz", 1.0, 60, 15)),
     )  # fmt: skip
@@ -387,11 +395,6 @@ def _shapes() -> tuple[_Effect, ...]:
         _Effect("accel products", "products of axes in the accelerometers", products),
         _Effect("vibration rectification", "the same while the IMU vibrates by 5 m/s^2",
                 tuple((size, {**content, **shaking}) for size, content in products)),
-        _Effect("axis delays", "axes are sampled one after another",
-                _sizes("unlisted", "axis_delay", "ms", MS, 0.1, 0.5, 3),
-                ("accel_axis_delay", "accel_delay")),
-        _Effect("axis bandwidths", "axes have unequal bandwidths",
-                _sizes("unlisted", "axis_smoothing", "ms", MS, 2, 5, 15)),
         _Effect("scale drift", "scale factors drift over the run, without a thermometer",
                 _sizes("unlisted", "scale_drift", "ppm", PPM, 50, 300, 2000)),
         _Effect("hysteresis", "readings lag by a play of half their rms",

@@ -65,7 +65,12 @@ def _effects(effects: DeviceEffects) -> dict[str, Array]:
         "gyro_g_squared": effects.g_squared.ravel(),
         "gyro_asymmetry": effects.gyro_asymmetry,
         "accel_asymmetry": effects.accel_asymmetry,
+        "gyro_axis_delay": effects.axis_delay,
+        "gyro_axis_smoothing": effects.axis_smoothing,
         "accel_delay": np.array([effects.accel_delay]),
+        "accel_smoothing": effects.axis_smoothing.mean(keepdims=True),
+        "accel_axis_delay": effects.axis_delay,
+        "accel_axis_smoothing": effects.axis_smoothing - effects.axis_smoothing.mean(),
         **dict(zip(OF_TEMPERATURE, effects.temperature, strict=True)),
     }
 

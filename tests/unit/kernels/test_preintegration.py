@@ -35,13 +35,13 @@ def parameters(order):
 
 EFFECT_SIZES = {
     "gyro_polynomial": 3, "gyro_g_sensitivity": 9, "gyro_asymmetry": 3, "accel_polynomial": 3, "accel_asymmetry": 3,
-    "accel_delay": 1, "accel_smoothing": 1,
+    "accel_delay": 1, "accel_smoothing": 1, "gyro_axis_delay": 3, "gyro_axis_smoothing": 3,
 }  # fmt: skip
 
 
 def with_effects(p):
     """Return parameters with values of all effects, of a thousandth in their units; a smoothing of 1 ms^2."""
-    others = {g: RNG.normal(0.0, 1e-6 if g == "accel_smoothing" else 1e-3, n) for g, n in EFFECT_SIZES.items()}
+    others = {g: RNG.normal(0.0, 1e-6 if g.endswith("smoothing") else 1e-3, n) for g, n in EFFECT_SIZES.items()}
     powers = {g: others.pop(g)[None] for g in ("gyro_polynomial", "accel_polynomial")}
     k_w, k_a = np.vstack([p.k_w[:1], powers["gyro_polynomial"]]), np.vstack([p.k_a[:1], powers["accel_polynomial"]])
     return replace(p, k_w=k_w, k_a=k_a, others=others)

@@ -295,6 +295,8 @@ def test_the_snippet_corrects_every_effect(outcome: Outcome) -> None:
         "gyro_g_squared": (9, 1e-5),
         "accel_smoothing": (1, 1e-5),
         "accel_delay": (1, 1e-3),
+        "gyro_axis_smoothing": (3, 1e-6),
+        "accel_axis_smoothing": (3, 1e-6),
     }
     others = {g: np.full(*size.get(g, (3, 1e-3))) for g in EFFECTS if not g.endswith(("polynomial", "drift"))}
     sensors = replace(outcome.calibration.sensors, others=others)

@@ -8,12 +8,12 @@ import pytest
 from kreisel.inertial.sensor_model import linear_columns
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell, Unlisted
-from kreisel.simulation.shaped_errors import of_delays, of_poses, of_readings
+from kreisel.simulation.shaped_errors import of_poses, of_readings
 
 T = np.arange(0.0, 20.0, 0.005)
 RATES = np.column_stack([np.sin(T), 2.0 * np.cos(0.7 * T), 0.5 * np.sin(3.0 * T)])
 FORCES = np.column_stack([9.0 * np.cos(0.3 * T), 4.0 * np.sin(0.5 * T), 2.0 + np.sin(T)])
-KEYS = ("gyro_cubic", "accel_products", "axis_smoothing", "scale_drift", "hysteresis", "dead_zone")
+KEYS = ("gyro_cubic", "accel_products", "scale_drift", "hysteresis", "dead_zone")
 
 
 def shaped(**keys):
@@ -32,22 +32,6 @@ def test_products_of_axes():
     coefficients, left, *_ = np.linalg.lstsq(products, accel, rcond=None)
     assert left.max() < 1e-20
     assert 1e-6 < np.abs(coefficients).max() < 5e-5
-
-
-def test_axes_after_one_another():
-    gyro, _ = of_delays(Unlisted(axis_delay=1e-3), T, RATES, FORCES)
-    early = np.sin(T + 1e-3) - np.sin(T)
-    np.testing.assert_allclose(gyro[5:-5, 0], early[5:-5], atol=1e-6)
-    np.testing.assert_array_equal(gyro[:, 1], 0.0)
-    late = 0.5 * (np.sin(3.0 * (T - 1e-3)) - np.sin(3.0 * T))
-    np.testing.assert_allclose(gyro[5:-5, 2], late[5:-5], atol=5e-6)
-
-
-def test_unequal_bandwidths():
-    """A mean over a symmetric window of deviation s makes a sine smaller by (s omega)^2 / 2."""
-    gyro, _ = shaped(axis_smoothing=5e-3)
-    np.testing.assert_allclose(gyro[5:-5, 2], -0.5 * (5e-3 * 3.0) ** 2 * RATES[5:-5, 2], atol=1e-7)
-    np.testing.assert_array_equal(gyro[:, 0], 0.0)
 
 
 def test_scale_factors_that_drift():
@@ -92,7 +76,7 @@ def test_poses():
 
 @pytest.mark.parametrize("key", KEYS)
 def test_nothing_linear_is_left(key):
-    size = {"axis_smoothing": 5e-3, "dead_zone": 5e-3, "accel_products": 1e-5}.get(key, 1e-3)
+    size = {"dead_zone": 5e-3, "accel_products": 1e-5}.get(key, 1e-3)
     cells = ({"seed": 3, "seconds": 30.0, "imu": {"noise": False}, "unlisted": own} for own in ({}, {key: size}))
     (_, plain), (_, other) = (simulate(Cell.model_validate(cell), Path("x")) for cell in cells)
     columns = linear_columns(plain.imu.rates, plain.imu.accelerations, np.gradient(plain.imu.rates, 0.005, axis=0))

@@ -118,6 +118,31 @@ def test_accelerometers_are_late(plain):
     )
 
 
+def test_axes_are_sampled_one_after_another(plain):
+    shift = 4  # samples
+    truth, recording = cell(imu={"axis_delay": shift * 0.0025})
+    np.testing.assert_allclose(truth.effects.axis_delay, [-0.01, 0.0, 0.01])
+    for now, before in zip(readings(recording), readings(plain[1]), strict=True):
+        np.testing.assert_allclose(now[:-shift, 0], before[shift:, 0], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(now[:, 1], before[:, 1])
+        np.testing.assert_allclose(now[shift:, 2], before[:-shift, 2], rtol=0, atol=1e-9)
+
+
+def test_axes_have_unequal_bandwidths(plain):
+    """A mean over a normal window of deviation s, sample by sample, is what z and, with s / 2, y show."""
+    truth, recording = cell(imu={"axis_smoothing": 0.01})
+    np.testing.assert_allclose(truth.effects.axis_smoothing, [0.0, 1.25e-5, 5e-5])
+    lag = np.arange(-32, 33)
+    for now, before in zip(readings(recording), readings(plain[1]), strict=True):
+        np.testing.assert_array_equal(now[:, 0], before[:, 0])
+        for axis, sd in ((1, 0.005), (2, 0.01)):
+            window = np.exp(-0.5 * (lag * 0.0025 / sd) ** 2)
+            mean = np.convolve(before[:, axis], window / window.sum(), mode="same")
+            change = now[:, axis] - before[:, axis]
+            left = (now[:, axis] - mean)[64:-64]
+            assert np.sqrt(np.mean(left**2)) < 0.02 * np.sqrt(np.mean(change[64:-64] ** 2))
+
+
 def test_accelerometers_have_their_own_bandwidth(plain):
     _, recording = cell(imu={"accel_bandwidth": 20.0})
     _, both = cell(imu={"bandwidth": 20.0})

@@ -11,9 +11,9 @@
  *     if ({{ name }}_push(&stream, stamp_ns, w_raw, a_raw, temperature_c, &out))
  *         use(out.stamp_ns, out.rate, out.force);
  *
- * The result belongs to the sample three before the one pushed: angular acceleration, which the positions of the
+ * The result belongs to the sample {{ late_by }} before the one pushed: angular acceleration, which the positions of the
  * accelerometers need, is the slope of the cubic closest to seven samples. {{ name }}_rate and {{ name }}_force are
- * the same without a delay, with an angular acceleration of yours.
+ * the same without a delay, with derivatives of yours.
  *
  * Define {{ NAME }}_REAL as float before including this file for single precision. No heap, no libraries.
  */
@@ -27,6 +27,7 @@
 #endif
 
 #define {{ NAME }}_TEMPERATURE {{ '1' if needs_temperature else '0' }} /* whether temperature_c is used */
+#define {{ NAME }}_LATER {{ later }} /* samples that a corrected rate needs after its own */
 #define {{ NAME }}_GAP_NS {{ gap_ns }} /* after more than this between two samples a new run of seven begins */
 
 typedef struct {
@@ -36,16 +37,18 @@ typedef struct {
 } {{ name }}_sample;
 
 typedef struct {
-    int64_t stamp_ns[7];
+    int64_t stamp_ns[7 + {{ NAME }}_LATER];
     {{ NAME }}_REAL rate[7][3];
-    {{ NAME }}_REAL raw[7][3];
-    {{ NAME }}_REAL temperature[7];
+    {{ NAME }}_REAL w[7 + {{ NAME }}_LATER][3];
+    {{ NAME }}_REAL a[7 + {{ NAME }}_LATER][3];
+    {{ NAME }}_REAL temperature[7 + {{ NAME }}_LATER];
     int count;
 } {{ name }}_stream;
 
-/* Angular rate from raw readings. Temperature in degrees Celsius. */
-static inline void {{ name }}_rate(const {{ NAME }}_REAL w[3], const {{ NAME }}_REAL a[3],
-                            {{ NAME }}_REAL temperature_c, {{ NAME }}_REAL rate[3])
+/* Angular rate from raw readings w and a, and the first two derivatives dw and ddw (used only if the calibration has a
+ * delay or a smoothing of gyro axes). Temperature in degrees Celsius. */
+static inline void {{ name }}_rate(const {{ NAME }}_REAL w[3], const {{ NAME }}_REAL dw[3], const {{ NAME }}_REAL ddw[3],
+                            const {{ NAME }}_REAL a[3], {{ NAME }}_REAL temperature_c, {{ NAME }}_REAL rate[3])
 {
     typedef {{ NAME }}_REAL real;
     const real temperature_difference = temperature_c - {{ real(temperature) }};
@@ -55,6 +58,8 @@ static inline void {{ name }}_rate(const {{ NAME }}_REAL w[3], const {{ NAME }}_
 {%- endfor %}
     };
     (void)a;
+    (void)dw;
+    (void)ddw;
     (void)temperature_difference;
 {%- for row in K_omega %}
     rate[{{ loop.index0 }}] = {{ row }};
@@ -148,49 +153,70 @@ static inline void {{ name }}_weights(const int64_t stamp_ns[7], {{ NAME }}_REAL
     }
 }
 
-/* Take one sample. Return 1 if *out is the result of the sample three before it, else 0. */
+/* First two derivatives of x (7 x 3), at the middle one, of the cubics closest to it. */
+static inline void {{ name }}_derivatives(const int64_t stamp_ns[7], const {{ NAME }}_REAL *x, {{ NAME }}_REAL dx[3],
+                                  {{ NAME }}_REAL ddx[3])
+{
+    typedef {{ NAME }}_REAL real;
+    real slope[7], curvature[7];
+    int j, k;
+    {{ name }}_weights(stamp_ns, slope, curvature);
+    for (j = 0; j < 3; ++j) {
+        dx[j] = ddx[j] = {{ real(0.0) }};
+        for (k = 0; k < 7; ++k) {
+            dx[j] += slope[k] * x[3 * k + j];
+            ddx[j] += curvature[k] * x[3 * k + j];
+        }
+    }
+}
+
+/* Take one sample. Return 1 if *out is the result of the sample {{ late_by }} before it, else 0. */
 static inline int {{ name }}_push({{ name }}_stream *stream, int64_t stamp_ns, const {{ NAME }}_REAL w_raw[3],
                            const {{ NAME }}_REAL a_raw[3], {{ NAME }}_REAL temperature_c, {{ name }}_sample *out)
 {
     typedef {{ NAME }}_REAL real;
-    real slope[7], curvature[7];
-    real alpha[3] = { {{ real(0.0) }}, {{ real(0.0) }}, {{ real(0.0) }} };
-    real da[3] = { {{ real(0.0) }}, {{ real(0.0) }}, {{ real(0.0) }} };
-    real dda[3] = { {{ real(0.0) }}, {{ real(0.0) }}, {{ real(0.0) }} };
+    enum { later = {{ NAME }}_LATER, last = 6 + later };
+    real dx[3] = { {{ real(0.0) }}, {{ real(0.0) }}, {{ real(0.0) }} };
+    real ddx[3] = { {{ real(0.0) }}, {{ real(0.0) }}, {{ real(0.0) }} };
+    real alpha[3], unused[3];
     int j, k;
     if (stream->count > 0) {
-        const int64_t step = stamp_ns - stream->stamp_ns[6];
+        const int64_t step = stamp_ns - stream->stamp_ns[last];
         if (step <= 0 || step > {{ NAME }}_GAP_NS)
             stream->count = 0;
     }
-    for (k = 0; k < 6; ++k) {
+    for (k = 0; k < last; ++k) {
         stream->stamp_ns[k] = stream->stamp_ns[k + 1];
         stream->temperature[k] = stream->temperature[k + 1];
         for (j = 0; j < 3; ++j) {
-            stream->rate[k][j] = stream->rate[k + 1][j];
-            stream->raw[k][j] = stream->raw[k + 1][j];
+            stream->w[k][j] = stream->w[k + 1][j];
+            stream->a[k][j] = stream->a[k + 1][j];
         }
     }
-    stream->stamp_ns[6] = stamp_ns;
-    stream->temperature[6] = temperature_c;
-    for (j = 0; j < 3; ++j)
-        stream->raw[6][j] = a_raw[j];
-    {{ name }}_rate(w_raw, a_raw, temperature_c, stream->rate[6]);
-    if (stream->count < 7)
+    for (k = 0; k < 6; ++k)
+        for (j = 0; j < 3; ++j)
+            stream->rate[k][j] = stream->rate[k + 1][j];
+    stream->stamp_ns[last] = stamp_ns;
+    stream->temperature[last] = temperature_c;
+    for (j = 0; j < 3; ++j) {
+        stream->w[last][j] = w_raw[j];
+        stream->a[last][j] = a_raw[j];
+    }
+    if (stream->count < 7 + 2 * later)
         ++stream->count;
-    if (stream->count < 7)
+    if (later > 0 && stream->count < 7)
         return 0;
-    {{ name }}_weights(stream->stamp_ns, slope, curvature);
-    for (k = 0; k < 7; ++k)
-        for (j = 0; j < 3; ++j) {
-            alpha[j] += slope[k] * stream->rate[k][j];
-            da[j] += slope[k] * stream->raw[k][j];
-            dda[j] += curvature[k] * stream->raw[k][j];
-        }
+    if (later > 0)
+        {{ name }}_derivatives(stream->stamp_ns + later, stream->w[later], dx, ddx);
+    {{ name }}_rate(stream->w[6], dx, ddx, stream->a[6], stream->temperature[6], stream->rate[6]);
+    if (stream->count < 7 + 2 * later)
+        return 0;
     out->stamp_ns = stream->stamp_ns[3];
     for (j = 0; j < 3; ++j)
         out->rate[j] = stream->rate[3][j];
-    {{ name }}_force(stream->raw[3], da, dda, out->rate, alpha, stream->temperature[3], out->force);
+    {{ name }}_derivatives(stream->stamp_ns, stream->rate[0], alpha, unused);
+    {{ name }}_derivatives(stream->stamp_ns, stream->a[0], dx, ddx);
+    {{ name }}_force(stream->a[3], dx, ddx, out->rate, alpha, stream->temperature[3], out->force);
     return 1;
 }
 

@@ -6,11 +6,14 @@
 //! {{ note }}
 {%- endfor %}
 //!
-//! `Stream::push` returns the result of the sample three before the one pushed: angular acceleration, which the
+//! `Stream::push` returns the result of the sample {{ late_by }} before the one pushed: angular acceleration, which the
 //! positions of the accelerometers need, is the slope of the cubic closest to seven samples. Without std, without heap.
 
 /// Whether the temperature is used.
 pub const TEMPERATURE: bool = {{ 'true' if needs_temperature else 'false' }};
+
+/// Samples that a corrected rate needs after its own.
+const LATER: usize = {{ later }};
 
 /// After more than this between two samples a new run of seven begins.
 pub const GAP_NS: i64 = {{ gap_ns }};
@@ -24,9 +27,9 @@ pub struct Sample {
     pub force: [f64; 3],
 }
 
-/// Angular rate from raw readings; temperature in degrees Celsius.
+/// Angular rate from raw readings, with the first two derivatives of the rates; temperature in degrees Celsius.
 #[allow(unused_variables)]
-pub fn rate(w: &[f64; 3], a: &[f64; 3], temperature_c: f64) -> [f64; 3] {
+pub fn rate(w: &[f64; 3], dw: &[f64; 3], ddw: &[f64; 3], a: &[f64; 3], temperature_c: f64) -> [f64; 3] {
     let temperature_difference = temperature_c - {{ real(temperature) }};
     let x = [
 {%- for terms in gyro %}
@@ -77,7 +80,7 @@ pub fn force(
 }
 
 /// Weights of seven values in both derivatives, at the middle one, of the cubic closest to them.
-fn weights(stamp_ns: &[i64; 7]) -> ([f64; 7], [f64; 7]) {
+fn weights(stamp_ns: &[i64]) -> ([f64; 7], [f64; 7]) {
     let span = (stamp_ns[6] - stamp_ns[0]) as f64 * 1e-9;
     let (mut slope, mut curvature, mut before) = ([0.0; 7], [0.0; 7], [0.0; 7]);
     let (mut p, mut at, mut at_before, mut size_before) = ([1.0; 7], [1.0, 0.0, 0.0], [0.0; 3], 1.0);
@@ -112,44 +115,61 @@ fn weights(stamp_ns: &[i64; 7]) -> ([f64; 7], [f64; 7]) {
     (slope, curvature)
 }
 
+/// First two derivatives, at the middle one, of the cubics closest to seven samples.
+fn derivatives(stamp_ns: &[i64], x: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    let (slope, curvature) = weights(stamp_ns);
+    let (mut dx, mut ddx) = ([0.0; 3], [0.0; 3]);
+    for k in 0..7 {
+        for j in 0..3 {
+            dx[j] += slope[k] * x[k][j];
+            ddx[j] += curvature[k] * x[k][j];
+        }
+    }
+    (dx, ddx)
+}
+
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
-    stamp_ns: [i64; 7],
+    stamp_ns: [i64; 7 + LATER],
     rate: [[f64; 3]; 7],
-    raw: [[f64; 3]; 7],
-    temperature: [f64; 7],
+    w: [[f64; 3]; 7 + LATER],
+    a: [[f64; 3]; 7 + LATER],
+    temperature: [f64; 7 + LATER],
     count: usize,
 }
 
 impl Stream {
-    /// Take one sample; return the result of the one three before it, once there are seven in a run.
+    /// Take one sample; return the result of the one {{ late_by }} before it, once a run has enough of them.
     pub fn push(&mut self, stamp_ns: i64, w: &[f64; 3], a: &[f64; 3], temperature_c: f64) -> Option<Sample> {
-        let step = stamp_ns - self.stamp_ns[6];
+        const LAST: usize = 6 + LATER;
+        let step = stamp_ns - self.stamp_ns[LAST];
         if self.count > 0 && (step <= 0 || step > GAP_NS) {
             self.count = 0;
         }
         self.stamp_ns.rotate_left(1);
         self.rate.rotate_left(1);
-        self.raw.rotate_left(1);
+        self.w.rotate_left(1);
+        self.a.rotate_left(1);
         self.temperature.rotate_left(1);
-        self.stamp_ns[6] = stamp_ns;
-        self.rate[6] = rate(w, a, temperature_c);
-        self.raw[6] = *a;
-        self.temperature[6] = temperature_c;
-        self.count = (self.count + 1).min(7);
-        if self.count < 7 {
+        self.stamp_ns[LAST] = stamp_ns;
+        self.w[LAST] = *w;
+        self.a[LAST] = *a;
+        self.temperature[LAST] = temperature_c;
+        self.count = (self.count + 1).min(7 + 2 * LATER);
+        let (mut dw, mut ddw) = ([0.0; 3], [0.0; 3]);
+        if LATER > 0 {
+            if self.count < 7 {
+                return None;
+            }
+            (dw, ddw) = derivatives(&self.stamp_ns[LATER..], &self.w[LATER..]);
+        }
+        self.rate[6] = rate(&self.w[6], &dw, &ddw, &self.a[6], self.temperature[6]);
+        if self.count < 7 + 2 * LATER {
             return None;
         }
-        let (slope, curvature) = weights(&self.stamp_ns);
-        let (mut alpha, mut da, mut dda) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-        for k in 0..7 {
-            for j in 0..3 {
-                alpha[j] += slope[k] * self.rate[k][j];
-                da[j] += slope[k] * self.raw[k][j];
-                dda[j] += curvature[k] * self.raw[k][j];
-            }
-        }
-        let found = force(&self.raw[3], &da, &dda, &self.rate[3], &alpha, self.temperature[3]);
+        let (alpha, _) = derivatives(&self.stamp_ns, &self.rate);
+        let (da, dda) = derivatives(&self.stamp_ns, &self.a);
+        let found = force(&self.a[3], &da, &dda, &self.rate[3], &alpha, self.temperature[3]);
         Some(Sample { stamp_ns: self.stamp_ns[3], rate: self.rate[3], force: found })
     }
 }
