@@ -19,7 +19,7 @@ import numpy as np
 
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
-from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import first_pass, further_pass
 from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.problem import Problem, with_groups
 from kreisel.preparation.build_problem import build_problem

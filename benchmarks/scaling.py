@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from kreisel.estimation.state import StateLayout
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import first_pass, further_pass
 from kreisel.model.assumed_noise import PoseError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import CellParameters

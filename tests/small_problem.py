@@ -15,7 +15,7 @@ from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import stored_state
 from kreisel.fitting.update_history import History
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, CellParameters
@@ -89,7 +89,7 @@ class GivenFits:
 
 def estimate_of(problem: Problem, run: Fit, **changed: object) -> Estimate:
     """An estimate of one pass without anything to say."""
-    return replace(Estimate(problem, run, SigmaPointFilter(), 1, 1.0, 1.0, 0.0, ()), **changed)
+    return replace(Estimate(problem, run, KalmanFilter(), 1, 1.0, 1.0, 0.0, ()), **changed)
 
 
 def moved_by(problem: Problem, parameters: CellParameters, change: np.ndarray) -> CellParameters:

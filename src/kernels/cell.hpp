@@ -30,6 +30,8 @@ struct Model {
     Indices walking;         // degrees of freedom that walk; the densities, and the rates at which what they were fades, 1/s
     ConstNumbers walk, fading;
     double noise_step;       // seconds of readings whose noise is taken together
+    Index linear;            // whether derivatives are used in place of sigma points
+    Indices varying;         // degrees of freedom whose covariance with all others is recorded: see `Record`
 };
 
 /// Places of parts in `Model::stored`.
@@ -55,6 +57,7 @@ struct Steps {
     ConstTable position, quaternion;   // (u, 3), (u, 4)
     Mask given;                   // (2,): whether positions and orientations are measured
     ConstStack regressor;              // (u, 6, e), e = 0 without a robot
+    ConstTable about;                  // (u, a): the first numbers of the state that derivatives are taken about; else the mean
 };
 
 /// What updates leave. Measurement components are position, orientation and velocity, nan where there is no such measurement.
@@ -67,6 +70,9 @@ struct Record {
     // What a small change of the state before an update does, empty where it is not asked for: to what moves, (u, c, n); to
     // the whitened measurement, and what that does to the state, (u, 9, n); whitened = whitening (9, 9) times measurement.
     Stack transition, design, gain, whitening;
+    // Before an update: mean (u, size), and covariance of what varies with all, (u, s, n); empty where not asked for.
+    Table before;
+    Stack covariance;
 };
 
 /// What rejects an update.

@@ -6,7 +6,7 @@
 
 #include <utility>
 
-#include "measurement_model.hpp"
+#include "linear_model.hpp"
 
 namespace {
 
@@ -100,15 +100,24 @@ inline void along_degrees(Columns slopes, Index first, Table upper, Table out, W
     }
 }
 
-/// Write what small changes of the state before update i do: see `Record`. upper: the belief's before the step.
-inline void record_slopes(const Record &record, Index i, const Updated &done, const Index *place, Table upper, Workspace &memory) {
-    const Index n = upper.rows, m = done.factor.rows;
+/// Write what small changes of the state before update i do: see `Record`.
+///
+/// slopes: along the degrees of freedom, or, where `upper`, the factor before the step, is given, along its columns.
+inline void record_slopes(
+    const Record &record, Index i, const Updated &done, Columns slopes, const Columns *upper, const Index *place, Workspace &memory
+) {
     if (record.transition.tables == 0) return;
-    along_degrees(done.slopes, m, upper, record.transition[i], memory);
-    const Table design = record.design[i], gain = record.gain[i], whitening = record.whitening[i];
-    for (Table table : {design, gain, whitening}) fill(table, 0.0);
+    const Table transition = record.transition[i], design = record.design[i], gain = record.gain[i], whitening = record.whitening[i];
+    const Index n = design.columns, m = done.factor.rows, c = transition.rows;
     const Table measured = {memory.numbers(m * n), m, n};
-    along_degrees(done.slopes, 0, upper, measured, memory);
+    if (upper) {
+        along_degrees(slopes, 0, *upper, measured, memory);
+        along_degrees(slopes, m, *upper, transition, memory);
+    } else {
+        copy(slopes, measured, m, n);
+        copy(slopes.rows_from(m, c), transition, c, n);
+    }
+    for (Table table : {design, gain, whitening}) fill(table, 0.0);
     for (Index r = 0; r < m; r++) {
         for (Index x = 0; x <= r; x++) {  // row r of the factor's inverse, by rows before it
             double inverse = x == r ? 1.0 : 0.0;
@@ -118,6 +127,23 @@ inline void record_slopes(const Record &record, Index i, const Updated &done, co
         for (Index j = 0; j < n; j++) {
             for (Index x = 0; x <= r; x++) design(place[r], j) += whitening(place[r], place[x]) * measured(x, j);
             gain(place[r], j) = done.used ? done.gain(r, j) : 0.0;
+        }
+    }
+}
+
+/// Write the mean before update i, and what of the covariance is asked for: see `Record`.
+inline void record_before(const Model &model, const Record &record, Index i, const double *mean, Columns upper) {
+    if (record.before.rows == 0) return;
+    std::memcpy(record.before.row(i), mean, record.before.columns * sizeof(double));
+    const Table covariance = record.covariance[i];
+    fill(covariance, 0.0);
+    for (Index v = 0; v < model.varying.count; v++) {
+        const Index degree = model.varying[v];
+        double *row = covariance.row(v);
+        for (Index j = 0; j <= degree; j++) {  // column j of the factor begins at its row j
+            const double own = upper(j, degree), *column = upper.row(j);
+            if (own == 0.0) continue;
+            for (Index x = j; x < covariance.columns; x++) row[x] += own * column[x];
         }
     }
 }
@@ -147,6 +173,49 @@ inline void walk(const Model &model, double seconds, double *mean, Columns upper
     inflate(upper, model.walking, fresh, memory);
 }
 
+/// What an update did, and what of it is recorded.
+struct Step {
+    Updated done;
+    double *innovation;   // (m,)
+    Table factor;         // (m, e): of the measurement's noise
+    Columns slopes;       // (m + c, n)
+};
+
+/// Predict and update by sigma points.
+inline Step step_by_points(
+    const Model &model, const SigmaOrder &order, const Samples &signal, const Steps &steps, Index i, ConstNumbers bounds,
+    double *mean, Columns upper, Columns posterior, Columns points, Workspace &memory
+) {
+    const double duration = signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]];
+    sample(model.sampled, order, mean, upper, model.weights[SPREAD], points, memory);
+    const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);
+    const Table noise = process_noise(model, motion.noise, duration, points, memory);
+    const Prediction predicted = predict_measurement(model, order, signal, steps, i, motion, mean, upper, points, noise, memory);
+    const Vector<double> velocity = points.rows_from(model.stored[VELOCITY], 3).vector_at(0);
+    const Table factor = measurement_noise(model, steps, i, velocity, motion.omega.vector_at(0), memory);
+    const Updated done = update(
+        model.parts, model.tail, order, model.weights, mean, upper, posterior,
+        {points, noise, predicted.prediction, predicted.prediction_noise}, predicted.innovation, factor,
+        bounds[factor.rows], memory);
+    return {done, predicted.innovation, factor, done.slopes};
+}
+
+/// Predict and update by derivatives.
+inline Step step_by_slopes(
+    const Model &model, const SigmaOrder &order, const Samples &signal, const Steps &steps, Index i, ConstNumbers bounds,
+    double *mean, Columns upper, Columns posterior, Workspace &memory
+) {
+    const Index size = stored_of(model.parts);
+    double *about = memory.numbers(size);
+    std::memcpy(about, mean, size * sizeof(double));
+    if (steps.about.columns > 0) std::memcpy(about, steps.about.row(i), steps.about.columns * sizeof(double));
+    const LinearUpdate at = linearise(model, order, signal, steps, i, about, size, memory);
+    const Updated done = linear_update(
+        model.parts, model.tail, mean, about, upper, posterior, at.moved, at.slopes, at.noise, at.noise_seen, at.innovation,
+        at.factor, bounds[at.factor.rows], memory);
+    return {done, at.innovation, at.factor, at.slopes};
+}
+
 /// Carry a belief over the updates from `begin` to `end`, in place.
 ///
 /// Returns the update it stopped before: less than `end` if too many measurements were rejected in a row, or the state is
@@ -157,35 +226,30 @@ inline Index run(
 ) {
     const Index n = belief.upper.rows, size = belief.mean.count;
     const SigmaOrder order(model.gyro_degrees, model.sensor_degrees, n);
+    const bool linear = model.linear != 0;
     Workspace lasting, memory;
     Columns upper = lasting.zeros(n, n), posterior = lasting.zeros(n, n);
-    const Columns points = lasting.columns(size, order.points());
+    const Columns points = linear ? Columns{{nullptr, size, 0}} : lasting.columns(size, order.points());
     copy(belief.upper, upper, n, n);
+    double *mean = belief.mean.data;
     Index i = begin;
     for (bool going = true; going && i < end; i++) {
         memory.clear();
-        const double duration = signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]];
-        walk(model, duration, belief.mean.data, upper, memory);
-        if (steps.new_standstill[i]) renew_standstill(model, belief.mean.data, upper, memory);
-        sample(model.sampled, order, belief.mean.data, upper, model.weights[SPREAD], points, memory);
-        const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);
-        const Table noise = process_noise(model, motion.noise, duration, points, memory);
-        const Prediction predicted = predict_measurement(
-            model, order, signal, steps, i, motion, belief.mean.data, upper, points, noise, memory);
-        const Vector<double> velocity = points.rows_from(model.stored[VELOCITY], 3).vector_at(0);
-        const Table factor = measurement_noise(model, steps, i, velocity, motion.omega.vector_at(0), memory);
-        const Updated done = update(
-            model.parts, model.tail, order, model.weights, belief.mean.data, upper, posterior,
-            {points, noise, predicted.prediction, predicted.prediction_noise}, predicted.innovation, factor,
-            gate.bounds[factor.rows], memory);
+        walk(model, signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]], mean, upper, memory);
+        if (steps.new_standstill[i]) renew_standstill(model, mean, upper, memory);
+        record_before(model, record, i, mean, upper);
+        const Step step = linear
+            ? step_by_slopes(model, order, signal, steps, i, gate.bounds, mean, upper, posterior, memory)
+            : step_by_points(model, order, signal, steps, i, gate.bounds, mean, upper, posterior, points, memory);
+        const Updated &done = step.done;
         Index place[MAX_MEASURED];
         places_of(steps, i, place);
-        record_slopes(record, i, done, place, upper, memory);
+        record_slopes(record, i, done, step.slopes, linear ? nullptr : &upper, place, memory);
         std::swap(upper, posterior);
         gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
-        record_update(record, i, {predicted.innovation, factor, done.factor, done.whitened, done.gain}, place, n, done.used);
+        record_update(record, i, {step.innovation, step.factor, done.factor, done.whitened, done.gain}, place, n, done.used);
         record.used[i] = done.used;
-        std::memcpy(record.mean.row(i), belief.mean.data, record.mean.columns * sizeof(double));
+        std::memcpy(record.mean.row(i), mean, record.mean.columns * sizeof(double));
         deviations(upper, record.deviation.columns, record.deviation.row(i));
         going = std::isfinite(done.nis) && gate.rejected[0] < gate.most;
     }

@@ -54,7 +54,8 @@ inline void cell_layout(Layout &layout) {
         FIELD(parts); FIELD(tail); FIELD(sampled); FIELD(weights); FIELD(gyro); FIELD(accel); FIELD(around); FIELD(robot);
         FIELD(gyro_degrees); FIELD(sensor_degrees); FIELD(stored); FIELD(gyro_effects); FIELD(accel_effects);
         FIELD(gyro_applied); FIELD(accel_applied); FIELD(printed); FIELD(level); FIELD(down); FIELD(noise);
-        FIELD(standstill); FIELD(coloured); FIELD(walking); FIELD(walk); FIELD(fading); FIELD(noise_step);
+        FIELD(standstill); FIELD(coloured); FIELD(walking); FIELD(walk); FIELD(fading); FIELD(noise_step); FIELD(linear);
+        FIELD(varying);
         layout.end();
     }
     {
@@ -66,14 +67,14 @@ inline void cell_layout(Layout &layout) {
     {
         BEGIN(Steps);
         FIELD(first); FIELD(last); FIELD(tau); FIELD(at_standstill); FIELD(new_standstill); FIELD(position);
-        FIELD(quaternion); FIELD(given); FIELD(regressor);
+        FIELD(quaternion); FIELD(given); FIELD(regressor); FIELD(about);
         layout.end();
     }
     {
         BEGIN(Record);
         FIELD(mean); FIELD(deviation); FIELD(used); FIELD(nis); FIELD(log_likelihood); FIELD(turn_information);
         FIELD(whitened); FIELD(innovation); FIELD(residual); FIELD(noise_variance); FIELD(correction);
-        FIELD(correction_variance); FIELD(transition); FIELD(design); FIELD(gain); FIELD(whitening);
+        FIELD(correction_variance); FIELD(transition); FIELD(design); FIELD(gain); FIELD(whitening); FIELD(before); FIELD(covariance);
         layout.end();
     }
     {

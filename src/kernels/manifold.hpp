@@ -16,6 +16,12 @@ inline Index stored_of(IndexTable parts) {
     return parts(last, STORED) + (parts(last, ROTATION) ? 4 : parts(last, DEGREES)) - parts(0, STORED);
 }
 
+/// How many degrees of freedom a table of parts has.
+inline Index degrees_of(IndexTable parts) {
+    const Index last = parts.rows - 1;
+    return parts(last, DEGREE) + parts(last, DEGREES) - parts(0, DEGREE);
+}
+
 /// The degree of freedom of a stored number that is not part of a rotation.
 inline Index degree_of(IndexTable parts, Index stored) {
     Index i = parts.rows - 1;

@@ -209,6 +209,16 @@ inline void sum_turns(
     for (; g < turns.columns; g += LANES) sum_some_turns<1>(begin, end - 1, carried, units, g, turns);
 }
 
+/// Write what turns of samples, (6, 9 Q), make of velocity (which = 0) or position, (9 Q,): turn x force.
+inline void levers(Table turns, Index which, Index Q, double *lever) {
+    for (Index i = 0; i < 3; i++) {
+        const Index j = (i + 1) % 3, k = (i + 2) % 3;
+        for (Index x = 0; x < 3 * Q; x++) {
+            lever[3 * i * Q + x] = turns(3 * which + k, 3 * j * Q + x) - turns(3 * which + j, 3 * k * Q + x);
+        }
+    }
+}
+
 /// How the sets turned in the last step: the next one needs it for the change of the turn's axis.
 struct Turning {
     Columns theta;      // (3, m)
@@ -271,12 +281,7 @@ inline void relative_motion(
         advance<Effects>(span, signal, at, centre, units, difference, turned, last, relative.q);
         at = centre;
         for (Index which = 0; which < 2; which++) {
-            for (Index i = 0; i < 3; i++) {
-                const Index j = (i + 1) % 3, k = (i + 2) % 3;
-                for (Index x = 0; x < 3 * Q; x++) {  // turn x force
-                    lever[3 * i * Q + x] = turns(3 * which + k, 3 * j * Q + x) - turns(3 * which + j, 3 * k * Q + x);
-                }
-            }
+            levers(turns, which, Q, lever);
             const Columns increment = which == 0 ? out.dv : out.dp;
             const Table own = {sums.row(9 * which), 9, features};
             for (Index s = 0; s < rate.columns; s += LANES) {

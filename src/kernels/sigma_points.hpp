@@ -172,6 +172,35 @@ struct Updated {
     Columns slopes;           // (m + c, n): of the prediction and of what has moved, along the columns of the factor before
 };
 
+/// Condition a belief on a measurement, unless that lies beyond the gate, and on what has moved; see `update`.
+///
+/// mean (size,): with what has moved. further: columns of noise, of which the last e are the measurement's alone.
+inline Updated conclude(
+    IndexTable parts, Index size, double *mean, Columns upper, Columns posterior, Columns first, Table further, Index used,
+    Index e, Index m, double *innovation, double gate, Workspace &memory
+) {
+    const Index n = upper.rows, c = first.rows - m;
+    Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n), first};
+    condition({first, upper, further, used}, n, m, innovation, {done.factor, done.whitened, done.gain, posterior}, memory);  // equation (19)
+    for (Index i = 0; i < m; i++) done.nis += done.whitened[i] * done.whitened[i];
+    done.used = done.nis <= gate;
+    if (done.used) {
+        const Columns change = memory.zeros(n, 1), corrected = memory.columns(size, 1);
+        for (Index j = 0; j < n; j++) {
+            double total = 0.0;
+            for (Index i = 0; i < m; i++) total += done.gain(i, j) * done.whitened[i];
+            change(j, 0) = total;
+        }
+        plus(parts, mean, change, corrected, memory);
+        for (Index i = 0; i < size; i++) mean[i] = corrected(i, 0);
+        return done;
+    }
+    const Table of_state = {further.row(m), c, further.columns};
+    const Joint unmeasured = {first.rows_from(m, c), upper, of_state, used - e};
+    condition(unmeasured, n, 0, nullptr, {{nullptr, 0, 0}, nullptr, {{nullptr, 0, upper.columns}}, posterior}, memory);
+    return done;
+}
+
 /// Predict and update: change a belief by a measurement that sigma points predict, the mean in place; the factor of its
 /// covariance, upper (n, n), is written to `posterior`.
 ///
@@ -209,26 +238,47 @@ inline Updated update(
     plus(tail, centre, shift, moved, memory);
     for (Index i = at; i < size; i++) mean[i] = moved(i - at, 0);
 
-    Updated done = {true, 0.0, {memory.numbers(m * m), m, m}, memory.numbers(m), memory.columns(m, n), moments.first};
-    const Joint joint = {moments.first, upper, further, curved + k + e};
-    condition(joint, n, m, innovation, {done.factor, done.whitened, done.gain, posterior}, memory);  // equation (19)
-    for (Index i = 0; i < m; i++) done.nis += done.whitened[i] * done.whitened[i];
-    done.used = done.nis <= gate;
-    if (done.used) {
-        const Columns change = memory.zeros(n, 1), corrected = memory.columns(size, 1);
-        for (Index j = 0; j < n; j++) {
-            double total = 0.0;
-            for (Index i = 0; i < m; i++) total += done.gain(i, j) * done.whitened[i];
-            change(j, 0) = total;
-        }
-        plus(parts, mean, change, corrected, memory);
-        for (Index i = 0; i < size; i++) mean[i] = corrected(i, 0);
-        return done;
+    return conclude(parts, size, mean, upper, posterior, moments.first, further, curved + k + e, e, m, innovation, gate, memory);
+}
+
+/// The same by derivatives about another state: what it predicts is carried over to the mean to first order.
+///
+/// about (size,): the state. moved (tail,): what has moved of it. slopes (m + c, n): of measurement and of what has moved, by
+/// the degrees of freedom. noise (c, k), noise_seen (m, k): columns of noise, and what they do to the measurement. innovation
+/// (m,): of the state; of the mean on return.
+inline Updated linear_update(
+    IndexTable parts, IndexTable tail, double *mean, const double *about, Columns upper, Columns posterior, const double *moved,
+    Columns slopes, Table noise, Table noise_seen, double *innovation, Table factor, double gate, Workspace &memory
+) {
+    const Index n = upper.rows, m = noise_seen.rows, c = noise.rows, k = noise.columns, e = factor.columns;
+    const Index size = stored_of(parts), at = size - stored_of(tail);
+    const Columns states = memory.columns(size, 1), distance = memory.zeros(n, 1), shift = memory.zeros(c, 1);
+    for (Index i = 0; i < size; i++) states(i, 0) = mean[i];
+    minus(parts, states, about, distance, memory);
+    for (Index i = 0; i < m + c; i++) {
+        double total = 0.0;
+        for (Index j = 0; j < n; j++) total += slopes(i, j) * distance(j, 0);
+        if (i < m) innovation[i] -= total;
+        else shift(i - m, 0) = total;
     }
-    const Table of_state = {further.row(m), c, further.columns};
-    const Joint unmeasured = {moments.first.rows_from(m, c), upper, of_state, curved + k};
-    condition(unmeasured, n, 0, nullptr, {{nullptr, 0, 0}, nullptr, {{nullptr, 0, upper.columns}}, posterior}, memory);
-    return done;
+    const Columns carried = memory.columns(size - at, 1);
+    plus(tail, moved, shift, carried, memory);
+    for (Index i = at; i < size; i++) mean[i] = carried(i - at, 0);
+    const Columns first = memory.zeros(m + c, n);
+    for (Index j = 0; j < n; j++) {  // times column j of the factor, which begins at row j
+        const double *column = upper.row(j);
+        for (Index i = 0; i < m + c; i++) {
+            Lanes total = 0.0;
+            for (Index x = j / LANES * LANES; x < n; x += LANES) total += load(slopes.row(i) + x) * load(column + x);
+            first(i, j) = sum(total);
+        }
+    }
+    const Table further = {memory.numbers((m + c) * (k + e)), m + c, k + e};
+    for (Index i = 0; i < m + c; i++) {
+        for (Index j = 0; j < k; j++) further(i, j) = i < m ? noise_seen(i, j) : noise(i - m, j);
+        for (Index j = 0; j < e; j++) further(i, k + j) = i < m ? factor(i, j) : 0.0;
+    }
+    return conclude(parts, size, mean, upper, posterior, first, further, k + e, e, m, innovation, gate, memory);
 }
 
 }  // namespace

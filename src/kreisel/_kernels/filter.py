@@ -57,7 +57,8 @@ def run(
     _check_belief(model, belief)
     _check_signal(signal, model)
     _check_steps(model, signal, steps, begin, end)
-    _check_record(record, begin, end, belief, int(model.tail[:, 1].sum()))
+    check_lengths(about=(steps.about, (steps.first.size, min(steps.about.shape[1], belief.mean.size))))
+    _check_record(record, begin, end, belief, model)
     check_lengths(bounds=(gate.bounds, (MEASURED + 1,)), rejected=(gate.rejected, (1,)))
     _run(model, signal, steps, begin, end, gate, belief, record, stopped)
     return int(stopped[0])
@@ -87,6 +88,7 @@ def _check_model(model: Model, n: int, size: int) -> None:
         around=(model.around.source, (10,)), stored=(model.stored, (len(STORED),)),
         noise=(model.noise, (len(NOISE),)), standstill=(model.standstill, (2,)),
         coloured=(model.coloured, (len(COLOURED),)),
+        varying=(model.varying, model.varying.shape),
         walk=(model.walk, model.walking.shape), fading=(model.fading, model.walking.shape),
     )  # fmt: skip
     for name in ("gyro", "accel", "around", "robot"):
@@ -96,6 +98,7 @@ def _check_model(model: Model, n: int, size: int) -> None:
     check_indices("gyro_effects", model.gyro_effects, -1, model.gyro_applied.size)
     check_indices("accel_effects", model.accel_effects, -1, model.accel_applied.size)
     check_indices("walking", model.walking, 0, n)
+    check_indices("varying", model.varying, 0, n)
     check_indices("stored", model.stored, -1, size - 2)
     check_indices("stored, moving", model.stored[:3], 0, size - 2)
     first, degrees, stored, rotation = model.parts.T
@@ -143,17 +146,20 @@ def _check_steps(model: Model, signal: Samples, steps: Steps, begin: int, end: i
         raise ValueError("an update whose last sample stands before its first")
 
 
-def _check_record(record: Record, begin: int, end: int, belief: Gaussian, changing: int) -> None:
+def _check_record(record: Record, begin: int, end: int, belief: Gaussian, model: Model) -> None:
     u, m = len(record.used), MEASURED
     if end > u:
         raise ValueError(f"updates {begin} to {end} for a record of {u}")
     numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:12]
     shapes = {(u,): numbers, (u, m): wide, (u, 6): six}
     check_lengths(**{f"record_{len(s)}_{i}": (a, s) for s, arrays in shapes.items() for i, a in enumerate(arrays)})
-    n, tables = belief.upper.shape[0], len(record.transition)
-    if tables not in (0, u):
-        raise ValueError(f"{tables} tables of slopes for a record of {u}")
+    n, tables, known = belief.upper.shape[0], len(record.transition), len(record.before)
+    if tables not in (0, u) or known not in (0, u):
+        raise ValueError(f"{tables} tables of slopes and {known} of means for a record of {u}")
+    changing = int(model.tail[:, 1].sum())
     check_lengths(
+        before=(record.before, (known, belief.mean.size)),
+        covariance=(record.covariance, (known, model.varying.size, n)),
         transition=(record.transition, (tables, changing, n)), design=(record.design, (tables, m, n)),
         gain=(record.gain, (tables, m, n)), whitening=(record.whitening, (tables, m, m)),
     )  # fmt: skip

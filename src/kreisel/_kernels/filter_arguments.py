@@ -103,6 +103,10 @@ class Model(NamedTuple):
         Degrees of freedom that walk, their densities, and the rates, 1/s, at which what they were fades.
     noise_step
         Seconds of readings whose noise is taken together.
+    linear
+        Whether derivatives are used in place of sigma points.
+    varying : (s,)
+        Degrees of freedom whose covariance with all others is recorded.
     """
 
     parts: IndexTable
@@ -130,13 +134,16 @@ class Model(NamedTuple):
     walk: Numbers
     fading: Numbers
     noise_step: float
+    linear: bool
+    varying: Indices
 
 
 class Steps(NamedTuple):
     """Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
 
     first, last, tau, at_standstill, new_standstill (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says
-    whether they are measured; regressor (u, 6, e), with e = 0 without a robot.
+    whether they are measured; regressor (u, 6, e), with e = 0 without a robot; about (u, a), the first numbers of the
+    stored state that derivatives are taken about: the rest are those of the mean.
     """
 
     first: Indices
@@ -148,6 +155,7 @@ class Steps(NamedTuple):
     quaternion: Table
     given: Mask
     regressor: Stack
+    about: Table
 
 
 class Record(NamedTuple):
@@ -160,6 +168,7 @@ class Record(NamedTuple):
     What a small change of the state before an update does, without tables where it is not asked for: transition
     (u, c, n) to the c degrees of freedom that move; design (u, 9, n) to the whitened measurement, and gain (u, 9, n),
     transposed, what that does to the state; whitening (u, 9, 9) times a measurement is the whitened one.
+    Before each update, likewise: before (u, size), the mean, and covariance (u, s, n) of what varies with all.
     """
 
     mean: Table
@@ -178,6 +187,8 @@ class Record(NamedTuple):
     design: Stack
     gain: Stack
     whitening: Stack
+    before: Table
+    covariance: Stack
 
 
 class Gate(NamedTuple):

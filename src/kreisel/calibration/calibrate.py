@@ -28,10 +28,12 @@ from kreisel.calibration.splits import compare_splits, splits_disagreement
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
+from kreisel.estimation.sigma_points import DERIVATIVES
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.batch import Batch
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem, without_forces
 from kreisel.model.stated_parameters import place_of
@@ -46,7 +48,17 @@ from kreisel.refinement.iteration import StatedFigures, estimate
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
 
-ESTIMATORS: dict[str, Estimator] = {one.name: one for one in (SigmaPointFilter(),)}
+ESTIMATORS: dict[str, Estimator] = {
+    one.name: one
+    for one in (
+        KalmanFilter(),
+        KalmanFilter("ukf", "unscented"),
+        KalmanFilter("cdkf", "central-difference"),
+        KalmanFilter("ckf", "cubature"),
+        KalmanFilter("ekf", DERIVATIVES),
+        Batch(),
+    )
+}
 """What the names in `model.calibration_settings.ESTIMATORS` stand for."""
 
 

@@ -10,7 +10,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.parameters import CellParameters
 
 _UNKNOWN_OFFSET = 0.3
@@ -48,6 +48,6 @@ def offset_convergence(outcome: Outcome) -> Convergence:
     belief = first_belief(problem, start)
     factor = belief.factor.copy()
     factor[layout[group], layout[group]] = known * np.eye(layout.present(group).size)
-    run = SigmaPointFilter().begin(problem, start, Belief(belief.mean, factor))
+    run = KalmanFilter().begin(problem, start, Belief(belief.mean, factor))
     history, d = run.history, layout[group]
     return Convergence(history.seconds, history.parameters[:, d], history.deviations[:, d])

@@ -55,6 +55,17 @@ def unscented(degrees: int) -> SigmaWeights:
     return SigmaWeights(spread, 1.0 / (2.0 * degrees), 1.0 / (2.0 * spread), 1.0, math.sqrt(2.0))
 
 
+def cubature(degrees: int) -> SigmaWeights:
+    """Return the weights of the spherical-radial rule of the third degree.
+
+    Notes
+    -----
+    Arasaratnam and Haykin (2009): 2 n points of equal weight at a distance of sqrt(n).
+    """
+    spread = math.sqrt(degrees)
+    return SigmaWeights(spread, 1.0 / (2.0 * degrees), 1.0 / (2.0 * spread), 1.0, 0.0)
+
+
 def linear(degrees: int) -> SigmaWeights:
     """Return the weights of a linearisation, Jacobians by tiny differences: for bounds about the truth."""
     del degrees
@@ -64,12 +75,18 @@ def linear(degrees: int) -> SigmaWeights:
 WEIGHTS: dict[str, Callable[[int], SigmaWeights]] = {
     "central-difference": central_difference,
     "unscented": unscented,
+    "cubature": cubature,
     "linear": linear,
 }
+
+DERIVATIVES = "derivatives"
+"""In the place of a choice of sigma points: the models' derivatives, and no points at all."""
 
 
 def weights(name: str, degrees: int) -> SigmaWeights:
     """Return the weights of that name for a state of so many degrees of freedom."""
+    if name == DERIVATIVES:
+        return SigmaWeights(1.0, 0.0, 0.0, 0.0, 0.0)
     if name not in WEIGHTS:
         raise SettingsError(unknown_name("choice of sigma points", name, WEIGHTS))
     return WEIGHTS[name](degrees)

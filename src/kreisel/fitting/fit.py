@@ -40,6 +40,8 @@ class Fit:
         How often parameters with a random walk may have jumped.
     begun, gate
         The belief and the gate it began with, where the estimator is recursive.
+    about : (u, size)
+        Stored states before the updates, that the model was linearised about, where these are not the estimates.
     """
 
     start: CellParameters
@@ -50,6 +52,7 @@ class Fit:
     jumps: int = 0
     begun: Belief | None = None
     gate: float = 1.0
+    about: Array | None = None
 
     @property
     def excess(self) -> float:

@@ -15,6 +15,7 @@ from kreisel.estimation.consistency import GATE, chi_square_bound
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
+from kreisel.geometry.rotation import Array
 from kreisel.kalman.kernel_inputs import effect_sizes, filter_model, filter_record, filter_steps, reference_groups
 from kreisel.kalman.navigation_start import navigation_from_reference
 from kreisel.kalman.run_slopes import Slopes
@@ -43,6 +44,8 @@ def run_filter(
     belief: Belief | None = None,
     visit: Mapping[int, Callable[[Belief], None]] | None = None,
     slopes: Slopes | None = None,
+    points: str | None = None,
+    about: Array | None = None,
 ) -> Fit:
     """Return the result of running the filter over all updates of a problem.
 
@@ -58,13 +61,19 @@ def run_filter(
         By number of an update: what is called with the belief after all updates before it.
     slopes
         Where the slopes of all updates are recorded.
+    points
+        Which sigma points, or `DERIVATIVES`; those of the problem's settings by default.
+    about : (u, size)
+        Stored states before the updates, that derivatives are taken about; by default `start` and the mean of what
+        changes. Navigation then begins by the parameters of `start`, and not by those of the belief.
 
     Raises
     ------
     EstimationError
         If the state is no longer finite; the message gives the time.
     """
-    updates, model = problem.schedule.updates, filter_model(problem, start)
+    updates = problem.schedule.updates
+    model = filter_model(problem, start, points, None if slopes is None else slopes.varying)
     readings = problem.sensor.readings.with_effects(effect_sizes(problem), start.sensors.effects)
     begun = belief = first_belief(problem, start) if belief is None else belief
     bounds = np.array([0.0, *(gate * chi_square_bound(GATE, m) for m in range(1, filter_arguments.MEASURED + 1))])
@@ -73,14 +82,14 @@ def run_filter(
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         reported = pose_regressor(problem, start, updates[chunk], reference_groups(problem, start))
-        steps = filter_steps(problem, start, updates[chunk], reported)
-        record = filter_record(problem, chunk.stop - chunk.start, slopes=slopes is not None)
+        steps = filter_steps(problem, start, updates[chunk], reported, _about(chunk, about))
+        record = filter_record(problem, chunk.stop - chunk.start, slopes=slopes is not None, varying=model.varying.size)
         done = begin
         while done < chunk.stop:
             if limit.rejected[0] >= MAX_REJECTED_IN_A_ROW:
                 belief, jumps = _after_a_jump(problem, belief), jumps + 1
             anew = updates[done].new_segment or limit.rejected[0] >= MAX_REJECTED_IN_A_ROW
-            belief = _belief_before(problem, start, belief, done, limit.rejected)
+            belief = _belief_before(problem, start, belief, done, limit.rejected, by_start=about is not None)
             if slopes is not None and anew:
                 slopes.restart(done)
             filtered = filter_arguments.Gaussian(belief.mean.copy(), belief.factor.T.copy())
@@ -106,12 +115,11 @@ def run_filter(
         histories.append(history_of(problem, updates[chunk], record))
     history = joined(problem, histories, belief.mean)
     parameters = parameters_of(problem, start, belief.mean)
-    return Fit(start, belief, parameters, history, jumps=jumps, begun=begun, gate=gate)
+    return Fit(start, belief, parameters, history, jumps=jumps, begun=begun, gate=gate, about=about)
 
 
-def repeated(problem: Problem, run: Fit, progress: StepProgress | None = None) -> Fit:
-    """Return a run as another one, from the same start, with a problem of the same state: their likelihoods compare."""
-    return run_filter(problem, run.start, gate=run.gate, progress=progress, belief=run.begun)
+def _about(chunk: slice, about: Array | None) -> Array:
+    return np.empty((chunk.stop - chunk.start, 0)) if about is None else about[chunk]
 
 
 def _after_a_jump(problem: Problem, belief: Belief) -> Belief:
@@ -123,12 +131,16 @@ def _after_a_jump(problem: Problem, belief: Belief) -> Belief:
 
 
 def _belief_before(
-    problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64]
+    problem: Problem, start: CellParameters, belief: Belief, at: int, rejected: NDArray[np.int64], *, by_start: bool
 ) -> Belief:
-    """Return the belief before an update, with a new start of navigation where there is one."""
+    """Return the belief before an update, with a new start of navigation where there is one.
+
+    by_start: whether that is by the parameters of `start`, and not by those of the belief.
+    """
     update = problem.schedule.updates[at]
     if update.new_segment or rejected[0] >= MAX_REJECTED_IN_A_ROW:
-        belief = navigation_from_reference(problem, start, belief, at)
+        known = start if by_start else parameters_of(problem, start, belief.mean)
+        belief = navigation_from_reference(problem, known, belief, at)
         rejected[0] = 0
     return belief
 

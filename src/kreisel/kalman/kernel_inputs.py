@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
-from kreisel.estimation.sigma_points import weights
+from kreisel.estimation.sigma_points import DERIVATIVES, weights
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
@@ -54,11 +54,17 @@ for _name, _own in (
     check_order(_name, _own)
 
 
-def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Model:
-    """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state."""
+def filter_model(
+    problem: Problem, known: CellParameters, points: str | None = None, varying: Indices | None = None
+) -> filter_arguments.Model:
+    """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state.
+
+    points: which sigma points, or `DERIVATIVES`; those of the problem's settings by default. varying: see
+    `filter_arguments.Model`.
+    """
     layout, settings = problem.layout, problem.settings
     n = layout.degrees
-    w = weights(settings.sigma_points, n)
+    w = weights(points or settings.sigma_points, n)
     level, down = problem.site.earth_rate_units
     coloured = problem.noise.coloured
     walks = _walks(problem)
@@ -100,6 +106,8 @@ def filter_model(problem: Problem, known: CellParameters) -> filter_arguments.Mo
         walk=walks[:, 1].copy(),
         fading=walks[:, 2].copy(),
         noise_step=NOISE_STEP,
+        linear=points == DERIVATIVES,
+        varying=np.zeros(0, dtype=np.int64) if varying is None else varying,
     )  # fmt: skip
 
 
@@ -144,11 +152,11 @@ def effect_sizes(problem: Problem) -> dict[str, int]:
 
 
 def filter_steps(
-    problem: Problem, known: CellParameters, updates: Sequence[Update], reported: Array
+    problem: Problem, known: CellParameters, updates: Sequence[Update], reported: Array, about: Array
 ) -> filter_arguments.Steps:
     """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`.
 
-    known: what a robot's errors are linear about.
+    known: what a robot's errors are linear about. about: see `filter_arguments.Steps`.
     """
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
@@ -177,12 +185,18 @@ def filter_steps(
         quaternion=quaternions,
         given=np.array([reference.positions is not None, reference.quaternions is not None]),
         regressor=np.ascontiguousarray(regressor),
+        about=np.ascontiguousarray(about),
     )
 
 
-def filter_record(problem: Problem, u: int, *, slopes: bool = False) -> filter_arguments.Record:
-    """Return empty arrays for the record of u updates; slopes: with each update's transition, design and gain."""
+def filter_record(problem: Problem, u: int, *, slopes: bool = False, varying: int = 0) -> filter_arguments.Record:
+    """Return empty arrays for the record of u updates.
+
+    slopes: with each update's transition, design and gain. varying: how many degrees of freedom's covariances are
+    recorded, and the means with them.
+    """
     m, n, k = filter_arguments.MEASURED, problem.layout.degrees, u if slopes else 0
+    known = u if varying else 0
     return filter_arguments.Record(
         mean=np.empty((u, max((problem.layout.stored(group).stop for group in problem.groups), default=0))),
         deviation=np.empty((u, len(problem.parameter_names))),
@@ -200,4 +214,6 @@ def filter_record(problem: Problem, u: int, *, slopes: bool = False) -> filter_a
         design=np.empty((k, m, n)),
         gain=np.empty((k, m, n)),
         whitening=np.empty((k, m, m)),
+        before=np.empty((known, problem.layout.size)),
+        covariance=np.empty((known, varying, n)),
     )

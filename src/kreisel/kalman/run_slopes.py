@@ -46,7 +46,9 @@ class Slope:
 class Slopes:
     """The slopes of all updates of a run, and what happens to a change of the state between them."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, varying: Indices | None = None) -> None:
+        """Begin empty; varying: degrees of freedom whose covariance before each update is recorded too."""
+        self.varying = np.zeros(0, dtype=np.int64) if varying is None else varying
         layout, updates, stamps = problem.layout, problem.schedule.updates, problem.sensor.readings.stamps
         self.degrees, self.count = layout.degrees, len(updates)
         self.moving = slice(layout.degrees - problem.changing, layout.degrees)
@@ -89,6 +91,12 @@ class Slopes:
     def measured(self) -> Array:
         """Return which whitened innovations there are, as ones and zeros, (u, 9)."""
         return np.concatenate([np.isfinite(r.whitened) * r.used[:, None] for r in self._records]).astype(float)
+
+    def before(self) -> Iterator[tuple[Array, Array]]:
+        """Yield mean (size,), and covariance (s, n) of what varies with all, before each update, from the last on."""
+        for record in reversed(self._records):
+            for k in reversed(range(record.nis.size)):
+                yield record.before[k], record.covariance[k]
 
     def between(self, number: int, changes: Array) -> None:
         """Let changes of the state (n, k) after the update before `number` become those before its motion; or back.

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.fitting.stored_state import first_belief
 from kreisel.geometry.rotation import Array
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
@@ -46,6 +46,6 @@ def cramer_rao_bound(cell: Cell, settings: CalibrationSettings, number: int) -> 
     settings = replace(settings, sigma_points="linear")
     problem = build_problem(prepare_recording(recording, settings), settings)
     true = true_parameters(truth, recording, problem, problem.prior.start)
-    run = SigmaPointFilter().begin(problem, true, first_belief(problem, true), gate=np.inf)
+    run = KalmanFilter().begin(problem, true, first_belief(problem, true), gate=np.inf)
     which, names = judged(problem)
     return Bound(names, run.belief.standard_deviation[which])

@@ -9,7 +9,7 @@ from kreisel.calibration import assembly
 from kreisel.calibration.assembly import Assessment, assemble, earth_rate_r, gravity_r, north_r
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.kalman.sigma_point_filter import first_pass
+from kreisel.kalman.kalman_filter import first_pass
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import without_groups

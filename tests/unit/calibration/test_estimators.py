@@ -11,7 +11,7 @@ from kreisel.calibration import calibrate as module
 from kreisel.calibration.calibrate import ESTIMATORS, run_calibration
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import ESTIMATORS as NAMES
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.layout import without
@@ -25,7 +25,7 @@ class Counting:
     name = "counting"
 
     def __init__(self):
-        self.asked, self._own = [], SigmaPointFilter()
+        self.asked, self._own = [], KalmanFilter()
 
     def __getattr__(self, what):
         def ask(*arguments, **named):

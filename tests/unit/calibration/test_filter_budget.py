@@ -9,7 +9,7 @@ from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.result_document import from_document, to_document
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import first_pass, further_pass
 from kreisel.model.problem import with_readings
 
 from ...small_problem import calibrated, camera_problem, estimate_of, small_problem, small_run, with_noise

@@ -12,7 +12,7 @@ from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
 from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
 
 from ...oracle import quaternions as quat
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
@@ -43,7 +43,7 @@ def test_frames_and_scale_add_the_squares_of_their_columns():
     found = estimate_of(problem, small_run())
     after = with_unestimated_errors(found)
     columns = np.hstack(
-        [frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run, SigmaPointFilter())]
+        [frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run, KalmanFilter())]
     )
     added = after.belief.covariance - found.run.belief.covariance
     sd = after.deviation
@@ -59,9 +59,7 @@ def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
     larger = scaling("correlated innovations", Source.PATH, run.belief.factor, 3.0)
     wide = estimate_of(problem, run, correlation_factor=3.0, contributions=(larger,))
     after = with_unestimated_errors(wide)
-    columns = np.hstack(
-        [frame_columns(problem, run.parameters), position_scale_column(problem, run, SigmaPointFilter())]
-    )
+    columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run, KalmanFilter())])
     added = after.belief.covariance - wide.belief.covariance
     sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
@@ -79,7 +77,7 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
                     start_covariance=problem.prior.start_covariance | unknown)  # fmt: skip
     problem = replace(with_noise(problem, frame_sd=(scale, 0.0)), prior=prior)
     run = first_pass(problem)
-    column, layout, p = position_scale_column(problem, run, SigmaPointFilter())[:, 0], problem.layout, run.parameters
+    column, layout, p = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout, run.parameters
     for group, value in (("gravity", [p.gravity]), ("accel_cross_coupling", p.sensors.K_a.ravel()),
                          ("lever_arms", p.sensors.lever_arms.ravel())):  # fmt: skip
         want = scale * np.array(value)
@@ -92,10 +90,10 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
 def test_where_gravity_is_known_the_scale_enters_as_far_as_it_comes_from_motion():
     problem = with_noise(camera_problem(), frame_sd=(1e-3, 0.0))
     run = first_pass(problem)
-    column, d = position_scale_column(problem, run, SigmaPointFilter())[:, 0], problem.layout["accel_cross_coupling"]
+    column, d = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout["accel_cross_coupling"]
     trace = column[d].reshape(3, 3).trace() / run.parameters.sensors.K_a.trace()
     assert 0.0 < trace < 0.3e-3
-    double = position_scale_column(with_noise(problem, frame_sd=(2e-3, 0.0)), run, SigmaPointFilter())[:, 0]
+    double = position_scale_column(with_noise(problem, frame_sd=(2e-3, 0.0)), run, KalmanFilter())[:, 0]
     np.testing.assert_allclose(double[d], 2.0 * column[d], atol=0.01 * np.abs(column[d]).max())
 
 
@@ -104,7 +102,7 @@ def test_without_positions_or_their_error_there_is_no_scale(lacking):
     problem = with_noise(small_problem(), frame_sd=(0.0 if lacking == "length" else 1e-3, 1e-3))
     if lacking == "positions":
         problem = replace(problem, reference=replace(problem.reference, positions=None))
-    column = position_scale_column(problem, small_run(), SigmaPointFilter())
+    column = position_scale_column(problem, small_run(), KalmanFilter())
     assert column.shape == (problem.layout.degrees, 1)
     assert not column.any()
 

@@ -14,7 +14,7 @@ from kreisel.calibration.lack_of_fit import (
 )
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.partition import block_ends
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import part_of
 from kreisel.refinement.iteration import StatedFigures, estimate
 from kreisel.refinement.parameter_walk import with_walks
@@ -99,7 +99,7 @@ def test_increments_are_those_of_a_recursive_estimate(designs):
 
 @pytest.fixture(scope="module")
 def found():
-    return estimate(camera_problem(), StatedFigures(reference=True, imu=True), SigmaPointFilter())
+    return estimate(camera_problem(), StatedFigures(reference=True, imu=True), KalmanFilter())
 
 
 @pytest.mark.parametrize(("share", "counts"), [(0.1, True), (2.0, False)])

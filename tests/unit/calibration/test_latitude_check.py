@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from kreisel.calibration.latitude_check import SEEN, _compared, _with_free_earth_rate, check_latitude
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.kalman.sigma_point_filter import first_pass
+from kreisel.kalman.kalman_filter import first_pass
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording

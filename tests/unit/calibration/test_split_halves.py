@@ -11,7 +11,7 @@ from kreisel.calibration.frame_errors import frame_columns, repeatability_column
 from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
-from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import first_pass, further_pass
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES

@@ -9,7 +9,7 @@ import pytest
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.lack_of_fit import lack_of_fit
 from kreisel.calibration.splits import compare_splits, quantities
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import part_of
 
@@ -37,7 +37,7 @@ def test_a_subset_moves_the_estimate_to_where_its_fit_lies():
     # the whole less the second half
     own = np.linalg.inv(np.linalg.inv(P) - rest[0])
     step = -own @ rest[1]
-    half = SigmaPointFilter().refit(part_of(problem, slice(0, int(ends[len(ends) // 2]))), run)
+    half = KalmanFilter().refit(part_of(problem, slice(0, int(ends[len(ends) // 2]))), run)
     moved = problem.layout.minus(half.belief.mean[:, None], run.belief.mean)[constant, 0]
     deviation = half.belief.standard_deviation[constant]
     assert np.sqrt(np.mean(((step - moved) / deviation) ** 2)) < 0.15

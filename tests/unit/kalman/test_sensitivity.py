@@ -12,17 +12,17 @@ from kreisel.kalman import filter_pass
 from kreisel.kalman import scores as scores_module
 from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.filter_pass import run_filter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.kalman.kernel_inputs import filter_record
 from kreisel.kalman.linear_run import LinearRun
 from kreisel.kalman.prior_exchange import narrowed_belief, start_near
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.sensitivity import Sensitivity
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
 from kreisel.model.problem import with_readings
 
 from ...small_problem import camera_problem
 
-ESTIMATOR = SigmaPointFilter()
+ESTIMATOR = KalmanFilter()
 
 
 def functions():

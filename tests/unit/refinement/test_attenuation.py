@@ -7,7 +7,7 @@ import pytest
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.uncertainty import total
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
 from kreisel.model.problem import with_readings
 from kreisel.refinement.attenuation import _profile, pull_of_noise, without_attenuation
 
@@ -31,7 +31,7 @@ def weak():
 def test_noise_pulls_towards_smaller_matrices(weak):
     """More noise makes K smaller; the result without it is larger, and less certain."""
     problem, run = weak
-    change = pull_of_noise(problem, run, SigmaPointFilter())
+    change = pull_of_noise(problem, run, KalmanFilter())
     d = problem.layout["accel_cross_coupling"]
     K = run.parameters.stored("accel_cross_coupling")
     assert change[d] @ K < 0.0
@@ -44,7 +44,7 @@ def test_noise_pulls_towards_smaller_matrices(weak):
 def test_there_is_none_to_speak_of_with_quiet_sensors():
     problem = camera_problem()
     quiet = with_readings(problem, problem.sensor.readings.with_noise(0.1, 0.1))
-    assert pull_of_noise(quiet, first_pass(quiet), SigmaPointFilter()) is None
+    assert pull_of_noise(quiet, first_pass(quiet), KalmanFilter()) is None
 
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.01, 1e-5), (0.1, 2e-3), (0.3, 0.03)])

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
 from kreisel.refinement.discrepancy import describe
 from kreisel.refinement.iteration import StatedFigures, estimate
@@ -36,7 +36,7 @@ def with_gyro_error(problem, size):
 
 @cache
 def found(size):
-    return estimate(with_gyro_error(camera_problem(), size), STATED, SigmaPointFilter())
+    return estimate(with_gyro_error(camera_problem(), size), STATED, KalmanFilter())
 
 
 def scores(outcome):
@@ -100,7 +100,7 @@ def test_what_was_recorded_is_kept():
 def test_a_fixed_number_of_passes_looks_for_nothing():
     problem = with_gyro_error(camera_problem(), SIZE)
     fixed = replace(problem, settings=replace(problem.settings, passes=2))
-    assert estimate(fixed, STATED, SigmaPointFilter()).discrepancy == ()
+    assert estimate(fixed, STATED, KalmanFilter()).discrepancy == ()
 
 
 @pytest.mark.parametrize("size", [0.0, SIZE])

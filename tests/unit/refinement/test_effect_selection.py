@@ -8,7 +8,7 @@ import pytest
 from kreisel.fitting.stored_state import first_belief
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter, first_pass, further_pass
 from kreisel.model.problem import with_groups, with_readings
 from kreisel.refinement import effect_selection
 from kreisel.refinement.effect_selection import _kept_mean, candidates, selected, survey
@@ -20,7 +20,7 @@ from ...small_problem import camera_problem, small_problem
 def found():
     problem = small_problem()
     run = further_pass(problem, first_pass(problem))
-    estimator = SigmaPointFilter()
+    estimator = KalmanFilter()
     return survey(problem, run, estimator.linearise(problem, run), estimator)
 
 

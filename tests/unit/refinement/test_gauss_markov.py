@@ -8,7 +8,7 @@ import pytest
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.sigma_point_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import first_pass, further_pass
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import without_groups
 from kreisel.refinement.estimate import without_passing

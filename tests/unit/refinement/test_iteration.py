@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.fit import Fit
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter, first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter, first_pass, further_pass
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
 from kreisel.refinement.iteration import (
@@ -29,8 +29,8 @@ from kreisel.synchronization.clock import Clock
 
 from ...small_problem import camera_problem, history, recorded, with_noise
 
-SPKF = SigmaPointFilter()
-SPKF = SigmaPointFilter()
+SPKF = KalmanFilter()
+SPKF = KalmanFilter()
 BOTH = StatedFigures(reference=True, imu=True)
 IMU_ONLY = StatedFigures(reference=False, imu=True)
 

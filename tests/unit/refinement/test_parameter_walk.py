@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.kalman.sigma_point_filter import SigmaPointFilter
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import with_readings
 from kreisel.refinement.parameter_walk import may_walk
 
 from ...small_problem import camera_problem
 
-ESTIMATOR = SigmaPointFilter()
+ESTIMATOR = KalmanFilter()
 
 
 def linearised(problem):
