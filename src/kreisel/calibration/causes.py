@@ -27,6 +27,13 @@ _WALKS = {
 _REPEATED, _GROSS, _SHAKEN = 0.01, 20.0, 3.0
 """Share of repeated or gross values that counts; size of a gross one, in medians; vibration, in noise at rest."""
 
+_LASTING = 6
+"""Updates in a row that are no outliers: after so many that are rejected the filter begins anew,
+`kalman.filter_pass.MAX_REJECTED_IN_A_ROW`."""
+
+_AGAIN = 3
+"""Times from which what lasts is no change of the mount or the frames. Chosen: 3 to 4 in poses with passing errors."""
+
 _NEAR = 5
 """Poses before and after one between which the motion is seen."""
 
@@ -207,16 +214,20 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
         if held > _REPEATED:
             return "held poses", f"{100.0 * held:.0f} % of the poses repeat the one before"
     size = history.nis / history.degrees
-    if float(np.mean(_short(size > _GROSS * np.median(size)))) > _REPEATED:
+    gross = size > _GROSS * np.median(size)
+    if float(np.mean(gross & ~_lasting(gross | ~history.used))) > _REPEATED:
         return "pose outliers", "some poses are grossly wrong"
     return "stated reference", "the poses are less accurate than stated"
 
 
-def _short(marked: Mask) -> Mask:
-    """Return those that are marked in runs of one or two: what lasts is no outlier."""
-    around = np.pad(marked, 1)
-    middle = np.pad(around[:-2] & around[1:-1] & around[2:], 1)  # of three in a row
-    return np.asarray(marked & ~(middle[:-2] | middle[1:-1] | middle[2:]))
+def _lasting(marked: Mask) -> Mask:
+    """Return those that are marked in a run of `_LASTING` or more; none if so many come and go `_AGAIN` times."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
+    runs = [(begin, end) for begin, end in edges.reshape(-1, 2).tolist() if end - begin >= _LASTING]
+    out = np.zeros(marked.size, dtype=bool)
+    for begin, end in runs if len(runs) < _AGAIN else []:
+        out[begin:end] = True
+    return out
 
 
 def _of_readings(estimate: Estimate) -> tuple[str, str]:

@@ -24,6 +24,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     batch,
     calibrate,
     certificate,
+    compare,
     convert,
     demo,
     doctor,
@@ -64,6 +65,7 @@ app.command("key")(certificate.key)
 app.command("batch")(batch.batch)
 app.command("history")(batch.history)
 app.command("repeat")(repeat.repeat)
+app.command("compare")(compare.compare)
 app.command("convert")(convert.convert)
 app.command("simulate")(simulate.simulate)
 app.add_typer(study.app, name="study")

@@ -66,18 +66,38 @@ def figure_of(one: Repeated, runs: Sequence[str], together: Measured | None = No
     if together is not None:
         values, deviations = np.vstack([values, together.value]), np.vstack([deviations, together.deviation])
         names.append("together")
-    axes = ("xy", "xz", "yz") if "orthogonality" in one.name or "distances" in one.name else ("x", "y", "z")
-    data: list[Trace] = []
-    places = np.arange(len(names), dtype=float)
-    for i, name in enumerate(axes):
-        x, y, error = places + 0.12 * (i - 1), values[:, i] - one.mean[i], deviations[:, i]
-        data.append(plots.markers(x, y, name, "xyz"[i], size=7, error=error))
-    x_axis = plots.axis(
-        "recording", range=[-0.5, len(names) - 0.5], ticks=[places.tolist(), [_short(n) for n in names]]
-    )
-    y_axis = plots.axis(f"difference from the mean, {one.unit}", range=_room(values - one.mean, deviations))
     caption = f"Chi-square {one.chi_square:.2f}, expected {one.band[0]:.2f} to {one.band[1]:.2f}. Bars: one deviation."
-    return Figure(one.name, one.title, caption, plots.plot(x_axis, plots.panel(data, y_axis)))
+    about = f"difference from the mean, {one.unit}"
+    return bars(one.name, one.title, about, names, (values - one.mean, deviations), ("recording", caption))
+
+
+def bars(
+    name: str, title: str, quantity: str, places: Sequence[str], shown: tuple[Array, Array], words: tuple[str, str]
+) -> Figure:
+    """Return a figure of three numbers at several places, with bars of one deviation.
+
+    Parameters
+    ----------
+    name, title, quantity
+        Of the figure, and what stands at its y axis.
+    places
+        Names along the x axis.
+    shown : (n, 3), (n, 3)
+        Values and deviations.
+    words
+        What stands at the x axis, and the caption.
+    """
+    values, deviations = shown
+    axes = ("xy", "xz", "yz") if "orthogonality" in name or "distances" in name else ("x", "y", "z")
+    data: list[Trace] = []
+    at = np.arange(len(places), dtype=float)
+    for i, axis in enumerate(axes):
+        x = at + 0.12 * (i - 1)
+        data.append(plots.markers(x, values[:, i], axis, "xyz"[i], size=7, error=deviations[:, i]))
+    ticks = [at.tolist(), [_short(place) for place in places]]
+    x_axis = plots.axis(words[0], range=[-0.5, len(places) - 0.5], ticks=ticks)
+    y_axis = plots.axis(quantity, range=_room(values, deviations))
+    return Figure(name, title, words[1], plots.plot(x_axis, plots.panel(data, y_axis)))
 
 
 def _short(name: str) -> str:

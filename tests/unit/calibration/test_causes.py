@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from kreisel.calibration.causes import _short
+from kreisel.calibration.causes import _lasting
 
 
 @pytest.mark.parametrize(
     ("marked", "kept"),
     [
-        ("..#..", "..#.."), ("#...#", "#...#"), (".##..", ".##.."), (".###.", "....."), ("####.", "....."),
-        ("#.##.####", "#.##....."),
+        ("..#..", "....."), (".#####.", "......."), (".######.", ".######."), ("#######", "#######"),
+        ("#.##.######", ".....######"), ("######.######", "######.######"), ("######.######.######", 20 * "."),
     ],
 )  # fmt: skip
-def test_a_run_of_three_is_no_outlier(marked, kept):
+def test_what_lasts_is_no_outlier(marked, kept):
     """Of a mount that slips, updates are gross until the filter follows: neither end of the run is an outlier."""
-    found = _short(np.array([one == "#" for one in marked]))
+    found = _lasting(np.array([one == "#" for one in marked]))
     assert "".join("#" if one else "." for one in found) == kept
