@@ -136,6 +136,21 @@ def test_recordings_of_one_device_are_compared(cell, tmp_path):
     assert run("repeat", cell).returncode == 1
 
 
+def test_estimators_are_compared(cell, refused, tmp_path):
+    out = tmp_path / "out"
+    done = run("compare", cell, "--methods", "spkf, ekf,batch", "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert "difference from spkf, in its deviations" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 120
+    document = json.loads((out / "comparison.json").read_text())
+    assert set(document["methods"]) == {"spkf", "ekf", "batch"}
+    one = document["methods"]["batch"]
+    assert one["standard_deviation"].keys() <= one["estimate"].keys()
+    assert "comparison" in (out / "comparison.html").read_text().lower()
+    refused("unknown estimator 'magic'", "compare", cell, "--methods", "spkf,magic")
+    refused("give two or more", "compare", cell, "--methods", "spkf")
+
+
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):
     for number in (1, 2):
         made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.calibration.method_comparison import ByMethod
+    from kreisel.calibration.by_method import ByMethod
 
 
 def compare(
@@ -24,7 +24,8 @@ def compare(
     """
     import json as json_module
 
-    from kreisel.calibration.method_comparison import compare_methods, document_of
+    from kreisel.calibration.by_method import document_of
+    from kreisel.calibration.method_comparison import compare_methods
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads
@@ -65,7 +66,7 @@ def _truth(recording: Path) -> dict[str, float]:
     """Return the true values beside a simulated recording; none where there is no such file."""
     import json as json_module
 
-    from kreisel.calibration.method_comparison import parameters_in
+    from kreisel.calibration.by_method import parameters_in
     from kreisel.errors import RecordingError
 
     file = recording / "truth.json"
@@ -84,15 +85,20 @@ def _print(found: tuple[ByMethod, ...], truth: Mapping[str, float]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from kreisel.calibration.by_method import GROUPS
     from kreisel.cli.terminal_tables import wide_console
     from kreisel.report.comparison_page import columns_of, facts_of, rows_of
 
-    out = wide_console()
-    table = Table(title="estimators side by side", title_justify="left")
-    for name in columns_of(truth):
-        table.add_column(name, justify="left" if name in ("estimator", "result") else "right")
-    for row in rows_of(found, truth):
-        table.add_row(*map(escape, row))
-    out.print(table)
+    out, names, rows = wide_console(), columns_of(truth), rows_of(found, truth)
+    own = [place for place, name in enumerate(names) if name not in GROUPS.values()]
+    apart = [0, *(place for place in range(len(names)) if place not in own)]
+    first = next(one.name for one in found if one.calibration is not None)
+    for title, shown in (("estimators side by side", own), (f"difference from {first}, in its deviations", apart)):
+        table = Table(title=title, title_justify="left")
+        for place in shown:
+            table.add_column(names[place], justify="left" if names[place] in ("estimator", "result") else "right")
+        for row in rows:
+            table.add_row(*(escape(row[place]) for place in shown))
+        out.print(table)
     for fact in facts_of(found, truth):
         out.print(fact, markup=False)

@@ -147,7 +147,7 @@ def smoothed(problem: Problem, run: Fit, slopes: Slopes) -> Array:
 
     Notes
     -----
-    Modified Bryson-Frazier smoother (Bierman 1973): the derivative of the log-likelihood of all that follows by the
+    The modified Bryson-Frazier smoother (Bierman 1973): the derivative of the log-likelihood of all that follows by the
     state before an update, times its covariance, is what that adds to its mean.
     """
     layout, moving, changing = problem.layout, slopes.moving, slopes.varying
@@ -158,7 +158,7 @@ def smoothed(problem: Problem, run: Fit, slopes: Slopes) -> Array:
         of_prediction = slope.innovation - slope.gain @ after if slope.used else np.zeros(slope.innovation.size)
         before = slope.slopes.T @ np.concatenate([after[moving], of_prediction])
         before[: moving.start] += after[: moving.start]
-        change[changing, 0] = covariance @ before
+        change[changing, 0] = covariance @ before  # equation (31)
         state = layout.plus(mean, change)[:, 0]
         out[slope.number, rows] = state[rows]
         slopes.between(slope.number, before)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from kreisel.calibration.by_method import GROUPS, ByMethod, differences, largest, scores
 from kreisel.calibration.data_sheet import QUANTITIES
-from kreisel.calibration.method_comparison import GROUPS, ByMethod, differences, largest, scores
 from kreisel.report.cells import Row, Table
 from kreisel.report.plots import Figure
 from kreisel.report.repeatability_page import bars
@@ -30,6 +30,8 @@ def write_comparison(title: str, found: Sequence[ByMethod], truth: Mapping[str, 
     rows = tuple(Row(tuple(row)) for row in rows_of(found, truth))
     shown = {
         "title": "Estimators side by side",
+        "kind": "comparison",
+        "heading": "Differences and drift",
         "lead": f"{title}: {', '.join(one.name for one in found)}",
         "table_of_groups": Table(_caption(found), columns_of(truth), rows, text=2),
         "facts": facts_of(found, truth),
