@@ -15,25 +15,16 @@ from typing import Any
 import numpy as np
 from tests.oracle import plain_filter as plain
 from tests.oracle import quaternions as quat
-from tests.scenarios.test_filter_agreement import (
-    ACCEL,
-    DEVIATION,
-    EARTH_N,
-    EVERY,
-    GRAVITY,
-    GROUPS,
-    GYRO,
-    NAVIGATION,
-    ORIENTATION,
-    POSITION,
-    Case,
-    book,
-    problem_and_belief,
-)
+from tests.oracle_case import DEVIATION, EARTH_N, GRAVITY, GROUPS, NAVIGATION, Case, Setup, problem_and_belief
+from tests.scenarios.test_filter_agreement import book
 
+from kreisel.estimation.sigma_points import DERIVATIVES
 from kreisel.kalman.filter_pass import run_filter
 
 from . import yardstick
+
+SETUP = Setup()
+GYRO, ACCEL, EVERY, POSITION, ORIENTATION = SETUP.gyro, SETUP.accel, SETUP.every, SETUP.position, SETUP.orientation
 
 JUDGED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 Result = tuple[float, dict[str, np.ndarray] | None]
@@ -49,9 +40,9 @@ def timed(run: Callable[[], Any], repeats: int) -> tuple[float, Any]:
     return best, result
 
 
-def kreisel(case: Case) -> tuple[Result, dict[str, np.ndarray]]:
+def kreisel(case: Case, points: str) -> tuple[Result, dict[str, np.ndarray]]:
     problem, belief = problem_and_belief(case, "central-difference")
-    seconds, run = timed(lambda: run_filter(problem, problem.prior.start, gate=np.inf, belief=belief), 5)
+    seconds, run = timed(lambda: run_filter(problem, problem.prior.start, gate=np.inf, belief=belief, points=points), 5)
     layout, sd = problem.layout, run.belief.standard_deviation
     values = {g: run.belief.mean[layout.stored(g)] for g in JUDGED}
     return (seconds, values), {g: sd[layout[g]] for g in JUDGED}
@@ -185,10 +176,14 @@ def main(runs: int = 4) -> None:
     for seed in range(runs):
         case: Any = Case(seed)
         unit = yardstick.seconds(case.rates, case.forces, 1.0 / 200.0, 50)
-        ours, deviation = kreisel(case)
+        ours, deviation = kreisel(case, "central-difference")
         truth = {g: np.ravel(case.truth["k_w" if g == "gyro_offset" else "k_a" if g == "accel_offset" else GROUPS[g]])
                  for g in JUDGED}  # fmt: skip
-        found = {"kreisel": ours, "NumPy, from the book": numpy_filter(case)}
+        found = {
+            "kreisel": ours,
+            "kreisel, ekf": kreisel(case, DERIVATIVES)[0],
+            "NumPy, from the book": numpy_filter(case),
+        }
         peers: dict[str, Callable[[Any], Result]] = {
             "filterpy UKF": lambda c: filterpy(c, len(c.samples)),
             "pyins EKF (fewer states)": pyins,

@@ -55,6 +55,14 @@ def test_phases_are_timed(tmp_path):
     assert "strapdown passes of" in ended.stdout
 
 
+def test_peers_are_timed():
+    """Those that are not installed are named and left out."""
+    ended = run("-m", "benchmarks.peers", "1")
+    assert ended.returncode == 0, ended.stderr
+    ours = [line for line in ended.stdout.splitlines() if line.startswith("kreisel")]
+    assert [line.split("  ")[0] for line in ours] == ["kreisel", "kreisel, ekf"]
+
+
 def test_benchmarks_run():
     ended = run(
         "-m", "pytest", "benchmarks", "--benchmark-only", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",

@@ -140,6 +140,40 @@ def robustness(
     _say_robustness(rows, output, as_json=json)
 
 
+@app.command()
+def methods(
+    output: Path = typer.Option(
+        Path("methods"), "-o", "--output", help="Folder for the results; a folder with results is continued."
+    ),
+    seeds: int = typer.Option(10, help="Recordings of each cell.", min=1, max=9999),
+    workers: int = _WORKERS,
+    scheduler: str | None = _SCHEDULER,
+    seconds: float = typer.Option(60.0, help="Length of every recording, s.", min=20.0),
+    json: bool = _JSON,
+) -> None:
+    """Compare estimators: devices, references, motions, and first values that are wrong by 1 or 10 degrees."""
+    import json as json_module
+    from dataclasses import asdict
+
+    from kreisel.cli.output import check_output
+    from kreisel.cli.terminal_tables import print_rows
+    from kreisel.report.study_page import write_methods
+    from kreisel.study.methods import COLUMNS, MethodFile, numbers, run_numbered, summaries, table
+
+    check_output(output)
+    file, wanted = MethodFile(output, seconds), numbers(seeds)
+    how = {"scheduler": scheduler, "workers": workers}
+    _each(partial(run_numbered, seconds), file.missing(wanted), how, file.add)
+    rows = [row for row in file.rows() if row.seed <= seeds]
+    found, lines = summaries(rows), table(rows)
+    write_methods(lines, COLUMNS, rows, output / "report.html")
+    if json:
+        typer.echo(json_module.dumps({"methods": [asdict(one) for one in found], "output": str(output)}))
+        return
+    print_rows("estimators, from first values that are wrong", COLUMNS, lines)
+    typer.echo(f"written: {output}/methods.csv, report.html")
+
+
 def _each(
     work: Callable[[int], Result], missing: list[int], how: dict[str, Any], take: Callable[[Result], None]
 ) -> None:

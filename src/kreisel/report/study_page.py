@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from kreisel.report.cells import Row, Table
 from kreisel.report.plots import Figure, Trace
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
+from kreisel.study.methods import MethodRow
 
 
 def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str], facts: list[str],
@@ -42,6 +43,56 @@ def write_robustness(lead: str, rows: list[list[str]], columns: Sequence[str], f
     )
     page = fill("study.html", [], title="Robustness", lead=lead, table_of_groups=table, facts=facts, figures=[])
     path.write_text(page, encoding="utf-8")
+
+
+def write_methods(lines: list[list[str]], columns: Sequence[str], rows: Sequence[MethodRow], path: Path) -> None:
+    """Write the page of a study of estimators: its table, and failures and errors cell by cell."""
+    figures = [_by_cell(rows, title, quantity, of) for title, quantity, of in (
+        ("Runs that end elsewhere than at the truth", "share, %", _share_failed),
+        ("Error over standard deviation of the others", "rms", _ratio_of_good),
+        ("Time until nothing moves", "s, median", _time),
+    )]  # fmt: skip
+    table = Table(
+        "Estimators, from first values that are wrong", tuple(columns), tuple(Row(tuple(r)) for r in lines), text=2
+    )
+    shown = {"title": "Estimators", "heading": "Cells and estimators", "table_of_groups": table, "figures": figures}
+    lead = f"{len({(row.device, row.reference, row.first, row.motion) for row in rows})} cells, {len(rows)} fits"
+    path.write_text(fill("study.html", figures, lead=lead, facts=[], **shown), encoding="utf-8")
+
+
+def _share_failed(rows: Sequence[MethodRow]) -> float:
+    return 100.0 * float(np.mean([row.failed for row in rows]))
+
+
+def _ratio_of_good(rows: Sequence[MethodRow]) -> float:
+    good = [row.ratio for row in rows if not row.failed]
+    return float(np.sqrt(np.mean(np.square(good)))) if good else float("nan")
+
+
+def _time(rows: Sequence[MethodRow]) -> float:
+    return float(np.median([row.seconds for row in rows]))
+
+
+def _by_cell(
+    rows: Sequence[MethodRow], title: str, quantity: str, of: Callable[[Sequence[MethodRow]], float]
+) -> Figure:
+    """Return a figure of a number for each cell and estimator."""
+    cells = list(dict.fromkeys((row.device, row.reference, row.first, row.motion) for row in rows))
+    methods = list(dict.fromkeys(row.method for row in rows))
+    data: list[Trace] = []
+    for i, method in enumerate(methods):
+        values = []
+        for cell in cells:
+            own = [r for r in rows if (r.device, r.reference, r.first, r.motion) == cell and r.method == method]
+            values.append(of(own) if own else float("nan"))
+        x = np.arange(len(cells)) + 0.12 * (i - 0.5 * (len(methods) - 1))
+        symbol = ("disc", "diamond", "cross")[i // 3 % 3]
+        texts = [f"{method}: {', '.join(cell)}" for cell in cells]
+        data.append(plots.markers(x, np.array(values), method, "xyz"[i % 3], symbol=symbol, size=7, texts=texts))
+    ticks = [list(range(len(cells))), [str(place + 1) for place in range(len(cells))]]
+    x_axis = plots.axis("cell, in the table's order", range=[-0.5, len(cells) - 0.5], ticks=ticks)
+    caption = "One mark for each estimator; the pointer shows the cell."
+    return Figure(title.split()[0].lower(), title, caption, plots.plot(x_axis, plots.panel(data, plots.axis(quantity))))
 
 
 def _scores(scores: list[tuple[str, list[float]]]) -> Figure:
