@@ -86,8 +86,8 @@ def _iterated(
         slopes = Slopes(problem, changing)
         run = _run(problem, start, begun, about, gate, progress, slopes=slopes)
         fit = with_stated_prior(problem, run, begun)
-        moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[: len(problem.parameter_names), 0]
-        far = np.abs(moved) > SETTLED * fit.belief.standard_deviation[: moved.size]
+        moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[problem.lasting, 0]
+        far = np.abs(moved) > SETTLED * fit.belief.standard_deviation[problem.lasting]
         if about.shape[1] == problem.layout.size and not far.any():
             break
         about, start, begun = smoothed(problem, run, slopes), start_near(problem, fit), narrowed_belief(problem, fit)

@@ -256,12 +256,12 @@ COLUMNS = ("cell", "estimator", "runs", "failed", "error / sd", "largest", "pass
 
 
 def table(rows: Sequence[MethodRow]) -> list[list[str]]:
-    """Return the table of cells and estimators."""
-    out = []
+    """Return the table of estimators in all cells, then in each."""
+    out = [["all", *_cells(one)] for one in summaries(rows)]
     for key in dict.fromkeys((row.device, row.reference, row.first, row.motion) for row in rows):
         own = [row for row in rows if (row.device, row.reference, row.first, row.motion) == key]
         out += [[", ".join(key), *_cells(one)] for one in summaries(own)]
-    return out + [["all", *_cells(one)] for one in summaries(rows)]
+    return out
 
 
 def _cells(one: MethodSummary) -> list[str]:
