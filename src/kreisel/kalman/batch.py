@@ -80,17 +80,22 @@ class Batch:
 def _iterated(
     problem: Problem, start: CellParameters, begun: Belief, about: Array, gate: float, progress: StepProgress | None
 ) -> Fit:
-    """Return the fit of a problem, linearised again and again about what was found last."""
-    changing = varying(problem)
+    """Return the fit of a problem, linearised again and again about what was found last.
+
+    The first iteration finds the parameters alone: it may be far from them, or, near a fit, the only one.
+    """
+    changing, with_states = varying(problem), False
     for _ in range(MAX_ITERATIONS):
-        slopes = Slopes(problem, changing)
+        slopes = Slopes(problem, changing) if with_states else None
         run = _run(problem, start, begun, about, gate, progress, slopes=slopes)
         fit = with_stated_prior(problem, run, begun)
         moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[problem.lasting, 0]
         far = np.abs(moved) > SETTLED * fit.belief.standard_deviation[problem.lasting]
         if about.shape[1] == problem.layout.size and not far.any():
             break
-        about, start, begun = smoothed(problem, run, slopes), start_near(problem, fit), narrowed_belief(problem, fit)
+        start, begun = start_near(problem, fit), narrowed_belief(problem, fit)
+        about = _with_parameters(problem, about, start) if slopes is None else smoothed(problem, run, slopes)
+        with_states = True
     return fit
 
 
@@ -99,17 +104,22 @@ def _about(problem: Problem, start: CellParameters, near: Fit | None) -> Array:
 
     Those of the fit are used if they are of the same state at the same times.
     """
-    updates, layout = problem.schedule.updates, problem.layout
-    state = stored_state(problem, start)
-    if near is not None and near.about is not None and near.about.shape == (len(updates), layout.size):
+    updates, size = problem.schedule.updates, problem.layout.size
+    if near is not None and near.about is not None and near.about.shape == (len(updates), size):
         seconds = problem.sensor.readings.stamps[[update.last for update in updates]]
         if np.array_equal(near.history.seconds, seconds):
-            out = near.about.copy()
-            for part in layout:
-                if part.name in problem.groups and not _varies(problem, part.name):
-                    out[:, layout.stored(part.name)] = state[layout.stored(part.name)]
-            return out
-    return np.tile(state[: _stored_parameters(problem)], (len(updates), 1))
+            return _with_parameters(problem, near.about, start)
+    return np.tile(stored_state(problem, start)[: _stored_parameters(problem)], (len(updates), 1))
+
+
+def _with_parameters(problem: Problem, about: Array, start: CellParameters) -> Array:
+    """Return states (u, a) with other values of the parameters that are the same at all updates."""
+    layout, state, out = problem.layout, stored_state(problem, start), about.copy()
+    whole = about.shape[1] == layout.size
+    for group in problem.groups:
+        if not whole or not _varies(problem, group):
+            out[:, layout.stored(group)] = state[layout.stored(group)]
+    return out
 
 
 def _stored_parameters(problem: Problem) -> int:
