@@ -7,7 +7,6 @@ usual parameters are estimated, and nothing is judged: what is compared is the e
 from __future__ import annotations
 
 import csv
-import json
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.calibration.calibrate import ESTIMATORS
-from kreisel.errors import KreiselError, SettingsError
+from kreisel.errors import KreiselError
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import exp, matrix
@@ -30,7 +29,7 @@ from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
 from kreisel.study.situations import BASES
-from kreisel.study.stored_trials import whole_rows
+from kreisel.study.stored_trials import begin_folder, whole_rows
 from kreisel.study.truth import judged, true_parameters
 from kreisel.units import DEG
 from kreisel.validation.checks import check_streams
@@ -171,11 +170,7 @@ class MethodFile:
 
     def __init__(self, folder: Path, seconds: float) -> None:
         """Open the folder; raise SettingsError where it holds another study."""
-        folder.mkdir(parents=True, exist_ok=True)
-        described, file = {"study": "methods", "seconds": seconds}, folder / "study.json"
-        if file.is_file() and json.loads(file.read_text(encoding="utf-8")) != described:
-            raise SettingsError(f"{folder}: holds another study, or recordings of another length; give another -o")
-        file.write_text(json.dumps(described), encoding="utf-8")
+        begin_folder(folder, {"study": "methods", "seconds": seconds}, "another study, or recordings of another length")
         self._file = folder / "methods.csv"
         self._rows = [_from_text(row) for row in whole_rows(self._file, len(_HEADER))[1:]]
         counts: dict[int, int] = {}

@@ -38,7 +38,7 @@ from kreisel.simulation.cell import Truth, simulate, write_truth
 from kreisel.simulation.cell_settings import Cell
 from kreisel.study.linear_part import with_linear_part
 from kreisel.study.situations import Situation, random_situation, situations
-from kreisel.study.stored_trials import whole_rows
+from kreisel.study.stored_trials import begin_folder, whole_rows
 from kreisel.study.truth import further_terms
 from kreisel.validation.checks import check_streams
 
@@ -238,11 +238,9 @@ class RowFile:
 
     def __init__(self, folder: Path, seconds: float) -> None:
         """Open the folder; raise SettingsError where it holds runs of another length."""
-        folder.mkdir(parents=True, exist_ok=True)
-        described, file = {"study": "robustness", "seconds": seconds}, folder / "study.json"
-        if file.is_file() and json.loads(file.read_text(encoding="utf-8")) != described:
-            raise SettingsError(f"{folder}: holds another study, or recordings of another length; give another -o")
-        file.write_text(json.dumps(described), encoding="utf-8")
+        begin_folder(
+            folder, {"study": "robustness", "seconds": seconds}, "another study, or recordings of another length"
+        )
         self._file = folder / "robustness.csv"
         whole = [_from_text(row) for row in whole_rows(self._file, len(_HEADER))[1:]]
         with self._file.open("w", encoding="utf-8", newline="") as stream:

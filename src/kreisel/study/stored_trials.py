@@ -28,12 +28,8 @@ class Results:
     def __init__(self, folder: Path, cell: Cell, settings: CalibrationSettings) -> None:
         """Open the folder; raise SettingsError where it holds another study."""
         self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
         described = {"cell": cell.model_dump(mode="json"), "settings": _plain(asdict(settings))}
-        file = folder / "study.json"
-        if file.is_file() and json.loads(file.read_text(encoding="utf-8")) != described:
-            raise SettingsError(f"{folder}: holds a study of another cell or other settings; give another -o")
-        file.write_text(json.dumps(described, indent=1), encoding="utf-8")
+        begin_folder(folder, described, "a study of another cell or other settings")
         self._trials = _whole(folder / "trials.csv")
         self._rewrite()
 
@@ -98,6 +94,21 @@ def _whole(file: Path) -> dict[int, dict[str, str]]:
     """Return the complete rows of a table of trials, by number."""
     rows = [row for row in whole_rows(file, len(_FACTS)) if row[0].isdigit()]
     return {int(row[0]): dict(zip(_FACTS, row, strict=True)) for row in rows}
+
+
+def begin_folder(folder: Path, described: dict[str, Any], other: str) -> None:
+    """Make the folder of a study, or see that it is the same: study.json says which.
+
+    Raises
+    ------
+    SettingsError
+        If it holds another study; `other` says of what.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "study.json"
+    if file.is_file() and json.loads(file.read_text(encoding="utf-8")) != described:
+        raise SettingsError(f"{folder}: holds {other}; give another -o")
+    file.write_text(json.dumps(described, indent=1), encoding="utf-8")
 
 
 def whole_rows(file: Path, columns: int) -> list[list[str]]:
