@@ -124,7 +124,7 @@ def _estimator_facts(found: Estimate, judged: Assessment) -> EstimatorFacts:
     gyro_density, accel_density = imu_density(problem)
     return EstimatorFacts(
         name=settings.estimator,
-        sigma_points=settings.sigma_points,
+        sigma_points=found.estimator.points or settings.sigma_points,
         states=problem.layout.degrees,
         update_interval=problem.schedule.interval,
         updates=judged.consistency.updates,

@@ -117,6 +117,11 @@ class Estimator(Protocol):
         """Its name in settings and results."""
         ...
 
+    @property
+    def points(self) -> str | None:
+        """Which sigma points it goes by, or "derivatives"; None if as the settings say."""
+        ...
+
     def fit(self, problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
         """Return the fit of a problem from its start values."""
         ...

@@ -41,6 +41,7 @@ class Batch:
     """Maximum a posteriori of the whole recording; see `fitting.fit.Estimator`."""
 
     name: str = "batch"
+    points: str = DERIVATIVES
 
     def fit(self, problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
         """Return the fit of a problem from its start values."""

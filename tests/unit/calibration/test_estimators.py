@@ -22,7 +22,7 @@ from ...small_problem import camera_problem, recorded
 class Counting:
     """The sigma-point filter, with what it was asked for."""
 
-    name = "counting"
+    name, points = "counting", None
 
     def __init__(self):
         self.asked, self._own = [], KalmanFilter()
@@ -85,3 +85,12 @@ def test_every_step_asks_the_estimator_that_is_chosen(monkeypatch):
     np.testing.assert_array_equal(found.calibration.covariance, plain.calibration.covariance)
     assert found.estimate.estimator is counting
     assert {"fit", "refit", "navigate"} <= set(counting.asked)
+
+
+@pytest.mark.parametrize(("name", "points"), [("ekf", "derivatives"), ("ckf", "cubature"), ("batch", "derivatives")])
+def test_a_result_says_what_its_estimator_went_by(name, points):
+    calibration = run_calibration(recorded()[1], CalibrationSettings(estimator=name)).calibration
+    assert calibration.accepted
+    assert (calibration.estimator.name, calibration.estimator.sigma_points) == (name, points)
+    schema = json.loads(files("kreisel.calibration").joinpath("result-schema.json").read_text())
+    assert points in schema["properties"]["estimator"]["properties"]["sigma_points"]["enum"]
