@@ -158,7 +158,8 @@ def methods(
     from kreisel.cli.output import check_output
     from kreisel.cli.terminal_tables import print_rows
     from kreisel.report.study_page import write_methods
-    from kreisel.study.methods import COLUMNS, MethodFile, numbers, run_numbered, summaries, table
+    from kreisel.study.method_rows import COLUMNS, MethodFile, numbers, summaries, table
+    from kreisel.study.methods import run_numbered
 
     check_output(output)
     file, wanted = MethodFile(output, seconds), numbers(seeds)

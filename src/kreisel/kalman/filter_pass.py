@@ -82,7 +82,7 @@ def run_filter(
     for begin in range(0, len(updates), _CHUNK):
         chunk = slice(begin, min(begin + _CHUNK, len(updates)))
         reported = pose_regressor(problem, start, updates[chunk], reference_groups(problem, start))
-        steps = filter_steps(problem, start, updates[chunk], reported, _about(chunk, about))
+        steps = filter_steps(problem, start, updates[chunk], reported, None if about is None else about[chunk])
         record = filter_record(problem, chunk.stop - chunk.start, slopes=slopes is not None, varying=model.varying.size)
         done = begin
         while done < chunk.stop:
@@ -116,10 +116,6 @@ def run_filter(
     history = joined(problem, histories, belief.mean)
     parameters = parameters_of(problem, start, belief.mean)
     return Fit(start, belief, parameters, history, jumps=jumps, begun=begun, gate=gate, about=about)
-
-
-def _about(chunk: slice, about: Array | None) -> Array:
-    return np.empty((chunk.stop - chunk.start, 0)) if about is None else about[chunk]
 
 
 def _after_a_jump(problem: Problem, belief: Belief) -> Belief:

@@ -152,11 +152,11 @@ def effect_sizes(problem: Problem) -> dict[str, int]:
 
 
 def filter_steps(
-    problem: Problem, known: CellParameters, updates: Sequence[Update], reported: Array, about: Array
+    problem: Problem, known: CellParameters, updates: Sequence[Update], reported: Array, about: Array | None = None
 ) -> filter_arguments.Steps:
     """Return some updates with the poses they use; reported: see `reported_poses.pose_regressor`.
 
-    known: what a robot's errors are linear about. about: see `filter_arguments.Steps`.
+    known: what a robot's errors are linear about. about: see `filter_arguments.Steps`; none by default.
     """
     reference = problem.reference
     poses = np.array([update.pose for update in updates])
@@ -185,7 +185,7 @@ def filter_steps(
         quaternion=quaternions,
         given=np.array([reference.positions is not None, reference.quaternions is not None]),
         regressor=np.ascontiguousarray(regressor),
-        about=np.ascontiguousarray(about),
+        about=np.empty((poses.size, 0)) if about is None else np.ascontiguousarray(about),
     )
 
 

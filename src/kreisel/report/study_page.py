@@ -12,7 +12,7 @@ from kreisel.report.cells import Row, Table
 from kreisel.report.plots import Figure, Trace
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
-from kreisel.study.methods import MethodRow
+from kreisel.study.method_rows import MethodRow
 
 
 def write_study(title: str, lead: str, rows: list[list[str]], columns: list[str], facts: list[str],

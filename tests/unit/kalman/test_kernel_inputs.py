@@ -159,7 +159,7 @@ def test_weights_give_the_moments_of_a_square_of_a_normal_variable(estimator):
 def test_steps_are_updates_and_the_poses_they_use():
     problem = small_problem()
     updates, reference = problem.schedule.updates[10:30], problem.reference
-    steps = filter_steps(problem, problem.prior.start, updates, NOTHING, np.empty((len(updates), 0)))
+    steps = filter_steps(problem, problem.prior.start, updates, NOTHING)
     for i, update in enumerate(updates):
         assert (steps.first[i], steps.last[i], steps.tau[i]) == (update.first, update.last, update.tau)
         assert steps.at_standstill[i] == (update.standstill is not None)
@@ -172,11 +172,11 @@ def test_steps_are_updates_and_the_poses_they_use():
 def test_what_the_reference_does_not_show_is_not_given():
     problem = small_problem()
     blind = replace(problem, reference=replace(problem.reference, positions=None))
-    steps = filter_steps(blind, problem.prior.start, problem.schedule.updates[:5], NOTHING[:5], np.empty((5, 0)))
+    steps = filter_steps(blind, problem.prior.start, problem.schedule.updates[:5], NOTHING[:5])
     assert steps.given.tolist() == [False, True]
     assert not steps.position.any()
     turned = replace(problem, reference=replace(problem.reference, quaternions=None))
-    steps = filter_steps(turned, problem.prior.start, problem.schedule.updates[:5], NOTHING[:5], np.empty((5, 0)))
+    steps = filter_steps(turned, problem.prior.start, problem.schedule.updates[:5], NOTHING[:5])
     assert steps.given.tolist() == [True, False]
 
 

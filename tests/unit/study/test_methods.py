@@ -9,18 +9,17 @@ import pytest
 from kreisel.errors import SettingsError
 from kreisel.report.study_page import write_methods
 from kreisel.study import methods as module
-from kreisel.study.methods import (
+from kreisel.study.method_rows import (
     CELLS,
     COLUMNS,
     METHODS,
     MethodFile,
     MethodRow,
     numbers,
-    run_numbered,
     summaries,
     table,
-    wrong_by,
 )
+from kreisel.study.methods import run_numbered, wrong_by
 
 from ...small_problem import small_problem
 
