@@ -20,7 +20,7 @@ def compare(
 ) -> None:
     """Calibrate one recording by several estimators and compare the results.
 
-    Differences are in the standard deviations of the first. Where truth.json lies in the recording, errors are shown.
+    Differences are in the standard deviations of the first. With truth.json in a simulated recording, errors are shown.
     """
     import json as json_module
 
@@ -69,7 +69,7 @@ def _truth(recording: Path) -> dict[str, float]:
     from kreisel.calibration.by_method import parameters_in
     from kreisel.errors import RecordingError
 
-    file = recording / "truth.json"
+    file = recording / "truth.json" if recording.is_dir() else recording.with_suffix(".truth.json")
     if not file.is_file():
         return {}
     try:
