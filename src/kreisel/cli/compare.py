@@ -41,12 +41,12 @@ def compare(
         raise SettingsError(f"--methods {methods}: give two or more; known are {', '.join(ESTIMATORS)}")
     if output is not None:
         check_output(output)
+    truth = _truth(recording)
     with progress_bar() as show:
         read = load(recording, executor=in_threads)
         found = compare_methods(read, names, lambda _: show, in_threads)
     if all(one.calibration is None for one in found):
         raise EstimationError("; ".join(f"{one.name}: {one.error}" for one in found))
-    truth = _truth(recording)
     document = document_of(found, truth)
     if output is not None:
         from kreisel.report.comparison_page import write_comparison
