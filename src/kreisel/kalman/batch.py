@@ -19,7 +19,7 @@ from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.partition import block_ends
 from kreisel.fitting.stored_state import first_belief, stored_state
-from kreisel.geometry.rotation import Array, Indices
+from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.kalman.linear_run import WIDE_GATE, LinearRun, blocks_of
 from kreisel.kalman.prior_exchange import elimination, narrowed_belief, start_near, with_stated_prior
@@ -162,16 +162,19 @@ def smoothed(problem: Problem, run: Fit, slopes: Slopes) -> Array:
     state before an update, times its covariance, is what that adds to its mean.
     """
     layout, moving, changing = problem.layout, slopes.moving, slopes.varying
-    out = np.tile(run.belief.mean, (slopes.count, 1))
-    rows = np.concatenate([np.r_[layout.stored(part.name)] for part in layout if _varies(problem, part.name)])
-    change, after = np.zeros((layout.degrees, 1)), np.zeros(layout.degrees)
+    means, changes = np.empty((slopes.count, layout.size)), np.zeros((slopes.count, layout.degrees))
+    after = np.zeros(layout.degrees)
     for slope, (mean, covariance) in zip(reversed(slopes), slopes.before(), strict=True):
         of_prediction = slope.innovation - slope.gain @ after if slope.used else np.zeros(slope.innovation.size)
         before = slope.slopes.T @ np.concatenate([after[moving], of_prediction])
         before[: moving.start] += after[: moving.start]
-        change[changing, 0] = covariance @ before  # equation (31)
-        state = layout.plus(mean, change)[:, 0]
-        out[slope.number, rows] = state[rows]
+        means[slope.number] = mean
+        changes[slope.number, changing] = covariance @ before  # equation (31)
         slopes.between(slope.number, before)
         after = before
+    out = np.tile(run.belief.mean, (slopes.count, 1))
+    for part in layout:
+        if _varies(problem, part.name):
+            own, change = layout.stored(part.name), changes[:, layout[part.name]]
+            out[:, own] = multiply(means[:, own], exp(change)) if part.rotation else means[:, own] + change
     return out
