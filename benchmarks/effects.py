@@ -19,7 +19,7 @@ import numpy as np
 
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
-from kreisel.kalman.kalman_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.problem import Problem, with_groups
 from kreisel.preparation.build_problem import build_problem
@@ -51,7 +51,7 @@ def _timed(problem: Problem, run: Fit) -> tuple[float, Fit]:
     seconds = []
     for _ in range(REPEATS):
         began = time.perf_counter()
-        found = further_pass(problem, run)
+        found = KalmanFilter().refit(problem, run)
         seconds.append(time.perf_counter() - began)
     return float(np.median(seconds)), found
 
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, help="a CSV file; printed if not given")
     arguments = parser.parse_args()
     problem = _problem()
-    first = first_pass(problem)
+    first = KalmanFilter().fit(problem)
     usual, base = _timed(
         problem, replace(first, belief=first_belief(problem, first.parameters, problem.prior.covariance))
     )

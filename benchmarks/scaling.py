@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from kreisel.estimation.state import StateLayout
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.kalman_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.assumed_noise import PoseError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import CellParameters
@@ -93,7 +93,7 @@ def main() -> None:
     settings = CalibrationSettings()
     problem = build_problem(prepare_recording(alone, settings), settings)
 
-    start = further_pass(problem, first_pass(problem)).parameters
+    start = KalmanFilter().refit(problem, KalmanFilter().fit(problem)).parameters
 
     minutes = np.array([1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 180.0, 600.0])
     seconds = np.array([shortest(part(problem, m), start, 2 if m > 60 else 8) for m in minutes])

@@ -15,7 +15,7 @@ from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import stored_state
 from kreisel.fitting.update_history import History
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, CellParameters
@@ -50,7 +50,7 @@ def small_problem() -> Problem:
 @cache
 def small_run() -> Fit:
     """One pass over the small problem, with the stated prior."""
-    return first_pass(small_problem())
+    return KalmanFilter().fit(small_problem())
 
 
 @cache

@@ -67,21 +67,21 @@ def differences(one: ByMethod, other: ByMethod) -> dict[str, float]:
 
     Both use the same data: if both are right, most differ by far less than one.
     """
-    sd, values = other.standard_deviation, other.estimate
-    return {
-        name: (value - values[name]) / sd[name]
-        for name, value in one.estimate.items()
-        if sd.get(name, 0.0) > 0.0 and name in values
-    }
+    return _in_deviations(one.estimate, other.estimate, other.standard_deviation)
 
 
 def scores(one: ByMethod, truth: Mapping[str, float]) -> dict[str, float]:
     """Return the errors against true values, in standard deviations, for each parameter of which both are known."""
-    sd = one.standard_deviation
+    return _in_deviations(one.estimate, truth, one.standard_deviation)
+
+
+def _in_deviations(
+    values: Mapping[str, float], about: Mapping[str, float], sd: Mapping[str, float]
+) -> dict[str, float]:
     return {
-        name: (value - truth[name]) / sd[name]
-        for name, value in one.estimate.items()
-        if sd.get(name, 0.0) > 0.0 and name in truth
+        name: (value - about[name]) / sd[name]
+        for name, value in values.items()
+        if sd.get(name, 0.0) > 0.0 and name in about
     }
 
 

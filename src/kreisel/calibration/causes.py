@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
+from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
@@ -26,10 +27,6 @@ _WALKS = {
 
 _REPEATED, _GROSS, _SHAKEN = 0.01, 20.0, 3.0
 """Share of repeated or gross values that counts; size of a gross one, in medians; vibration, in noise at rest."""
-
-_LASTING = 6
-"""Updates in a row that are no outliers: after so many that are rejected the filter begins anew,
-`kalman.filter_pass.MAX_REJECTED_IN_A_ROW`."""
 
 _AGAIN = 3
 """Times from which what lasts is no change of the mount or the frames. Chosen: 3 to 4 in poses with passing errors."""
@@ -221,9 +218,9 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 
 
 def _lasting(marked: Mask) -> Mask:
-    """Return those that are marked in a run of `_LASTING` or more; none if so many come and go `_AGAIN` times."""
+    """Return the updates in marked runs of `MAX_REJECTED_IN_A_ROW` or more; none if there are `_AGAIN` such runs."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
-    runs = [(begin, end) for begin, end in edges.reshape(-1, 2).tolist() if end - begin >= _LASTING]
+    runs = [(begin, end) for begin, end in edges.reshape(-1, 2).tolist() if end - begin >= MAX_REJECTED_IN_A_ROW]
     out = np.zeros(marked.size, dtype=bool)
     for begin, end in runs if len(runs) < _AGAIN else []:
         out[begin:end] = True

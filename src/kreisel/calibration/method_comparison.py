@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,14 +20,11 @@ from kreisel.tasks import Executor, sequential
 def compare_methods(
     recording: Recording,
     methods: Sequence[str],
-    progress: Callable[[str], Progress | None] = lambda _: None,
+    progress: Progress | None = None,
     executor: Executor = sequential,
 ) -> tuple[ByMethod, ...]:
-    """Return the calibrations of a recording by each of some estimators.
-
-    progress: returns what is told of the progress of a method.
-    """
-    return tuple(_by_method(recording, name, progress(name), executor) for name in methods)
+    """Return the calibrations of a recording by each of some estimators."""
+    return tuple(_by_method(recording, name, progress, executor) for name in methods)
 
 
 def _by_method(recording: Recording, name: str, progress: Progress | None, executor: Executor) -> ByMethod:

@@ -44,7 +44,7 @@ def compare(
     truth = _truth(recording)
     with progress_bar() as show:
         read = load(recording, executor=in_threads)
-        found = compare_methods(read, names, lambda _: show, in_threads)
+        found = compare_methods(read, names, show, in_threads)
     if all(one.calibration is None for one in found):
         raise EstimationError("; ".join(f"{one.name}: {one.error}" for one in found))
     document = document_of(found, truth)

@@ -15,6 +15,9 @@ from kreisel.geometry.rotation import Array
 GATE = 1e-6
 """A measurement less probable than one in a million is rejected: equation (20) of docs/explanation/model.md."""
 
+MAX_REJECTED_IN_A_ROW = 6
+"""After so many rejected updates in a row the estimate, not the measurement, is assumed to be wrong."""
+
 
 @cache
 def chi_square_bound(tail: float, degrees: float) -> float:

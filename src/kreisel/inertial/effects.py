@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -49,23 +49,23 @@ class RawReadings:
 
     def slopes(self, sensor: Sensor) -> Array:
         """Return the time derivative of a sensor's readings, (n, 3)."""
-        return self._slopes[sensor == "accelerometer"]()
+        if sensor not in self._slopes:
+            self._slopes[sensor] = self.derivative(self.of(sensor))
+        return self._slopes[sensor]
 
     def curvatures(self, sensor: Sensor) -> Array:
         """Return the second time derivative of a sensor's readings, (n, 3)."""
-        return self._curvatures[sensor == "accelerometer"]()
+        if sensor not in self._curvatures:
+            self._curvatures[sensor] = self.second_derivative(self.of(sensor))
+        return self._curvatures[sensor]
 
     @cached_property
-    def _slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        return self._once(self.derivative)
+    def _slopes(self) -> dict[Sensor, Array]:
+        return {}
 
     @cached_property
-    def _curvatures(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        return self._once(self.second_derivative)
-
-    def _once(self, derivative: Callable[[Array], Array]) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return functions that give a derivative of rates and accelerations, computed when it is first asked for."""
-        return cache(lambda: derivative(self.rates)), cache(lambda: derivative(self.accelerations))
+    def _curvatures(self) -> dict[Sensor, Array]:
+        return {}
 
 
 class Factor(Enum):

@@ -11,7 +11,7 @@ from kreisel._kernels import filter_arguments
 from kreisel._kernels.filter import run
 from kreisel.errors import EstimationError
 from kreisel.estimation.belief import Belief, inflate_variance
-from kreisel.estimation.consistency import GATE, chi_square_bound
+from kreisel.estimation.consistency import GATE, MAX_REJECTED_IN_A_ROW, chi_square_bound
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.stored_state import first_belief, parameters_of
@@ -24,9 +24,6 @@ from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.model.schedule import Update
 from kreisel.progress import StepProgress
-
-MAX_REJECTED_IN_A_ROW = 6
-"""After so many rejected updates in a row the estimate, not the measurement, is assumed to be wrong."""
 
 _MAX_BETWEEN_REPORTS = 1024
 """Updates between two reports of progress, at most."""

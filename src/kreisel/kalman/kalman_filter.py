@@ -21,16 +21,6 @@ from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
 
-def first_pass(problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
-    """Return a run that starts at the problem's start values; its result contains the stated prior."""
-    return KalmanFilter().fit(problem, gate=gate, progress=progress)
-
-
-def further_pass(problem: Problem, run: Fit, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:
-    """Return a run that starts near the result of another one; its result contains the stated prior."""
-    return KalmanFilter().refit(problem, run, gate=gate, progress=progress)
-
-
 @dataclass(frozen=True)
 class KalmanFilter:
     """An estimator by one recursion; see `fitting.fit.Estimator`.

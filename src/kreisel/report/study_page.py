@@ -56,7 +56,7 @@ def write_methods(lines: list[list[str]], columns: Sequence[str], rows: Sequence
         "Estimators, from first values that are wrong", tuple(columns), tuple(Row(tuple(r)) for r in lines), text=2
     )
     shown = {"title": "Estimators", "heading": "Cells and estimators", "table_of_groups": table, "figures": figures}
-    lead = f"{len({(row.device, row.reference, row.first, row.motion) for row in rows})} cells, {len(rows)} fits"
+    lead = f"{len({row.cell for row in rows})} cells, {len(rows)} fits"
     path.write_text(fill("study.html", figures, lead=lead, facts=[], **shown), encoding="utf-8")
 
 
@@ -77,13 +77,13 @@ def _by_cell(
     rows: Sequence[MethodRow], title: str, quantity: str, of: Callable[[Sequence[MethodRow]], float]
 ) -> Figure:
     """Return a figure of a number for each cell and estimator."""
-    cells = list(dict.fromkeys((row.device, row.reference, row.first, row.motion) for row in rows))
+    cells = list(dict.fromkeys(row.cell for row in rows))
     methods = list(dict.fromkeys(row.method for row in rows))
     data: list[Trace] = []
     for i, method in enumerate(methods):
         values = []
         for cell in cells:
-            own = [r for r in rows if (r.device, r.reference, r.first, r.motion) == cell and r.method == method]
+            own = [r for r in rows if r.cell == cell and r.method == method]
             values.append(of(own) if own else float("nan"))
         x = np.arange(len(cells)) + 0.12 * (i - 0.5 * (len(methods) - 1))
         symbol = ("disc", "diamond", "cross")[i // 3 % 3]

@@ -62,12 +62,22 @@ class MethodRow:
     failure: str = ""
 
     @property
+    def cell(self) -> tuple[str, str, str, str]:
+        """Device, reference, first errors and motion."""
+        return self.device, self.reference, self.first, self.motion
+
+    @property
     def failed(self) -> bool:
         """Whether the estimator ended elsewhere than at the truth."""
         return bool(self.failure) or not self.ratio < LOST
 
 
 CELLS = tuple(product(DEVICES, REFERENCES, FIRST_ERRORS, MOTIONS))
+
+
+def words_of(first: tuple[float, float]) -> str:
+    """Return what rows call first errors (deg, and share of the scale factors)."""
+    return f"{first[0]:g} deg, {100.0 * first[1]:g} %"
 
 
 def numbers(seeds: int) -> list[int]:
@@ -113,8 +123,8 @@ class MethodFile:
 
 
 def _number_of(row: MethodRow) -> int:
-    places = [(device, reference, f"{a:g} deg, {100.0 * s:g} %", m) for device, reference, (a, s), m in CELLS]
-    return places.index((row.device, row.reference, row.first, row.motion)) * SEEDS + row.seed
+    places = [(device, reference, words_of(first), motion) for device, reference, first, motion in CELLS]
+    return places.index(row.cell) * SEEDS + row.seed
 
 
 def _to_text(row: MethodRow) -> list[str]:
@@ -169,8 +179,8 @@ COLUMNS = ("cell", "estimator", "runs", "failed", "error / sd", "largest", "pass
 def table(rows: Sequence[MethodRow]) -> list[list[str]]:
     """Return the table of estimators in all cells, then in each."""
     out = [["all", *_cells(one)] for one in summaries(rows)]
-    for key in dict.fromkeys((row.device, row.reference, row.first, row.motion) for row in rows):
-        own = [row for row in rows if (row.device, row.reference, row.first, row.motion) == key]
+    for key in dict.fromkeys(row.cell for row in rows):
+        own = [row for row in rows if row.cell == key]
         out += [[", ".join(key), *_cells(one)] for one in summaries(own)]
     return out
 

@@ -25,7 +25,7 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
-from kreisel.study.method_rows import CELLS, METHODS, MOTIONS, SEEDS, MethodRow
+from kreisel.study.method_rows import CELLS, METHODS, MOTIONS, SEEDS, MethodRow, words_of
 from kreisel.study.situations import BASES
 from kreisel.study.truth import judged, true_parameters
 from kreisel.units import DEG
@@ -38,7 +38,7 @@ MAX_PASSES, SETTLED = 8, 0.2
 def run_numbered(seconds: float, number: int) -> tuple[MethodRow, ...]:
     """Return a row for each estimator; they depend on the number alone, but for the time."""
     place, seed = divmod(number, SEEDS)
-    device, reference, (angle, share), motion = CELLS[place]
+    device, reference, first_errors, motion = CELLS[place]
     content: dict[str, Any] = {table: dict(values) for table, values in BASES[reference].items()}
     content["imu"] = {"grade": device, "gyro_g_sensitivity_sd": 0.0, "gyro_g_squared_sd": 0.0}
     content["motion"] = {"range_share": MOTIONS[motion]}
@@ -47,11 +47,12 @@ def run_numbered(seconds: float, number: int) -> tuple[MethodRow, ...]:
     recording = check_streams(recording)
     settings = CalibrationSettings()
     problem = build_problem(prepare_recording(recording, settings), settings)
+    angle, share = first_errors
     first = wrong_by(problem, angle * DEG, share, np.random.default_rng((seed, place)))
     which, _ = judged(problem)
     rows = []
     for name in METHODS:
-        known = (device, reference, f"{angle:g} deg, {100.0 * share:g} %", motion, name, seed)
+        known = (device, reference, words_of(first_errors), motion, name, seed)
         began = time.perf_counter()
         try:
             fit, passes = settled(first, ESTIMATORS[name])
@@ -84,7 +85,7 @@ def wrong_by(problem: Problem, angle: float, share: float, rng: np.random.Genera
 
 
 def settled(problem: Problem, estimator: Estimator) -> tuple[Fit, int]:
-    """Return the fit of a problem after so many passes that nothing moves, and their number."""
+    """Return the fit of a problem that further passes do not change, and the number of passes; `MAX_PASSES` at most."""
     fit = estimator.fit(problem, gate=100.0)
     n = len(problem.parameter_names)
     for count in range(1, MAX_PASSES):

@@ -9,7 +9,7 @@ from kreisel.calibration import assembly
 from kreisel.calibration.assembly import Assessment, assemble, earth_rate_r, gravity_r, north_r
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.kalman.kalman_filter import first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import without_groups
@@ -56,7 +56,7 @@ def without_latitude():
     free = replace(
         problem, layout=type(problem.layout)(parts), prior=prior, site=replace(problem.site, earth_rate_n=None)
     )
-    return estimate_of(free, first_pass(free))
+    return estimate_of(free, KalmanFilter().fit(free))
 
 
 def test_directions_are_axes_of_the_level_frame():

@@ -9,7 +9,7 @@ from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.result_document import from_document, to_document
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.kalman.kalman_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
 
 from ...small_problem import calibrated, camera_problem, estimate_of, small_problem, small_run, with_noise
@@ -39,7 +39,9 @@ def test_the_sensors_noise_is_what_is_left(parts):
     problem, run, step = small_problem(), small_run(), 0.05
     factor = (1.0 + step) ** 0.5
     noisier = with_readings(problem, problem.sensor.readings.with_noise(factor, factor))
-    base, more = (further_pass(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, noisier))
+    base, more = (
+        KalmanFilter().refit(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, noisier)
+    )
     n = len(problem.parameter_names)
     share = (more[:n] / base[:n] - 1.0) / step
     np.testing.assert_allclose(share, parts[Source.SENSOR], atol=0.04)
@@ -54,7 +56,9 @@ def test_the_references_noise_is_what_more_of_it_adds(parts, source, kinds):
     problem, run, step = small_problem(), small_run(), 0.02
     factors = dict.fromkeys(("position", "orientation", "standstill"), 1.0) | dict.fromkeys(kinds, (1.0 + step) ** 0.5)
     larger = with_noise(problem, reference=problem.noise.reference.scaled(**factors))
-    base, more = (further_pass(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, larger))
+    base, more = (
+        KalmanFilter().refit(one, run, gate=np.inf).belief.standard_deviation ** 2 for one in (problem, larger)
+    )
     n = len(problem.parameter_names)
     np.testing.assert_allclose((more[:n] / base[:n] - 1.0) / step, parts[source], atol=2e-3)
 
@@ -74,7 +78,7 @@ def test_a_pose_error_of_the_arm_is_the_robots(parts):
     double = filter_parts(estimate_of(with_noise(problem, pose_error=larger), small_run()))
     assert double[Source.ROBOT][d].mean() > parts[Source.ROBOT][d].mean() + 0.05
     cameras = camera_problem()
-    assert Source.ROBOT not in filter_parts(estimate_of(cameras, first_pass(cameras)))
+    assert Source.ROBOT not in filter_parts(estimate_of(cameras, KalmanFilter().fit(cameras)))
 
 
 def test_contributions_take_their_share(parts):

@@ -12,7 +12,7 @@ from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
 from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 
 from ...oracle import quaternions as quat
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
@@ -76,7 +76,7 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
     prior = replace(problem.prior, covariance=problem.prior.covariance | unknown,
                     start_covariance=problem.prior.start_covariance | unknown)  # fmt: skip
     problem = replace(with_noise(problem, frame_sd=(scale, 0.0)), prior=prior)
-    run = first_pass(problem)
+    run = KalmanFilter().fit(problem)
     column, layout, p = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout, run.parameters
     for group, value in (("gravity", [p.gravity]), ("accel_cross_coupling", p.sensors.K_a.ravel()),
                          ("lever_arms", p.sensors.lever_arms.ravel())):  # fmt: skip
@@ -89,7 +89,7 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
 
 def test_where_gravity_is_known_the_scale_enters_as_far_as_it_comes_from_motion():
     problem = with_noise(camera_problem(), frame_sd=(1e-3, 0.0))
-    run = first_pass(problem)
+    run = KalmanFilter().fit(problem)
     column, d = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout["accel_cross_coupling"]
     trace = column[d].reshape(3, 3).trace() / run.parameters.sensors.K_a.trace()
     assert 0.0 < trace < 0.3e-3

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from kreisel.calibration.latitude_check import SEEN, _compared, _with_free_earth_rate, check_latitude
 from kreisel.inertial.earth import EARTH_RATE
-from kreisel.kalman.kalman_filter import first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
@@ -93,7 +93,7 @@ def quiet_cell(latitude=TRUE):
     site = recording.settings.site.model_copy(update={"latitude_deg": latitude})
     recording = replace(recording, settings=recording.settings.model_copy(update={"site": site}))
     problem = build_problem(prepare_recording(recording, CalibrationSettings()), CalibrationSettings())
-    return problem, first_pass(problem)
+    return problem, KalmanFilter().fit(problem)
 
 
 def test_the_right_latitude_is_found():

@@ -11,7 +11,7 @@ from kreisel.calibration.frame_errors import frame_columns, repeatability_column
 from kreisel.calibration.split_halves import halves_disagreement, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
-from kreisel.kalman.kalman_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import part_of, with_readings, without_groups
 from kreisel.model.schedule import MIN_UPDATES
@@ -93,7 +93,7 @@ def test_correlated_innovations_a_walk_and_frames_that_err_are_added():
 
 def test_errors_of_the_frames_are_added_here_too(steady):
     problem = with_noise(camera_problem(), frame_sd=(2e-3, 1e-3))
-    run = first_pass(problem)
+    run = KalmanFilter().fit(problem)
     halves = split_halves(estimate_of(problem, run))
     n = len(halves.names)
     columns = frame_columns(problem, run.parameters)[:n]
@@ -131,8 +131,8 @@ def test_a_part_begins_navigation_and_its_standstill_anew():
 def test_a_part_of_all_updates_gives_the_result_of_all():
     """Relinearised about a result that needed no further pass: it moves by far less than a deviation."""
     problem = camera_problem()
-    run = first_pass(problem)
-    again = further_pass(part_of(problem, slice(0, None)), run)
+    run = KalmanFilter().fit(problem)
+    again = KalmanFilter().refit(part_of(problem, slice(0, None)), run)
     n = len(problem.parameter_names)
     off = problem.layout.minus(again.belief.mean[:, None], run.belief.mean)[:n, 0]
     assert np.abs(off / run.belief.standard_deviation[:n]).max() < 0.2
@@ -140,7 +140,7 @@ def test_a_part_of_all_updates_gives_the_result_of_all():
 
 @pytest.fixture(scope="module")
 def steady():
-    return split_halves(estimate_of(camera_problem(), first_pass(camera_problem())))
+    return split_halves(estimate_of(camera_problem(), KalmanFilter().fit(camera_problem())))
 
 
 def test_halves_of_a_steady_cell_agree(steady):
@@ -158,7 +158,7 @@ def test_an_offset_that_steps_in_the_middle_shows_as_large_as_it_is(steady):
     rates[middle:] += step
     readings = replace(problem.sensor.readings, rates=rates, _ready={})
     stepped = with_readings(problem, readings)
-    found = split_halves(estimate_of(stepped, first_pass(stepped)))
+    found = split_halves(estimate_of(stepped, KalmanFilter().fit(stepped)))
     d = problem.layout["gyro_offset"]
     change = found.difference[d] - steady.difference[d]
     np.testing.assert_allclose(change, -step, atol=float(found.deviation[d].max()))
@@ -199,7 +199,7 @@ def test_halves_that_agree_or_were_not_compared_change_nothing():
 def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
     """Halves have no drifts: scores belong to the groups of the estimate of what lasts."""
     problem = with_drifts(camera_problem(), GaussMarkov(1e-4, 8.0))
-    found = without_passing(estimate_of(problem, first_pass(problem)))
+    found = without_passing(estimate_of(problem, KalmanFilter().fit(problem)))
     score = np.zeros(len(found.problem.parameter_names))
     score[found.problem.layout["accel_offset"]] = 5.0
     halves = SplitHalves(found.problem.parameter_names, score, np.ones(score.size))
@@ -207,4 +207,4 @@ def test_halves_of_a_device_with_drifts_widen_the_groups_that_differ():
     scale = widened / found.run.belief.standard_deviation
     np.testing.assert_allclose(scale[found.problem.layout["accel_offset"]], 5.0, rtol=1e-9)
     np.testing.assert_allclose(np.delete(scale, np.r_[found.problem.layout["accel_offset"]]), 1.0, rtol=1e-9)
-    assert halves.names == split_halves(estimate_of(problem, first_pass(problem))).names
+    assert halves.names == split_halves(estimate_of(problem, KalmanFilter().fit(problem))).names

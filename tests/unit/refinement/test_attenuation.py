@@ -7,7 +7,7 @@ import pytest
 
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.uncertainty import total
-from kreisel.kalman.kalman_filter import KalmanFilter, first_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
 from kreisel.refinement.attenuation import _profile, pull_of_noise, without_attenuation
 
@@ -21,7 +21,7 @@ def weak():
     noise = problem.noise.reference.scaled(position=0.1, orientation=1.0, standstill=0.1)
     problem = with_noise(problem, reference=noise, observed=np.full((2, 3), np.inf))
     problem = with_readings(problem, problem.sensor.readings.with_noise(1.0, 30.0))
-    run = first_pass(problem)
+    run = KalmanFilter().fit(problem)
     i = problem.layout["accel_cross_coupling"]
     factor = run.belief.factor.copy()
     factor[i] *= 30.0
@@ -44,7 +44,7 @@ def test_noise_pulls_towards_smaller_matrices(weak):
 def test_there_is_none_to_speak_of_with_quiet_sensors():
     problem = camera_problem()
     quiet = with_readings(problem, problem.sensor.readings.with_noise(0.1, 0.1))
-    assert pull_of_noise(quiet, first_pass(quiet), KalmanFilter()) is None
+    assert pull_of_noise(quiet, KalmanFilter().fit(quiet), KalmanFilter()) is None
 
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.01, 1e-5), (0.1, 2e-3), (0.3, 0.03)])

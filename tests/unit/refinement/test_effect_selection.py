@@ -8,7 +8,7 @@ import pytest
 from kreisel.fitting.stored_state import first_belief
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.kalman_filter import KalmanFilter, first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_groups, with_readings
 from kreisel.refinement import effect_selection
 from kreisel.refinement.effect_selection import _kept_mean, candidates, selected, survey
@@ -19,7 +19,7 @@ from ...small_problem import camera_problem, small_problem
 @pytest.fixture(scope="module")
 def found():
     problem = small_problem()
-    run = further_pass(problem, first_pass(problem))
+    run = KalmanFilter().refit(problem, KalmanFilter().fit(problem))
     estimator = KalmanFilter()
     return survey(problem, run, estimator.linearise(problem, run), estimator)
 
@@ -57,7 +57,7 @@ def test_gain_is_the_difference_of_log_likelihoods(found, groups):
 @pytest.mark.parametrize("groups", [("accel_delay",), ("gyro_asymmetry", "accel_smoothing")])
 def test_the_others_held_at_zero_the_result_is_that_of_the_smaller_model(found, groups):
     problem, run = found.conditioned(groups)
-    again = further_pass(problem, run)
+    again = KalmanFilter().refit(problem, run)
     n = len(problem.parameter_names)
     change = problem.layout.minus(again.belief.mean[:, None], run.belief.mean)[:n, 0]
     assert np.abs(change / again.belief.standard_deviation[:n]).max() < 0.1

@@ -8,7 +8,7 @@ import pytest
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.kalman_filter import first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.problem import without_groups
 from kreisel.refinement.estimate import without_passing
@@ -43,13 +43,13 @@ def test_without_measurements_the_deviation_approaches_its_size(begun):
 def test_one_that_lasts_is_a_part_of_the_offset():
     """GaussMarkov and offset together are an offset whose prior has both variances."""
     problem = with_noise(moving(GaussMarkov(SIZE, 1e9)), rate_scatter=0.0)
-    apart = first_pass(problem)
+    apart = KalmanFilter().fit(problem)
     covariance = dict(problem.prior.start_covariance)
     covariance["gyro_offset"] = covariance["gyro_offset"] + SIZE**2 * np.eye(3)
     stated = dict(problem.prior.covariance)
     stated["gyro_offset"] = stated["gyro_offset"] + SIZE**2 * np.eye(3)
     prior = replace(problem.prior, start_covariance=covariance, covariance=stated)
-    one = first_pass(replace(without_groups(problem, ("gyro_gauss_markov",)), prior=prior))
+    one = KalmanFilter().fit(replace(without_groups(problem, ("gyro_gauss_markov",)), prior=prior))
     offset, drift = problem.layout["gyro_offset"], problem.layout["gyro_gauss_markov"]
     P = apart.belief.covariance
     summed = P[offset, offset] + P[offset, drift] + P[drift, offset] + P[drift, drift]
@@ -62,9 +62,9 @@ def test_one_that_lasts_is_a_part_of_the_offset():
 
 def test_a_further_pass_begins_without_what_has_passed():
     problem = moving(GaussMarkov(SIZE, 8.0))
-    first = first_pass(problem)
+    first = KalmanFilter().fit(problem)
     assert np.abs(first.parameters.stored("gyro_gauss_markov")).max() > 0.0
-    again = further_pass(problem, first)
+    again = KalmanFilter().refit(problem, first)
     np.testing.assert_array_equal(again.start.stored("gyro_gauss_markov"), 0.0)
     sd = first.belief.standard_deviation[problem.lasting]
     change = problem.layout.minus(again.belief.mean[:, None], first.belief.mean)[problem.lasting, 0]
@@ -73,7 +73,7 @@ def test_a_further_pass_begins_without_what_has_passed():
 
 def test_the_result_is_the_marginal_distribution_of_what_lasts():
     problem = moving(GaussMarkov(SIZE, 8.0))
-    run = first_pass(problem)
+    run = KalmanFilter().fit(problem)
     found = without_passing(estimate_of(problem, run))
     assert found.problem.parameter_names == tuple(problem.parameter_names[i] for i in problem.lasting)
     P = run.belief.covariance

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.fit import Fit
-from kreisel.kalman.kalman_filter import KalmanFilter, first_pass, further_pass
+from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
 from kreisel.refinement.iteration import (
@@ -232,7 +232,7 @@ def test_with_passes_stated_correlated_innovations_widen_the_result():
         drifting(), position=1e-3, standstill_position=1e-3, jitter_position=2e-4, velocity=2e-3
     )  # so that no figure is contradicted, and one pass is all
     problem = replace(problem, settings=CalibrationSettings(passes=1))
-    plain, found = first_pass(problem, gate=100.0), estimate(problem, BOTH, SPKF)
+    plain, found = KalmanFilter().fit(problem, gate=100.0), estimate(problem, BOTH, SPKF)
     factor = correlation_factor(plain)
     assert found.passes == 1
     assert found.correlation_factor == factor > 1.0
@@ -246,14 +246,14 @@ def test_coloured_noise_is_assumed_where_its_likelihood_is_higher():
     found = estimate(drifting(), IMU_ONLY, SPKF)
     time = found.problem.noise.correlation_time
     assert time > 0.0
-    coloured = float(further_pass(found.problem, found.run).history.log_likelihood.sum())
+    coloured = float(KalmanFilter().refit(found.problem, found.run).history.log_likelihood.sum())
     path_errors = ("path_position", "path_orientation")
     kept = [part for part in found.problem.layout if part.name not in path_errors]
     assert all(name in found.problem.layout for name in path_errors)
     white = replace(found.problem, layout=type(found.problem.layout)(kept))
     white = with_noise(white, correlation_time=0.0)
-    run = replace(found.run, belief=first_pass(white).belief)
-    assert coloured > float(further_pass(white, run).history.log_likelihood.sum()) + 5.0
+    run = replace(found.run, belief=KalmanFilter().fit(white).belief)
+    assert coloured > float(KalmanFilter().refit(white, run).history.log_likelihood.sum()) + 5.0
     assert f"{time:.2g} s" in found.warnings[-1].message
 
 
