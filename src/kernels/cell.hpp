@@ -30,7 +30,7 @@ struct Model {
     Indices walking;         // degrees of freedom that walk; the densities, and the rates at which what they were fades, 1/s
     ConstNumbers walk, fading;
     double noise_step;       // seconds of readings whose noise is taken together
-    Index linear;            // whether derivatives are used in place of sigma points
+    Index linear;            // linearisations of an update, at most; 0: sigma points in place of derivatives
     Indices varying;         // degrees of freedom whose covariance with all others is recorded: see `Record`
 };
 

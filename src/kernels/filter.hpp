@@ -201,19 +201,30 @@ inline Step step_by_points(
 }
 
 /// Predict and update by derivatives.
+///
+/// They are taken about `steps.about`, or about the mean. With more than one linearisation the further ones are about what
+/// the update makes of the state before it, until that moves by less than `SETTLED` of its deviations: Gauss and Newton's
+/// method on one update.
 inline Step step_by_slopes(
     const Model &model, const SigmaOrder &order, const Samples &signal, const Steps &steps, Index i, ConstNumbers bounds,
     double *mean, Columns upper, Columns posterior, Workspace &memory
 ) {
-    const Index size = stored_of(model.parts);
-    double *about = memory.numbers(size);
+    const Index size = stored_of(model.parts), n = upper.rows;
+    double *about = memory.numbers(size), *moved = memory.numbers(size), *change = memory.numbers(n);
     std::memcpy(about, mean, size * sizeof(double));
     if (steps.about.columns > 0) std::memcpy(about, steps.about.row(i), steps.about.columns * sizeof(double));
-    const LinearUpdate at = linearise(model, order, signal, steps, i, about, size, memory);
-    const Updated done = linear_update(
-        model.parts, model.tail, mean, about, upper, posterior, at.moved, at.slopes, at.noise, at.noise_seen, at.innovation,
-        at.factor, bounds[at.factor.rows], memory);
-    return {done, at.innovation, at.factor, at.slopes};
+    std::fill(change, change + n, 0.0);
+    for (Index pass = 1;; pass++) {
+        const LinearUpdate at = linearise(model, order, signal, steps, i, about, size, memory);
+        std::memcpy(moved, mean, size * sizeof(double));
+        const Updated done = linear_update(
+            model.parts, model.tail, moved, about, upper, posterior, at.moved, at.slopes, at.noise, at.noise_seen, at.innovation,
+            at.factor, bounds[at.factor.rows], memory);
+        if (pass >= model.linear || !done.used || !state_before(model.parts, mean, upper, done, change, about, memory)) {
+            std::memcpy(mean, moved, size * sizeof(double));
+            return {done, at.innovation, at.factor, at.slopes};
+        }
+    }
 }
 
 /// Carry a belief over the updates from `begin` to `end`, in place.

@@ -4,6 +4,8 @@
 /// Factors are kept transposed, because their rows are then the columns that are rotated.
 #pragma once
 
+#include <algorithm>
+
 #include "manifold.hpp"
 #include "triangular.hpp"
 
@@ -279,6 +281,37 @@ inline Updated linear_update(
         for (Index j = 0; j < e; j++) further(i, k + j) = i < m ? factor(i, j) : 0.0;
     }
     return conclude(parts, size, mean, upper, posterior, first, further, k + e, e, m, innovation, gate, memory);
+}
+
+/// Change of the state before an update, in deviations, below which another linearisation about it does not pay.
+constexpr double SETTLED = 0.02;
+
+/// Write the most likely state before an update, given its measurement; return whether it has moved.
+///
+/// upper (n, n): the factor before. change (n,): the distance from the mean before, along the factor; that of the last
+/// linearisation before.
+inline bool state_before(
+    IndexTable parts, const double *mean, Columns upper, const Updated &done, double *change, double *about, Workspace &memory
+) {
+    const Index n = upper.rows, m = done.factor.rows, size = stored_of(parts);
+    double *solved = memory.numbers(m), largest = 0.0;
+    for (Index r = m - 1; r >= 0; r--) {
+        solved[r] = done.whitened[r];
+        for (Index x = r + 1; x < m; x++) solved[r] -= done.factor(x, r) * solved[x];
+        solved[r] /= done.factor(r, r);
+    }
+    const Columns distance = memory.zeros(n, 1), states = memory.columns(size, 1);
+    for (Index j = 0; j < n; j++) {
+        double along = 0.0;
+        for (Index r = 0; r < m; r++) along += done.slopes(r, j) * solved[r];
+        largest = std::max(largest, std::abs(along - change[j]));
+        change[j] = along;
+        const double *column = upper.row(j);
+        for (Index x = j; x < n; x++) distance(x, 0) += column[x] * along;
+    }
+    plus(parts, mean, distance, states, memory);
+    for (Index i = 0; i < size; i++) about[i] = states(i, 0);
+    return largest > SETTLED;
 }
 
 }  // namespace

@@ -104,7 +104,7 @@ class Model(NamedTuple):
     noise_step
         Seconds of readings whose noise is taken together.
     linear
-        Whether derivatives are used in place of sigma points.
+        Linearisations of an update by derivatives, at most; 0 for sigma points.
     varying : (s,)
         Degrees of freedom whose covariance with all others is recorded.
     """
@@ -134,7 +134,7 @@ class Model(NamedTuple):
     walk: Numbers
     fading: Numbers
     noise_step: float
-    linear: bool
+    linear: int
     varying: Indices
 
 

@@ -28,7 +28,7 @@ from kreisel.calibration.splits import compare_splits, splits_disagreement
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
-from kreisel.estimation.sigma_points import DERIVATIVES
+from kreisel.estimation.sigma_points import DERIVATIVES, ITERATED
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator
 from kreisel.geometry.rotation import Array
@@ -56,6 +56,7 @@ ESTIMATORS: dict[str, Estimator] = {
         KalmanFilter("cdkf", "central-difference"),
         KalmanFilter("ckf", "cubature"),
         KalmanFilter("ekf", DERIVATIVES),
+        KalmanFilter("iekf", ITERATED),
         Batch(),
     )
 }

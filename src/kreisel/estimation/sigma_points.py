@@ -79,13 +79,17 @@ WEIGHTS: dict[str, Callable[[int], SigmaWeights]] = {
     "linear": linear,
 }
 
-DERIVATIVES = "derivatives"
-"""In the place of a choice of sigma points: the models' derivatives, and no points at all."""
+DERIVATIVES, ITERATED = "derivatives", "iterated derivatives"
+"""In the place of a choice of sigma points: the models' derivatives, and no points at all; about the state before an
+update, or again about what the update makes of it."""
+
+LINEARISATIONS = {DERIVATIVES: 1, ITERATED: 5}
+"""How often an update is linearised, at most. Chosen: from 10 deg away the second and third are enough."""
 
 
 def weights(name: str, degrees: int) -> SigmaWeights:
     """Return the weights of that name for a state of so many degrees of freedom."""
-    if name == DERIVATIVES:
+    if name in LINEARISATIONS:
         return SigmaWeights(1.0, 0.0, 0.0, 0.0, 0.0)
     if name not in WEIGHTS:
         raise SettingsError(unknown_name("choice of sigma points", name, WEIGHTS))

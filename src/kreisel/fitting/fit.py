@@ -119,7 +119,7 @@ class Estimator(Protocol):
 
     @property
     def points(self) -> str | None:
-        """Which sigma points it goes by, or "derivatives"; None if as the settings say."""
+        """Which sigma points or derivatives it goes by; None if as the settings say."""
         ...
 
     def fit(self, problem: Problem, *, gate: float = 1.0, progress: StepProgress | None = None) -> Fit:

@@ -59,7 +59,7 @@ def run_filter(
     slopes
         Where the slopes of all updates are recorded.
     points
-        Which sigma points, or `DERIVATIVES`; those of the problem's settings by default.
+        Which sigma points, or one of `LINEARISATIONS`; those of the problem's settings by default.
     about : (u, size)
         Stored states before the updates, that derivatives are taken about; by default `start` and the mean of what
         changes. Navigation then begins by the parameters of `start`, and not by those of the belief.

@@ -30,7 +30,7 @@ class KalmanFilter:
     name
         In settings and results.
     points
-        Which sigma points, or `DERIVATIVES`; those of the problem's settings if None.
+        Which sigma points, or one of `LINEARISATIONS`; those of the problem's settings if None.
     """
 
     name: str = "spkf"

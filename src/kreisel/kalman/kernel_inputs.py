@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
-from kreisel.estimation.sigma_points import DERIVATIVES, weights
+from kreisel.estimation.sigma_points import LINEARISATIONS, weights
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
@@ -59,12 +59,13 @@ def filter_model(
 ) -> filter_arguments.Model:
     """Return the model of a cell for the compiled filter; `known` has the values of groups not in the state.
 
-    points: which sigma points, or `DERIVATIVES`; those of the problem's settings by default. varying: see
+    points: which sigma points, or one of `LINEARISATIONS`; those of the problem's settings by default. varying: see
     `filter_arguments.Model`.
     """
     layout, settings = problem.layout, problem.settings
     n = layout.degrees
-    w = weights(points or settings.sigma_points, n)
+    points = points or settings.sigma_points
+    w = weights(points, n)
     level, down = problem.site.earth_rate_units
     coloured = problem.noise.coloured
     walks = _walks(problem)
@@ -106,7 +107,7 @@ def filter_model(
         walk=walks[:, 1].copy(),
         fading=walks[:, 2].copy(),
         noise_step=NOISE_STEP,
-        linear=points == DERIVATIVES,
+        linear=LINEARISATIONS.get(points, 0),
         varying=np.zeros(0, dtype=np.int64) if varying is None else varying,
     )  # fmt: skip
 
