@@ -26,12 +26,17 @@ def conjugate(q: Array) -> Array:
 
 def normalized(q: Array) -> Array:
     """Return q / |q|."""
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return q / _length(q)
+
+
+def _length(x: Array) -> Array:
+    """Return |x|, (..., 1), as a function that complex steps go through."""
+    return np.asarray(np.sqrt(np.sum(x * x, axis=-1, keepdims=True)))
 
 
 def exp(phi: Array) -> Array:
     """Return the unit quaternion of the rotation vector phi (rad)."""
-    half = 0.5 * np.linalg.norm(phi, axis=-1, keepdims=True)
+    half = 0.5 * _length(phi)
     # np.sinc divides by its argument safely at zero.
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * phi], axis=-1)
 

@@ -142,7 +142,7 @@ def _attitudes(dt: Array, omega: Array, alpha: Array, q0: Array, earth_rate_r: A
     coning = dt[:, None] ** 2 / 12.0 * np.cross(omega[..., :-1, :], omega[..., 1:, :])
     turn_b = exp(corrected_trapezoid(dt, omega, alpha) + coning)
     turn_r = exp(-dt[:, None] * earth_rate_r[..., None, :])
-    q = np.empty((*omega.shape[:-1], 4))
+    q = np.empty((*omega.shape[:-1], 4), dtype=np.result_type(omega, q0))
     q[..., 0, :] = q0
     for k in range(len(dt)):
         q[..., k + 1, :] = multiply(multiply(turn_r[..., k, :], q[..., k, :]), turn_b[..., k, :])
@@ -154,7 +154,7 @@ def _velocities_and_positions(
 ) -> tuple[Array, Array]:
     gain = corrected_trapezoid(dt, force_r, force_rate_r)
     twice_earth = 2.0 * skew(earth_rate_r)
-    v, p = np.empty_like(force_r), np.empty_like(force_r)
+    v, p = (np.empty(force_r.shape, dtype=np.result_type(force_r, v0, p0)) for _ in range(2))
     v[..., 0, :], p[..., 0, :] = v0, p0
     for k, h in enumerate(dt):
         a = force_r[..., k, :] - _times(twice_earth, v[..., k, :])
