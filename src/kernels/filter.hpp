@@ -131,19 +131,47 @@ inline void record_slopes(
     }
 }
 
+/// Write the products of some columns (n, k) of a factor, packed, with all its columns, so far as the rows before `end` go.
+template <Index K>
+inline void add_products(const double *packed, Index stride, Columns upper, Index x, Index end, double *const *out) {
+    Lanes total[K][2];
+    for (Index k = 0; k < K; k++) total[k][0] = total[k][1] = 0.0;
+    for (Index j = 0; j < end; j++) {
+        const Lanes first = load(upper.row(j) + x), second = load(upper.row(j) + x + LANES);
+        for (Index k = 0; k < K; k++) {
+            const Lanes factor = packed[j * stride + k];
+            total[k][0] += factor * first;
+            total[k][1] += factor * second;
+        }
+    }
+    for (Index k = 0; k < K; k++) store(total[k][0], out[k] + x), store(total[k][1], out[k] + x + LANES);
+}
+
 /// Write the mean before update i, and what of the covariance is asked for: see `Record`.
-inline void record_before(const Model &model, const Record &record, Index i, const double *mean, Columns upper) {
+inline void record_before(const Model &model, const Record &record, Index i, const double *mean, Columns upper, Workspace &memory) {
     if (record.before.rows == 0) return;
     std::memcpy(record.before.row(i), mean, record.before.columns * sizeof(double));
     const Table covariance = record.covariance[i];
-    fill(covariance, 0.0);
-    for (Index v = 0; v < model.varying.count; v++) {
-        const Index degree = model.varying[v];
-        double *row = covariance.row(v);
-        for (Index j = 0; j <= degree; j++) {  // column j of the factor begins at its row j
-            const double own = upper(j, degree), *column = upper.row(j);
-            if (own == 0.0) continue;
-            for (Index x = j; x < covariance.columns; x++) row[x] += own * column[x];
+    constexpr Index TOGETHER = 4;
+    const Index n = upper.rows, count = padded(model.varying.count), whole = upper.columns / (2 * LANES) * (2 * LANES);
+    double *packed = memory.numbers(n * count);
+    for (Index j = 0; j < n; j++) {
+        for (Index v = 0; v < count; v++) packed[j * count + v] = v < model.varying.count ? upper(j, model.varying[v]) : 0.0;
+    }
+    double *rows[TOGETHER];
+    for (double *&row : rows) row = memory.numbers(upper.columns + 2 * LANES);
+    for (Index v = 0; v < model.varying.count; v += TOGETHER) {
+        const Index together = std::min(TOGETHER, model.varying.count - v), most = model.varying[v + together - 1] + 1;
+        for (Index x = 0; x < whole; x += 2 * LANES) {  // column j of the factor begins at its row j
+            add_products<TOGETHER>(packed + v, count, upper, x, std::min(most, x + 2 * LANES), rows);
+        }
+        for (Index k = 0; k < together; k++) {
+            std::memcpy(covariance.row(v + k), rows[k], std::min(n, whole) * sizeof(double));
+            for (Index x = whole; x < n; x++) {
+                double total = 0.0;
+                for (Index j = 0; j <= std::min(x, model.varying[v + k]); j++) total += packed[j * count + v + k] * upper(j, x);
+                covariance(v + k, x) = total;
+            }
         }
     }
 }
@@ -248,7 +276,7 @@ inline Index run(
         memory.clear();
         walk(model, signal.stamps[steps.last[i]] - signal.stamps[steps.first[i]], mean, upper, memory);
         if (steps.new_standstill[i]) renew_standstill(model, mean, upper, memory);
-        record_before(model, record, i, mean, upper);
+        record_before(model, record, i, mean, upper, memory);
         const Step step = linear
             ? step_by_slopes(model, order, signal, steps, i, gate.bounds, mean, upper, posterior, memory)
             : step_by_points(model, order, signal, steps, i, gate.bounds, mean, upper, posterior, points, memory);

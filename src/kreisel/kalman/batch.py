@@ -28,9 +28,12 @@ from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
-SETTLED = 0.02
-"""Change of every parameter by an iteration, in standard deviations, below which no further one is needed. Chosen: less
-than half of what an oracle must agree to."""
+SETTLED = 0.05
+"""Change of every parameter by an iteration, in standard deviations, below which no further one is needed. Chosen: what
+is left then is a tenth of it, for iterations near their end shrink by that and more."""
+
+NEARLY_SETTLED = 1.0
+"""Change by an iteration, in standard deviations, from which on the next one is expected to be the last."""
 
 MAX_ITERATIONS = 12
 """Largest number of iterations. Chosen: first errors of 10 deg take four to six."""
@@ -83,20 +86,21 @@ def _iterated(
 ) -> Fit:
     """Return the fit of a problem, linearised again and again about what was found last.
 
-    The first iteration finds the parameters alone: it may be far from them, or, near a fit, the only one.
+    What changes between updates is smoothed after an iteration only if there is likely to be a further one: not after the
+    first, which may be far from the parameters, or, near a fit, the only one, and not where the last one is expected.
     """
-    changing, with_states = varying(problem), False
+    changing, smooth, largest = varying(problem), False, np.inf
     for _ in range(MAX_ITERATIONS):
-        slopes = Slopes(problem, changing) if with_states else None
+        slopes = Slopes(problem, changing) if smooth else None
         run = _run(problem, start, begun, about, gate, progress, slopes=slopes)
         fit = with_stated_prior(problem, run, begun)
         moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[problem.lasting, 0]
-        far = np.abs(moved) > SETTLED * fit.belief.standard_deviation[problem.lasting]
-        if about.shape[1] == problem.layout.size and not far.any():
+        largest = float(np.max(np.abs(moved) / fit.belief.standard_deviation[problem.lasting], initial=0.0))
+        if about.shape[1] == problem.layout.size and largest < SETTLED:
             break
         start, begun = start_near(problem, fit), narrowed_belief(problem, fit)
         about = _with_parameters(problem, about, start) if slopes is None else smoothed(problem, run, slopes)
-        with_states = True
+        smooth = slopes is None or largest > NEARLY_SETTLED
     return fit
 
 
