@@ -10,6 +10,7 @@
 #include "quadrature.hpp"
 #include "recursions.hpp"
 #include "rotation_fit.hpp"
+#include "strapdown_pass.hpp"
 #include "table.hpp"
 #include "unit_forces.hpp"
 
@@ -128,6 +129,14 @@ EXPORTED int KREISEL(drive_oscillators)(ConstTable step, ConstNumbers now, Const
 
 EXPORTED int KREISEL(gauss_markov)(ConstNumbers keep, ConstTable white, Table out) {
     gauss_markov(keep, white, out);
+    return DONE;
+}
+
+EXPORTED int KREISEL(strapdown_pass)(
+    ConstTable rates, ConstTable forces, ConstTable K_omega, ConstNumbers k_w, ConstTable K_a, ConstNumbers k_a, ConstNumbers gravity,
+    double dt, Numbers out
+) {
+    out[0] = strapdown_pass(rates, forces, K_omega, k_w, K_a, k_a, gravity, dt);
     return DONE;
 }
 

@@ -24,6 +24,8 @@ from kreisel._version import __version__
 if TYPE_CHECKING:
     from kreisel.calibration.calibrate import calibrate
     from kreisel.calibration.joint import calibrate_joint
+    from kreisel.calibration.method_comparison import compare_methods
+    from kreisel.calibration.own_estimator import Estimates, Estimator, Measurements
     from kreisel.calibration.result import Calibration
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
@@ -33,10 +35,14 @@ if TYPE_CHECKING:
 __all__ = [
     "Calibration",
     "CalibrationSettings",
+    "Estimates",
+    "Estimator",
+    "Measurements",
     "Recording",
     "__version__",
     "calibrate",
     "calibrate_joint",
+    "compare_methods",
     "from_arrays",
     "load",
 ]
@@ -44,9 +50,13 @@ __all__ = [
 _HOMES = {
     "Calibration": "kreisel.calibration.result",
     "CalibrationSettings": "kreisel.model.calibration_settings",
+    "Estimates": "kreisel.calibration.own_estimator",
+    "Estimator": "kreisel.calibration.own_estimator",
+    "Measurements": "kreisel.calibration.own_estimator",
     "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",
     "calibrate_joint": "kreisel.calibration.joint",
+    "compare_methods": "kreisel.calibration.method_comparison",
     "from_arrays": "kreisel.validation.recording_from_arrays",
     "load": "kreisel.formats.loading",
 }

@@ -147,6 +147,24 @@ def test_estimators_are_compared(cell, refused, tmp_path):
     one = document["methods"]["batch"]
     assert one["standard_deviation"].keys() <= one["estimate"].keys()
     assert "comparison" in (out / "comparison.html").read_text().lower()
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "import kreisel\n\n\nclass Mine:\n    name = 'mine'\n\n    def estimate(self, measured):\n"
+        "        own = measured.start['gyroscope']['offset']\n"
+        "        table = {'gyroscope': {'offset': own}}\n"
+        "        return kreisel.Estimates(table, {'gyroscope': {'offset': abs(own) + 1e-4}})\n"
+    )
+    done = run("compare", cell, cell, "--methods", f"ekf,{file}:Mine", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["recordings"]
+    assert len(found) == 2
+    for own in found.values():
+        assert own["methods"]["mine"]["accepted"] is None
+        assert own["methods"]["mine"]["passes"] > 0.0
+        assert set(own["methods"]["mine"]["difference"]) == {f"gyroscope.offset[{i}]" for i in range(3)}
+    refused("has no Other", "compare", cell, "--methods", f"spkf,{file}:Other")
+    again = f"{file.parent}/../{file.parent.name}/mine.py:Mine"
+    refused("two estimators are called mine", "compare", cell, "--methods", f"{file}:Mine,{again}")
     refused("unknown estimator 'magic'", "compare", cell, "--methods", "spkf,magic")
     refused("give two or more", "compare", cell, "--methods", "spkf")
 

@@ -1,14 +1,14 @@
-"""What several estimators find in one recording, and how they differ."""
+"""What several estimators find in recordings, and how they differ."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Measured
 
 SECTIONS = ("gyroscope", "accelerometer", "timing")
 """Of the result file, whose numbers are compared."""
@@ -23,43 +23,84 @@ GROUPS = {
 }
 """Beginnings of parameters' names, and what tables call them."""
 
+_APART = 0.3
+"""Expected difference, in deviations, from which on it says something. Chosen: estimators that linearise elsewhere
+differ by up to so much."""
+
 
 @dataclass(frozen=True)
 class ByMethod:
-    """A recording's calibration by one estimator.
+    """What an estimator finds in a recording.
 
     Attributes
     ----------
     name
         Of the estimator.
-    calibration
-        None where it failed.
-    error
-        Why it failed; None where it did not.
     seconds
         That it took, with all checks.
+    estimate, standard_deviation
+        The parameters by their paths in the result file; empty where it failed.
+    derived
+        The quantities of data sheets; empty where it failed.
+    accepted
+        Whether the result may be used; None for own estimators, which nobody judges.
+    reasons
+        Why it may not.
     drift
         Root mean square of the innovations in position (m) and orientation (rad) on data not used, by navigation with
-        the calibration of the first part; None where it failed.
+        the calibration of the first part; None where that failed.
+    error
+        Why there is no result; None where there is.
     """
 
     name: str
-    calibration: Calibration | None
-    error: str | None
     seconds: float
+    estimate: Mapping[str, float] = field(default_factory=dict)
+    standard_deviation: Mapping[str, float] = field(default_factory=dict)
+    derived: Mapping[str, Measured] = field(default_factory=dict)
+    accepted: bool | None = None
+    reasons: tuple[str, ...] = ()
     drift: tuple[float, float] | None = None
+    error: str | None = None
 
     @property
-    def estimate(self) -> dict[str, float]:
-        """The parameters, by their paths in the result file."""
-        return {} if self.calibration is None else parameters_in(self.calibration.document)
+    def result(self) -> str:
+        """What became of it, in a word or two."""
+        if self.error is not None:
+            return "failed"
+        return "not judged" if self.accepted is None else "accepted" if self.accepted else "rejected"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several estimators on one recording.
+
+    Attributes
+    ----------
+    recording
+        Its name.
+    found
+        In the order they were asked for.
+    unit
+        Time of one strapdown pass over the recording's samples on this machine, s.
+    truth
+        True values by the parameters' paths; empty where they are not known.
+    """
+
+    recording: str
+    found: tuple[ByMethod, ...]
+    unit: float
+    truth: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def standard_deviation(self) -> dict[str, float]:
-        """Their standard deviations, by the same paths."""
-        if self.calibration is None:
-            return {}
-        return parameters_in(self.calibration.document["standard_deviation"])
+    def done(self) -> list[ByMethod]:
+        """Those that have a result."""
+        return [one for one in self.found if one.error is None]
+
+    @property
+    def first(self) -> ByMethod:
+        """The first that has a result: what others are compared with."""
+        return self.done[0]
 
 
 def differences(one: ByMethod, other: ByMethod) -> dict[str, float]:
@@ -68,6 +109,31 @@ def differences(one: ByMethod, other: ByMethod) -> dict[str, float]:
     Both use the same data: if both are right, most differ by far less than one.
     """
     return _in_deviations(one.estimate, other.estimate, other.standard_deviation)
+
+
+def expected(one: ByMethod, other: ByMethod) -> dict[str, float]:
+    """Return the deviation of the difference of two estimates from the same data, in the other's deviations.
+
+    Notes
+    -----
+    Where the better of two makes the best of the data, the covariance of the difference is the difference of their
+    covariances (Hausman 1978).
+    """
+    return {
+        name: float(np.sqrt(abs(one.standard_deviation[name] ** 2 - sd**2))) / sd
+        for name, sd in other.standard_deviation.items()
+        if sd > 0.0 and one.standard_deviation.get(name, 0.0) > 0.0
+    }
+
+
+def over_expected(one: ByMethod, other: ByMethod) -> float:
+    """Return the rms of differences over their expected deviations, of parameters where these are not small; or nan.
+
+    About one where both are right and one knows less than the other.
+    """
+    found, wide = differences(one, other), expected(one, other)
+    ratios = [found[name] / wide[name] for name in found if wide.get(name, 0.0) > _APART]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
 
 
 def scores(one: ByMethod, truth: Mapping[str, float]) -> dict[str, float]:
@@ -112,24 +178,39 @@ def _numbers(tree: Any, path: str) -> Iterator[tuple[str, float]]:
             yield path + (f"[{','.join(map(str, index))}]" if index else ""), float(value)
 
 
-def document_of(found: Sequence[ByMethod], truth: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """Return the comparison as one object, for JSON."""
-    methods: dict[str, Any] = {}
-    for one in found:
-        if one.calibration is None:
-            methods[one.name] = {"error": one.error, "seconds": one.seconds}
-            continue
-        methods[one.name] = {
-            "estimate": one.estimate,
-            "standard_deviation": one.standard_deviation,
-            "accepted": one.calibration.accepted,
-            "reasons": list(one.calibration.verdict.reasons),
-            "seconds": one.seconds,
-            "drift": _drift_document(one.drift),
-        }
-        if truth:
-            methods[one.name]["scores"] = scores(one, truth)
-    return {"methods": methods}
+def document_of(compared: Comparison) -> dict[str, Any]:
+    """Return the comparison on a recording as one object, for JSON."""
+    return {"methods": {one.name: _document(one, compared) for one in compared.found}}
+
+
+def document_of_all(compared: Sequence[Comparison], runs: Sequence[str]) -> dict[str, Any]:
+    """Return comparisons on several recordings as one object, for JSON; of one, that one's.
+
+    runs: names of the recordings.
+    """
+    if len(compared) == 1:
+        return document_of(compared[0])
+    return {"recordings": {name: document_of(one) for name, one in zip(runs, compared, strict=True)}}
+
+
+def _document(one: ByMethod, compared: Comparison) -> dict[str, Any]:
+    time = {"seconds": one.seconds, "passes": one.seconds / compared.unit}
+    if one.error is not None:
+        return {"error": one.error, **time}
+    out: dict[str, Any] = {
+        "estimate": dict(one.estimate),
+        "standard_deviation": dict(one.standard_deviation),
+        "accepted": one.accepted,
+        "reasons": list(one.reasons),
+        **time,
+        "drift": _drift_document(one.drift),
+    }
+    if one is not compared.first:
+        out["difference"] = differences(one, compared.first)
+        out["expected_difference"] = expected(one, compared.first)
+    if compared.truth:
+        out["scores"] = scores(one, compared.truth)
+    return out
 
 
 def _drift_document(drift: tuple[float, float] | None) -> dict[str, float | None] | None:

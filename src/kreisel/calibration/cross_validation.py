@@ -5,13 +5,16 @@ Once with nominal and once with calibrated parameters; no truth is needed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from kreisel.calibration.evidence import CrossValidation, Drift
 from kreisel.fitting.fit import Fit
 from kreisel.model.layout import without
+from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, part_of
 from kreisel.progress import Progress, of_step
 from kreisel.refinement.estimate import Estimate
@@ -23,19 +26,33 @@ TRAINING = 0.6
 def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
     """Return the drift on the last part of the recording as recorded, with a calibration of its first part only."""
     problem = found.problem
-    count = len(problem.schedule.updates)
-    cut = int(TRAINING * count)
+    cut, until = first_part(problem)
     trained = found.estimator.refit(part_of(problem, slice(0, cut)), found.run, progress=of_step(progress, "train"))
     nominal = replace(
         problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
         q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
     )  # fmt: skip
-    unseen = _navigation_only(part_of(found.recorded, slice(cut, count)))
-    return CrossValidation(
-        trained_until=float(problem.sensor.readings.stamps[problem.schedule.updates[cut - 1].last]),
-        nominal=_drift(found.estimator.navigate(unseen, nominal, of_step(progress, "nominal"))),
-        calibrated=_drift(found.estimator.navigate(unseen, trained.parameters, of_step(progress, "calibrated"))),
-    )
+
+    def drift(known: CellParameters, step: str) -> Drift:
+        navigate = partial(found.estimator.navigate, progress=of_step(progress, step))
+        return drift_of(navigate, found.recorded, cut, known)
+
+    return CrossValidation(until, drift(nominal, "nominal"), drift(trained.parameters, "calibrated"))
+
+
+def first_part(problem: Problem) -> tuple[int, float]:
+    """Return the number of updates of the part that is calibrated, and the IMU's second of the last of them."""
+    updates = problem.schedule.updates
+    cut = int(TRAINING * len(updates))
+    return cut, float(problem.sensor.readings.stamps[updates[cut - 1].last])
+
+
+def drift_of(
+    navigate: Callable[[Problem, CellParameters], Fit], problem: Problem, cut: int, known: CellParameters
+) -> Drift:
+    """Return the drift of navigation with known parameters over the updates from number `cut` on."""
+    unseen = part_of(problem, slice(cut, len(problem.schedule.updates)))
+    return _drift(navigate(_navigation_only(unseen), known))
 
 
 def _navigation_only(problem: Problem) -> Problem:

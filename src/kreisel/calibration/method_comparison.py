@@ -1,45 +1,124 @@
-"""One recording calibrated by several estimators."""
+"""One recording calibrated by several estimators, kreisel's and a user's own."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from kreisel.calibration.by_method import ByMethod
-from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.outcome import Outcome
+from kreisel._kernels.strapdown_pass import strapdown_seconds
+from kreisel.calibration.by_method import ByMethod, Comparison, parameters_in
+from kreisel.calibration.calibrate import ESTIMATORS, run_calibration
+from kreisel.calibration.cross_validation import drift_of, first_part
+from kreisel.calibration.evidence import Drift
+from kreisel.calibration.own_code import said
+from kreisel.calibration.own_estimator import (
+    Estimates,
+    Estimator,
+    checked,
+    derived_of_own,
+    measurements_of,
+    parameters_of_own,
+)
 from kreisel.errors import KreiselError
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.problem import Problem
+from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
 from kreisel.tasks import Executor, sequential
 
+_NAVIGATOR = ESTIMATORS["ekf"]
+"""What navigates with the parameters of own estimators."""
+
 
 def compare_methods(
     recording: Recording,
-    methods: Sequence[str],
+    methods: Sequence[str | Estimator],
     progress: Progress | None = None,
     executor: Executor = sequential,
-) -> tuple[ByMethod, ...]:
-    """Return the calibrations of a recording by each of some estimators."""
-    return tuple(_by_method(recording, name, progress, executor) for name in methods)
+    truth: Mapping[str, float] | None = None,
+) -> Comparison:
+    """Return what each of some estimators finds in a recording.
+
+    Parameters
+    ----------
+    methods
+        Names of kreisel's, and own ones; see `own_estimator.Estimator`.
+    truth
+        True values by the parameters' paths in the result file, where they are known.
+    """
+    found = tuple(
+        _calibrated(recording, one, progress, executor) if isinstance(one, str) else _own(recording, one, executor)
+        for one in methods
+    )
+    imu = recording.imu
+    return Comparison(
+        recording.path.name, found, strapdown_seconds(imu.rates, imu.accelerations, imu.interval), truth or {}
+    )
 
 
-def _by_method(recording: Recording, name: str, progress: Progress | None, executor: Executor) -> ByMethod:
+def _calibrated(recording: Recording, name: str, progress: Progress | None, executor: Executor) -> ByMethod:
     settings, began = CalibrationSettings(estimator=name), time.perf_counter()
     try:
         outcome = run_calibration(recording, settings, progress, executor=executor, validate=True)
     except KreiselError as error:
-        return ByMethod(name, None, str(error), time.perf_counter() - began)
-    return ByMethod(name, outcome.calibration, None, time.perf_counter() - began, _drift(outcome))
+        return ByMethod(name, time.perf_counter() - began, error=str(error))
+    seconds, found = time.perf_counter() - began, outcome.calibration
+    document = found.document
+    return ByMethod(
+        name,
+        seconds,
+        parameters_in(document),
+        parameters_in(document["standard_deviation"]),
+        found.derived,
+        found.accepted,
+        tuple(found.verdict.reasons),
+        None if outcome.cross is None else _rms(outcome.cross.calibrated),
+    )
 
 
-def _drift(outcome: Outcome) -> tuple[float, float] | None:
-    if outcome.cross is None:
+def _own(recording: Recording, own: Estimator, executor: Executor) -> ByMethod:
+    """Return what an own estimator finds; whatever it raises is its error."""
+    settings, began = CalibrationSettings(), time.perf_counter()
+    try:
+        preparation = prepare_recording(recording, settings, executor)
+        problem = build_problem(preparation, settings)
+        found = _asked(own, preparation, problem)
+        seconds = time.perf_counter() - began
+        derived = derived_of_own(parameters_of_own(preparation, problem, found).sensors, found)
+    except KreiselError as error:
+        return ByMethod(own.name, time.perf_counter() - began, error=str(error))
+    except Exception as error:
+        return ByMethod(own.name, time.perf_counter() - began, error=said(error))
+    return ByMethod(
+        own.name,
+        seconds,
+        parameters_in(found.values),
+        parameters_in(found.deviations),
+        derived,
+        drift=_own_drift(own, preparation, problem),
+    )
+
+
+def _asked(own: Estimator, preparation: Preparation, problem: Problem, until: float = np.inf) -> Estimates:
+    return checked(own.estimate(measurements_of(preparation, problem, until)), own.name)
+
+
+def _own_drift(own: Estimator, preparation: Preparation, problem: Problem) -> tuple[float, float] | None:
+    """Return the drift on the last part of a recording by what an own estimator finds in the first, if it does."""
+    cut, until = first_part(problem)
+    try:
+        known = parameters_of_own(preparation, problem, _asked(own, preparation, problem, until))
+        return _rms(drift_of(_NAVIGATOR.navigate, problem, cut, known))
+    except Exception:
         return None
-    drift = outcome.cross.calibrated
+
+
+def _rms(drift: Drift) -> tuple[float, float]:
     position, orientation = (
         float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
         for values in (drift.position, drift.attitude)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Measured
 from kreisel.errors import SettingsError
 from kreisel.estimation.consistency import normalised_bounds
 from kreisel.geometry.rotation import Array
@@ -19,6 +20,10 @@ LEVEL = 0.99
 
 MAY_CHANGE = ("gyro_bias_deg_h", "accel_bias_mg", "mounting_rotation_deg")
 """Quantities that may truly differ: offsets after switching on again, and a mount that was loosened."""
+
+
+_PARTS = ("value", "deviation")
+"""Of a measured quantity."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +78,22 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
     """
     if len(calibrations) < 2:
         raise SettingsError("give two or more recordings of one device")
-    rows = [(q.name, q.title, q.unit, [c.derived[q.name] for c in calibrations]) for q in QUANTITIES]
-    out = [
-        _compared(name, title, unit, *(np.array([getattr(m, part) for m in found]) for part in ("value", "deviation")))
-        for name, title, unit, found in rows
-    ]
+    out = quantities_compared([c.derived for c in calibrations])
     for j, axis in enumerate("xyz"):
         arms = np.array([c.sensors.lever_arms[j] for c in calibrations]) / MM
         deviations = np.array([c.sensor_sd.lever_arms[j] for c in calibrations]) / MM
         out.append(_compared(f"lever_arm_{axis}_mm", f"Position of accelerometer {axis} in b", "mm", arms, deviations))
     return tuple(out)
+
+
+def quantities_compared(derived: Sequence[Mapping[str, Measured]]) -> list[Repeated]:
+    """Return the comparison of the quantities of data sheets over several calibrations."""
+    return [
+        _compared(
+            q.name, q.title, q.unit, *(np.array([getattr(one[q.name], part) for one in derived]) for part in _PARTS)
+        )
+        for q in QUANTITIES
+    ]
 
 
 def _compared(name: str, title: str, unit: str, values: Array, deviations: Array) -> Repeated:

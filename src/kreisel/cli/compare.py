@@ -1,65 +1,89 @@
-"""`kreisel compare`: estimators side by side on one recording."""
+"""`kreisel compare`: estimators side by side on recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.calibration.by_method import ByMethod
+    from kreisel.calibration.by_method import Comparison
+    from kreisel.calibration.own_estimator import Estimator
 
 
 def compare(
-    recording: Path = typer.Argument(..., help="Recording, as for `kreisel calibrate`."),
-    methods: str = typer.Option("spkf,ekf,batch", help="Estimators: spkf, ukf, cdkf, ckf, ekf, batch; commas between."),
+    recordings: list[Path] = typer.Argument(..., help="Recordings, as for `kreisel calibrate`."),
+    methods: str = typer.Option(
+        "spkf,ekf,batch",
+        help="Estimators, with commas between: those of `kreisel calibrate --estimator`, and own ones as FILE.py:NAME.",
+    ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for comparison.html and comparison.json."),
     json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),
 ) -> None:
-    """Calibrate one recording by several estimators and compare the results.
+    """Calibrate recordings by several estimators and compare the results.
 
     Differences are in the standard deviations of the first. With truth.json in a simulated recording, errors are shown.
     """
     import json as json_module
 
-    from kreisel.calibration.by_method import document_of
+    from kreisel.calibration.by_method import document_of_all
     from kreisel.calibration.method_comparison import compare_methods
+    from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads
-    from kreisel.errors import EstimationError, SettingsError, unknown_name
+    from kreisel.errors import EstimationError
     from kreisel.formats.loading import load
-    from kreisel.model.calibration_settings import ESTIMATORS
 
-    names = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
-    for name in names:
-        if name not in ESTIMATORS:
-            raise SettingsError(f"--methods {methods}: {unknown_name('estimator', name, ESTIMATORS)}")
-    if len(names) < 2:
-        raise SettingsError(f"--methods {methods}: give two or more; known are {', '.join(ESTIMATORS)}")
+    chosen = _chosen(methods)
     if output is not None:
         check_output(output)
-    truth = _truth(recording)
-    with progress_bar() as show:
-        read = load(recording, executor=in_threads)
-        found = compare_methods(read, names, show, in_threads)
-    if all(one.calibration is None for one in found):
-        raise EstimationError("; ".join(f"{one.name}: {one.error}" for one in found))
-    document = document_of(found, truth)
+    compared, runs = [], names_of(recordings)
+    for path in recordings:
+        truth = _truth(path)
+        with progress_bar() as show:
+            read = load(path, executor=in_threads)
+            one = compare_methods(read, chosen, show, in_threads, truth)
+        if not one.done:
+            raise EstimationError(f"{path}: " + "; ".join(f"{each.name}: {each.error}" for each in one.found))
+        compared.append(one)
+    document = document_of_all(compared, runs)
     if output is not None:
         from kreisel.report.comparison_page import write_comparison
 
         output.mkdir(parents=True, exist_ok=True)
-        write_comparison(recording.name, found, truth, output / "comparison.html")
+        write_comparison(compared, runs, output / "comparison.html")
         (output / "comparison.json").write_text(json_module.dumps(document, indent=1) + "\n", encoding="utf-8")
     if json:
         typer.echo(json_module.dumps(document))
         return
-    _print(found, truth)
+    _print(compared, runs)
     if output is not None:
         typer.echo(f"written: {output / 'comparison.html'}, comparison.json")
+
+
+def _chosen(methods: str) -> list[str | Estimator]:
+    """Return the names of kreisel's estimators, and own ones."""
+    from kreisel.calibration.own_code import load_estimator
+    from kreisel.errors import SettingsError, unknown_name
+    from kreisel.model.calibration_settings import ESTIMATORS
+
+    names = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
+    if len(names) < 2:
+        raise SettingsError(f"--methods {methods}: give two or more; known are {', '.join(ESTIMATORS)}")
+    chosen: list[str | Estimator] = []
+    for name in names:
+        own = ":" in name or name.endswith(".py")
+        if not own and name not in ESTIMATORS:
+            raise SettingsError(f"--methods {methods}: {unknown_name('estimator', name, ESTIMATORS)}")
+        chosen.append(load_estimator(name) if own else name)
+    called = [one if isinstance(one, str) else one.name for one in chosen]
+    twice = next((name for name in called if called.count(name) > 1), None)
+    if twice is not None:
+        raise SettingsError(f"--methods {methods}: two estimators are called {twice}; give your own another name")
+    return chosen
 
 
 def _truth(recording: Path) -> dict[str, float]:
@@ -81,24 +105,46 @@ def _truth(recording: Path) -> dict[str, float]:
     return known
 
 
-def _print(found: tuple[ByMethod, ...], truth: Mapping[str, float]) -> None:
+def _print(compared: Sequence[Comparison], runs: Sequence[str]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
     from kreisel.calibration.by_method import GROUPS
     from kreisel.cli.terminal_tables import wide_console
-    from kreisel.report.comparison_page import columns_of, facts_of, rows_of
+    from kreisel.report.comparison_page import (
+        OVER_EXPECTED,
+        chi_squares,
+        columns_of,
+        facts_of,
+        over_recordings,
+        rows_of,
+    )
 
-    out, names, rows = wide_console(), columns_of(truth), rows_of(found, truth)
-    own = [place for place, name in enumerate(names) if name not in GROUPS.values()]
-    apart = [0, *(place for place in range(len(names)) if place not in own)]
-    first = next(one.name for one in found if one.calibration is not None)
-    for title, shown in (("estimators side by side", own), (f"difference from {first}, in its deviations", apart)):
+    names, rows = columns_of(compared), rows_of(compared, runs)
+    texts = [place for place, name in enumerate(names) if name in ("recording", "estimator", "result")]
+    groups = [place for place, name in enumerate(names) if name in (*GROUPS.values(), OVER_EXPECTED)]
+    own = [place for place in range(len(names)) if place not in groups]
+    keys = [place for place in texts if names[place] != "result"]
+    tables = [
+        ("estimators side by side", [names[i] for i in own], [[row[i] for i in own] for row in rows]),
+        (
+            f"difference from {compared[0].first.name}, in its deviations",
+            [names[i] for i in (*keys, *groups)],
+            [[row[i] for i in (*keys, *groups)] for row in rows],
+        ),
+    ]
+    together = over_recordings(compared)
+    if together:
+        columns, squares = chi_squares(together)
+        tables.append(("chi-square per degree of freedom over the recordings", list(columns), squares))
+    out = wide_console()
+    for title, heads, cells in tables:
         table = Table(title=title, title_justify="left")
-        for place in shown:
-            table.add_column(names[place], justify="left" if names[place] in ("estimator", "result") else "right")
-        for row in rows:
-            table.add_row(*(escape(row[place]) for place in shown))
+        for name in heads:
+            words = name in ("recording", "estimator", "result", "quantity")
+            table.add_column(name, justify="left" if words else "right")
+        for row in cells:
+            table.add_row(*map(escape, row))
         out.print(table)
-    for fact in facts_of(found, truth):
+    for fact in facts_of(compared, runs):
         out.print(fact, markup=False)

@@ -86,8 +86,8 @@ def _iterated(
 ) -> Fit:
     """Return the fit of a problem, linearised again and again about what was found last.
 
-    What changes between updates is smoothed after an iteration only if there is likely to be a further one: not after the
-    first, which may be far from the parameters, or, near a fit, the only one, and not where the last one is expected.
+    What changes between updates is smoothed after an iteration only if there is likely to be a further one: not after
+    the first, which may be far from the parameters, or, near a fit, the only one, and not where the last is expected.
     """
     changing, smooth, largest = varying(problem), False, np.inf
     for _ in range(MAX_ITERATIONS):

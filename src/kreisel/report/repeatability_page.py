@@ -94,14 +94,16 @@ def bars(
     for i, axis in enumerate(axes):
         x = at + 0.12 * (i - 1)
         data.append(plots.markers(x, values[:, i], axis, "xyz"[i], size=7, error=deviations[:, i]))
-    ticks = [at.tolist(), [_short(place) for place in places]]
+    most = max(5, min(12, 54 // len(places)))
+    ticks = [at.tolist(), [_short(place, most) for place in places]]
     x_axis = plots.axis(words[0], range=[-0.5, len(places) - 0.5], ticks=ticks)
     y_axis = plots.axis(quantity, range=_room(values, deviations))
     return Figure(name, title, words[1], plots.plot(x_axis, plots.panel(data, y_axis)))
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 12 else f"{name[:5]}…{name[-5:]}"
+def _short(name: str, most: int) -> str:
+    own = (most - 1) // 2
+    return name if len(name) <= most else f"{name[:own]}…{name[-own:]}"
 
 
 def _room(values: Array, deviations: Array) -> list[float]:

@@ -9,14 +9,17 @@ from kreisel.calibration.by_method import (
     ByMethod,
     differences,
     document_of,
+    document_of_all,
+    expected,
     largest,
+    over_expected,
     parameters_in,
     scores,
 )
 from kreisel.calibration.method_comparison import compare_methods
+from kreisel.report.comparison_page import chi_squares, over_recordings
 
 from ...small_problem import recorded
-from .example import calibration
 
 
 def test_numbers_have_the_paths_of_the_result_file():
@@ -33,27 +36,57 @@ def test_numbers_have_the_paths_of_the_result_file():
 
 
 def test_differences_and_errors_are_in_deviations():
-    one = ByMethod("a", calibration(), None, 1.0)
-    sensors = one.calibration.sensors
-    moved = sensors.k_w.copy()
-    moved[0, 1] += 2.0 * one.calibration.sensor_sd.k_w[0, 1]
-    other = ByMethod("b", replace(one.calibration, sensors=replace(sensors, k_w=moved)), None, 1.0)
+    sd = {"gyroscope.offset[0]": 0.1, "gyroscope.offset[1]": 0.2, "timing.offset": 0.0}
+    one = ByMethod("a", 1.0, dict.fromkeys(sd, 1.0), sd)
+    other = ByMethod("b", 1.0, one.estimate | {"gyroscope.offset[1]": 1.4}, sd)
     found = differences(other, one)
-    assert found["gyroscope.offset[1]"] == pytest.approx(2.0, rel=1e-6)
-    assert largest(found, "gyroscope.offset") == pytest.approx(2.0, rel=1e-6)
-    assert largest(found, "accelerometer") == 0.0
+    assert found == {"gyroscope.offset[0]": 0.0, "gyroscope.offset[1]": pytest.approx(2.0)}
+    assert largest(found, "gyroscope.offset") == pytest.approx(2.0)
     assert np.isnan(largest(found, "magnetometer"))
-    truth = {"gyroscope.offset[1]": moved[0, 1], "gyroscope.offset[9]": 1.0}
-    assert scores(one, truth) == {"gyroscope.offset[1]": pytest.approx(-2.0, rel=1e-6)}
+    assert scores(one, {"gyroscope.offset[1]": 1.4, "other": 1.0}) == {"gyroscope.offset[1]": pytest.approx(-2.0)}
 
 
-def test_three_estimators_agree_and_one_that_fails_says_why(monkeypatch):
-    found = compare_methods(recorded()[1], ("spkf", "ekf", "batch"))
-    for one in found[1:]:
-        assert max(map(abs, differences(one, found[0]).values())) < 0.3
+def test_an_estimator_that_knows_less_differs_by_what_it_does_not_know():
+    """Means of all and of half of some numbers: the variance of their difference is the difference of theirs."""
+    rng = np.random.default_rng(5)
+    names = [f"gyroscope.offset[{i}]" for i in range(400)]
+    data = rng.normal(size=(400, 100))
+    whole, half = (
+        ByMethod(
+            "x", 1.0, dict(zip(names, part.mean(axis=1), strict=True)), dict.fromkeys(names, part.shape[1] ** -0.5)
+        )
+        for part in (data, data[:, :50])
+    )
+    assert expected(half, whole)["gyroscope.offset[0]"] == pytest.approx(1.0)
+    assert over_expected(half, whole) == pytest.approx(1.0, abs=0.15)
+    assert np.isnan(over_expected(whole, whole))
+
+
+def test_three_estimators_agree_and_one_that_fails_says_why():
+    compared = compare_methods(recorded()[1], ("spkf", "ekf", "batch"))
+    first = compared.first
+    for one in compared.found[1:]:
+        assert max(map(abs, differences(one, first).values())) < 0.3
         assert one.drift is not None
-        assert one.drift == pytest.approx(found[0].drift, rel=0.05)
-    document = document_of([*found, ByMethod("other", None, "no such thing", 0.1)])["methods"]
-    assert set(document["ekf"]) == {"estimate", "standard_deviation", "accepted", "reasons", "seconds", "drift"}
+        assert one.drift == pytest.approx(first.drift, rel=0.05)
+    failed = ByMethod("other", 0.1, error="no such thing")
+    document = document_of(replace(compared, found=(*compared.found, failed)))["methods"]
+    assert set(document["ekf"]) == {
+        "estimate", "standard_deviation", "accepted", "reasons", "seconds", "passes", "drift", "difference",
+        "expected_difference",
+    }  # fmt: skip
     assert set(document["ekf"]["estimate"]) >= {"gyroscope.offset[0]", "timing.offset"}
-    assert document["other"] == {"error": "no such thing", "seconds": 0.1}
+    assert document["other"] == {"error": "no such thing", "seconds": 0.1, "passes": pytest.approx(0.1 / compared.unit)}
+    both = document_of_all([compared, compared], ["one", "two"])
+    assert both["recordings"]["two"] == document_of(compared)
+    assert document_of_all([compared], ["one"]) == document_of(compared)
+
+
+def test_results_over_recordings_have_a_chi_square():
+    compared = compare_methods(recorded()[1], ("spkf", "ekf"))
+    assert over_recordings([compared]) == {}
+    columns, rows = chi_squares(over_recordings([compared, compared]))
+    assert columns == ("quantity", "spkf", "ekf", "99 % band")
+    assert max(float(row[1]) for row in rows) < 1e-12  # a recording against itself
+    rejected = replace(compared, found=tuple(replace(one, accepted=False) for one in compared.found))
+    assert over_recordings([compared, rejected]) == {}

@@ -17,7 +17,7 @@ AT, ANGLE = 60, 0.4
 
 
 def far_away():
-    """Return a problem of two updates, at the first of which navigation begins, with matrices far off, and the belief before."""
+    """Return a problem of two updates, navigation beginning at the first, with matrices far off, and the belief."""
     problem = part_of(camera_problem(), slice(AT, AT + 2))
     problem = wrong_by(problem, ANGLE, 0.1, np.random.default_rng(4))
     return problem, first_belief(problem, problem.prior.start)
