@@ -37,6 +37,7 @@ from kreisel.model.parameters import (
 )
 from kreisel.model.problem import Problem
 from kreisel.model.robot_model import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
+from kreisel.model.site import earth_rate_r, gravity_r, north_r
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.estimate import Estimate
@@ -185,25 +186,9 @@ def _alignment(found: Estimate) -> Alignment:
     if "earth_down" in problem.layout:
         J = C * problem.site.earth_rate_units[0]
         return Alignment(
-            gravity, earth_rate=Measured(earth_rate_r(problem, p), _propagated(found, J, "north", "earth_down"))
+            gravity, earth_rate=Measured(earth_rate_r(problem.site, p), _propagated(found, J, "north", "earth_down"))
         )
     return Alignment(gravity, north=Measured(north_r(p), _propagated(found, C[:, :2], "north")))
-
-
-def gravity_r(parameters: CellParameters) -> Array:
-    """Return gravity in r, (3,), m/s^2."""
-    return matrix(parameters.q_rn)[:, 2] * parameters.gravity
-
-
-def north_r(parameters: CellParameters) -> Array:
-    """Return north in r, (3,), a level vector; its estimated length is one within its uncertainty."""
-    return matrix(parameters.q_rn)[:, :2] @ parameters.north
-
-
-def earth_rate_r(problem: Problem, parameters: CellParameters) -> Array:
-    """Return the Earth's rotation in r, (3,), rad/s, where it is estimated."""
-    level, down = problem.site.earth_rate_units
-    return matrix(parameters.q_rn) @ np.array([*(level * parameters.north), down * parameters.earth_down])
 
 
 def _propagated(found: Estimate, J: Array, *groups: str) -> Array:

@@ -32,6 +32,7 @@ from kreisel.estimation.sigma_points import DERIVATIVES, ITERATED
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator
 from kreisel.geometry.rotation import Array
+from kreisel.inverse.inverse_filter import InverseFilter
 from kreisel.kalman.batch import Batch
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
@@ -57,6 +58,7 @@ ESTIMATORS: dict[str, Estimator] = {
         KalmanFilter("ckf", "cubature"),
         KalmanFilter("ekf", DERIVATIVES),
         KalmanFilter("iekf", ITERATED),
+        InverseFilter(KalmanFilter("inverse", DERIVATIVES)),
         Batch(),
     )
 }

@@ -13,6 +13,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.fitting.update_history import History
+from kreisel.geometry.pose_spline import PoseSpline
 from kreisel.geometry.rotation import Array
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -42,6 +43,8 @@ class Fit:
         The belief and the gate it began with, where the estimator is recursive.
     about : (u, size)
         Stored states before the updates, that the model was linearised about, where these are not the estimates.
+    motion
+        From which readings were predicted, where they were.
     """
 
     start: CellParameters
@@ -53,6 +56,7 @@ class Fit:
     begun: Belief | None = None
     gate: float = 1.0
     about: Array | None = None
+    motion: PoseSpline | None = None
 
     @property
     def excess(self) -> float:

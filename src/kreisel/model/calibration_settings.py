@@ -17,7 +17,7 @@ from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.parameters import GROUPS
 from kreisel.model.stated_parameters import Known, known_parameters, parse_prior, parse_value, place_of
 
-ESTIMATORS = ("spkf", "ukf", "cdkf", "ckf", "ekf", "iekf", "batch")
+ESTIMATORS = ("spkf", "ukf", "cdkf", "ckf", "ekf", "iekf", "inverse", "batch")
 """Names of estimators; `calibration.calibrate.ESTIMATORS` has what they name."""
 
 BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)

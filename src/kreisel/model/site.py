@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kreisel.geometry.rotation import Array
+import numpy as np
+
+from kreisel.geometry.rotation import Array, matrix
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.parameters import CellParameters
 
 
 @dataclass(frozen=True)
@@ -33,3 +36,19 @@ class Site:
     def known_earth_down(self) -> float:
         """Value of `earth_down` before any look at the data: 1 by the latitude, 0 without one."""
         return 0.0 if self.earth_rate_n is None else 1.0
+
+
+def gravity_r(parameters: CellParameters) -> Array:
+    """Return gravity in r, (3,), m/s^2."""
+    return matrix(parameters.q_rn)[:, 2] * parameters.gravity
+
+
+def north_r(parameters: CellParameters) -> Array:
+    """Return north in r, (3,), a level vector; its estimated length is one within its uncertainty."""
+    return matrix(parameters.q_rn)[:, :2] @ parameters.north
+
+
+def earth_rate_r(site: Site, parameters: CellParameters) -> Array:
+    """Return the Earth's rotation in r, (3,), rad/s, where it is estimated."""
+    level, down = site.earth_rate_units
+    return matrix(parameters.q_rn) @ np.array([*(level * parameters.north), down * parameters.earth_down])

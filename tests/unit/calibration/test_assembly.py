@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from kreisel.calibration import assembly
-from kreisel.calibration.assembly import Assessment, assemble, earth_rate_r, gravity_r, north_r
+from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import SENSOR_GROUPS
 from kreisel.model.problem import without_groups
+from kreisel.model.site import earth_rate_r, gravity_r, north_r
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.observability import observability
 
@@ -67,10 +68,10 @@ def test_directions_are_axes_of_the_level_frame():
     np.testing.assert_allclose(north_r(p), 0.6 * axes[0] + 0.8 * axes[1], rtol=1e-12)
     phi = np.radians(49.2571)
     want = EARTH_RATE * (np.cos(phi) * north_r(p) - np.sin(phi) * axes[2])
-    np.testing.assert_allclose(earth_rate_r(small_problem(), p), want, rtol=1e-9)
+    np.testing.assert_allclose(earth_rate_r(small_problem().site, p), want, rtol=1e-9)
     free = replace(small_problem(), site=replace(small_problem().site, earth_rate_n=None))
     want = EARTH_RATE * (north_r(p) - 0.7 * axes[2])
-    np.testing.assert_allclose(earth_rate_r(free, replace(p, earth_down=-0.7)), want, rtol=1e-9)
+    np.testing.assert_allclose(earth_rate_r(free.site, replace(p, earth_down=-0.7)), want, rtol=1e-9)
 
 
 def turned(found):
@@ -94,8 +95,8 @@ def test_without_a_latitude_the_earths_rotation_takes_the_place_of_north():
     found = turned(without_latitude())
     result = assembly._alignment(found)
     assert result.north is None
-    np.testing.assert_array_equal(result.earth_rate.value, earth_rate_r(found.problem, found.run.parameters))
-    want = drawn(found, lambda p: earth_rate_r(found.problem, p))
+    np.testing.assert_array_equal(result.earth_rate.value, earth_rate_r(found.problem.site, found.run.parameters))
+    want = drawn(found, lambda p: earth_rate_r(found.problem.site, p))
     np.testing.assert_allclose(result.earth_rate.deviation, want, rtol=0.09)
 
 

@@ -1,0 +1,1 @@
+"""Inverse filtering: readings predicted from a smooth motion."""
