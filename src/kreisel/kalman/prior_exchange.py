@@ -17,14 +17,18 @@ from kreisel.fitting.fit import Fit
 from kreisel.fitting.nonlinearity import linear_inflation
 from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import first_belief
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.elimination import Elimination
 from kreisel.model.parameters import PASSING_GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_nominal
 
 
 def narrowed_belief(problem: Problem, run: Fit) -> Belief:
-    """Return the start belief of a further run: the last result with inflated deviations, within the prior."""
+    """Return the start belief of a further run: the last result with inflated deviations, within the prior.
+
+    Offsets that walk begin with the prior itself. What a run says of their end cannot be told from what a narrow belief
+    said of their beginning: it would be counted as data, most of all for error terms that are nearly offsets.
+    """
     belief = first_belief(problem, start_near(problem, run), problem.prior.covariance)
     lasting = problem.lasting
     if lasting.size == 0:
@@ -39,9 +43,19 @@ def narrowed_belief(problem: Problem, run: Fit) -> Belief:
     scale = np.sqrt(a * b / (a + b))
     A, B = (M / np.outer(scale, scale) for M in (prior, found))
     P = A @ np.linalg.solve(A + B, B)
+    walking = np.isin(lasting, _walking_offsets(problem))
+    P[walking], P[:, walking] = 0.0, 0.0
+    P[np.ix_(walking, walking)] = A[np.ix_(walking, walking)]
     factor = belief.factor.copy()
     factor[i] = scale[:, None] * np.linalg.cholesky(0.5 * (P + P.T) + 1e-15 * np.diag(np.diag(P)))
     return Belief(belief.mean, factor)
+
+
+def _walking_offsets(problem: Problem) -> Indices:
+    """Return the degrees of freedom of sensors' offsets that walk."""
+    density, layout = problem.noise.offset_walk, problem.layout
+    own = [g for g in ("gyro_offset", "accel_offset") if density.get(g, 0.0) > 0.0 and g in layout]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(layout[g].start, layout[g].stop) for g in own)])
 
 
 def start_near(problem: Problem, run: Fit) -> CellParameters:
