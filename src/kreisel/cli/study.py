@@ -149,6 +149,7 @@ def methods(
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
     seconds: float = typer.Option(60.0, help="Length of every recording, s.", min=20.0),
+    of: str = typer.Option("", "--methods", help="Estimators, with commas between; all if not given."),
     json: bool = _JSON,
 ) -> None:
     """Compare estimators: devices, references, motions, and first values that are wrong by 1 or 10 degrees."""
@@ -157,14 +158,19 @@ def methods(
 
     from kreisel.cli.output import check_output
     from kreisel.cli.terminal_tables import print_rows
+    from kreisel.errors import SettingsError, unknown_name
     from kreisel.report.study_page import write_methods
-    from kreisel.study.method_rows import COLUMNS, MethodFile, numbers, summaries, table
+    from kreisel.study.method_rows import COLUMNS, METHODS, MethodFile, numbers, summaries, table
     from kreisel.study.methods import run_numbered
 
     check_output(output)
-    file, wanted = MethodFile(output, seconds), numbers(seeds)
+    chosen = tuple(name.strip() for name in of.split(",") if name.strip()) or METHODS
+    for name in chosen:
+        if name not in METHODS:
+            raise SettingsError(f"--methods {of}: {unknown_name('estimator', name, METHODS)}")
+    file, wanted = MethodFile(output, seconds, chosen), numbers(seeds)
     how = {"scheduler": scheduler, "workers": workers}
-    _each(partial(run_numbered, seconds), file.missing(wanted), how, file.add)
+    _each(partial(run_numbered, seconds, chosen), file.missing(wanted), how, file.add)
     rows = [row for row in file.rows() if row.seed <= seeds]
     found, lines = summaries(rows), table(rows)
     write_methods(lines, COLUMNS, rows, output / "report.html")

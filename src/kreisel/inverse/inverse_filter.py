@@ -112,12 +112,13 @@ def smooth_motion(
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     begin, end = float(stamps[updates[0].last]) - _MARGIN, float(stamps[updates[-1].last]) + _MARGIN
     unknowns = unknowns_of(problem, near.parameters, begin, end)
-    samples = raw_samples(unknowns, begin, end)
     spline = near.motion
     if spline is None or not spline.reaches(begin, end):
+        samples = raw_samples(unknowns, begin, end)
         spacing = spacing_of(samples.seconds, samples.rates, samples.forces, samples.deviation)
         spline = first_spline(problem, near.parameters, begin, end, spacing)
     for count in range(MAX_ITERATIONS):
+        samples = raw_samples(unknowns, begin, end, spline)
         equations = NormalEquations(len(spline.positions), unknowns.count)
         for rows in (*pose_rows(unknowns, spline, near.history.used), *reading_rows(unknowns, spline, samples)):
             equations.add(rows)
@@ -134,5 +135,4 @@ def smooth_motion(
             raise EstimationError("the inverse filter's state is no longer finite; check units and noise figures")
         if moved < SETTLED:
             break
-        samples = raw_samples(unknowns, begin, end)
     return spline, unknowns, covariance

@@ -11,8 +11,8 @@ import numpy as np
 from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.pose_spline import Motion, PoseSpline, motion_at
 from kreisel.geometry.rotation import Array, Indices, matrix, skew
-from kreisel.inertial.effects import EFFECTS, features_of, groups_of, places_of
-from kreisel.inertial.strapdown import raw_readings, without_effects
+from kreisel.inertial.effects import EFFECTS, added, features_of, groups_of, places_of
+from kreisel.inertial.strapdown import raw_readings
 from kreisel.inverse.normal_equations import POINT, WIDTH, Rows
 from kreisel.inverse.unknowns import Unknowns
 from kreisel.model.problem import Problem
@@ -57,23 +57,35 @@ class RawSamples:
         return RawSamples(self.seconds[own], self.rates[own], self.forces[own], *features, *places, self.deviation)
 
 
-def raw_samples(unknowns: Unknowns, begin: float, end: float) -> RawSamples:
-    """Return the readings of all segments between two times, corrected for the effects at the parameters' values."""
+def raw_samples(unknowns: Unknowns, begin: float, end: float, spline: PoseSpline | None = None) -> RawSamples:
+    """Return the readings of all segments between two times, corrected for the effects at the parameters' values.
+
+    Effects are functions of readings. Those that the spline predicts have no noise, which derivatives of the readings
+    themselves have in plenty, and which would pull at the effects; without a spline they are the readings.
+    """
     problem, sensors = unknowns.problem, unknowns.known.sensors
     readings = problem.sensor.readings
-    raw = raw_readings(readings.stamps, readings.rates, readings.accelerations, None, readings.temperature_difference)
-    rates, forces = without_effects(raw, sensors)
-    sizes = {g: problem.layout.whole(g) for g in EFFECTS if g in problem.layout}
-    gyro, accel = (features_of(raw, sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
     inside = np.zeros(readings.stamps.size, dtype=bool)
     for first, last in readings.segments:
         inside[first + 2 : last - 1] = True  # derivatives need two samples on either side
     inside &= (readings.stamps >= begin) & (readings.stamps <= end)
     own = np.flatnonzero(inside)
+    rates, forces = readings.rates, readings.accelerations
+    if spline is not None:
+        rates, forces = rates.copy(), forces.copy()
+        for part in np.array_split(own, max(1, own.size // _CHUNK)):
+            predicted = _predicted(unknowns, motion_at(spline, readings.stamps[part]))
+            rates[part] = predicted.rates - sensors.k_w[0]
+            forces[part] = predicted.forces + predicted.size - sensors.k_a[0]
+    raw = raw_readings(readings.stamps, rates, forces, None, readings.temperature_difference)
+    change = added(raw, sensors.effects)
+    sizes = {g: problem.layout.whole(g) for g in EFFECTS if g in problem.layout}
+    gyro, accel = (features_of(raw, sizes, sensor) for sensor in ("gyroscope", "accelerometer"))
     interval = float(np.median(np.diff(readings.stamps)))
     return RawSamples(
-        readings.stamps[own], rates[own], forces[own], gyro[:, own], accel[:, own],
-        places_of(sizes, "gyroscope"), places_of(sizes, "accelerometer"), _deviation(problem, interval),
+        readings.stamps[own], readings.rates[own] + change[0][own], readings.accelerations[own] + change[1][own],
+        gyro[:, own], accel[:, own], places_of(sizes, "gyroscope"), places_of(sizes, "accelerometer"),
+        _deviation(problem, interval),
     )  # fmt: skip
 
 

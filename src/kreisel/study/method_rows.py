@@ -15,7 +15,7 @@ from kreisel.model.calibration_settings import ESTIMATORS
 from kreisel.study.stored_trials import begin_folder, whole_rows
 
 METHODS = tuple(name for name in ESTIMATORS if name != "cdkf")
-"""Estimators that are compared: `cdkf` is `spkf` under another name."""
+"""Estimators that may be compared: `cdkf` is `spkf` under another name."""
 
 DEVICES, REFERENCES = ("consumer-mems", "fog-mems", "ring-laser"), ("joints", "mocap")
 FIRST_ERRORS = ((1.0, 0.005), (10.0, 0.05))
@@ -94,15 +94,16 @@ _HEADER = [known.name for known in fields(MethodRow)]
 class MethodFile:
     """Rows in a CSV file as they come; what is there need not be run again."""
 
-    def __init__(self, folder: Path, seconds: float) -> None:
+    def __init__(self, folder: Path, seconds: float, methods: Sequence[str] = METHODS) -> None:
         """Open the folder; raise SettingsError where it holds another study."""
-        begin_folder(folder, {"study": "methods", "seconds": seconds}, "another study, or recordings of another length")
+        content = {"study": "methods", "seconds": seconds, "methods": list(methods)}
+        begin_folder(folder, content, "another study, other estimators, or recordings of another length")
         self._file = folder / "methods.csv"
         self._rows = [_from_text(row) for row in whole_rows(self._file, len(_HEADER))[1:]]
         counts: dict[int, int] = {}
         for row in self._rows:
             counts[_number_of(row)] = counts.get(_number_of(row), 0) + 1
-        self._rows = [row for row in self._rows if counts[_number_of(row)] == len(METHODS)]  # whole runs only
+        self._rows = [row for row in self._rows if counts[_number_of(row)] == len(methods)]  # whole runs only
         with self._file.open("w", encoding="utf-8", newline="") as stream:
             csv.writer(stream).writerows([_HEADER, *map(_to_text, self._rows)])
 
@@ -156,7 +157,7 @@ class MethodSummary:
 
 def summaries(rows: Sequence[MethodRow]) -> list[MethodSummary]:
     """Return the summary of each estimator."""
-    return [_summary(name, [row for row in rows if row.method == name]) for name in METHODS]
+    return [_summary(name, own) for name in METHODS if (own := [row for row in rows if row.method == name])]
 
 
 def _summary(name: str, rows: Sequence[MethodRow]) -> MethodSummary:

@@ -7,6 +7,7 @@ usual parameters are estimated, and nothing is judged: what is compared is the e
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
-from kreisel.study.method_rows import CELLS, METHODS, MOTIONS, SEEDS, MethodRow, words_of
+from kreisel.study.method_rows import CELLS, MOTIONS, SEEDS, MethodRow, words_of
 from kreisel.study.situations import BASES
 from kreisel.study.truth import judged, true_parameters
 from kreisel.units import DEG
@@ -35,7 +36,7 @@ MAX_PASSES, SETTLED = 8, 0.2
 """Passes after which a run ends, and change of every parameter, in deviations, below which it ends before."""
 
 
-def run_numbered(seconds: float, number: int) -> tuple[MethodRow, ...]:
+def run_numbered(seconds: float, methods: Sequence[str], number: int) -> tuple[MethodRow, ...]:
     """Return a row for each estimator; they depend on the number alone, but for the time."""
     place, seed = divmod(number, SEEDS)
     device, reference, first_errors, motion = CELLS[place]
@@ -51,7 +52,7 @@ def run_numbered(seconds: float, number: int) -> tuple[MethodRow, ...]:
     first = wrong_by(problem, angle * DEG, share, np.random.default_rng((seed, place)))
     which, _ = judged(problem)
     rows = []
-    for name in METHODS:
+    for name in methods:
         known = (device, reference, words_of(first_errors), motion, name, seed)
         began = time.perf_counter()
         try:

@@ -129,6 +129,16 @@ def test_coloured_errors_are_taken_as_white_ones_that_are_larger():
     assert ratio.max() < 2.0
 
 
+def test_noise_of_readings_does_not_pull_at_effects():
+    """Delays are derivatives of readings; those of the readings themselves pull by 0.2 deviations, and claim 6 % more."""
+    problem = with_groups(camera_problem(), ("accel_delay", "gyro_axis_delay"))
+    fit = near(problem)
+    moved, ratio = compared(problem, fit, inverted(problem, fit))
+    assert moved.max() < 0.15
+    assert ratio.min() > 0.98
+    assert ratio.max() < 1.05
+
+
 def test_it_follows_walks():
     """Offsets that walk are found at the end, as by the filter."""
     problem = with_noise(camera_problem(), offset_walk={"gyro_offset": 1e-4, "accel_offset": 1e-3})

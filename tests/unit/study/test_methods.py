@@ -44,7 +44,7 @@ def test_first_values_are_wrong_by_what_is_said():
 
 def test_a_run_has_a_row_for_each_estimator_and_is_kept(tmp_path):
     number = numbers(1)[CELLS.index(("fog-mems", "mocap", (1.0, 0.005), "rich"))]
-    rows = run_numbered(30.0, number)
+    rows = run_numbered(30.0, METHODS, number)
     assert tuple(row.method for row in rows) == METHODS
     assert all(not row.failed and row.worst < 5.0 for row in rows)
     assert max(row.ratio for row in rows) < 1.02 * min(row.ratio for row in rows)
@@ -59,6 +59,8 @@ def test_a_run_has_a_row_for_each_estimator_and_is_kept(tmp_path):
         assert len(list(csv.reader(stream))) == 1
     with pytest.raises(SettingsError, match="another length"):
         MethodFile(tmp_path, 31.0)
+    with pytest.raises(SettingsError):
+        MethodFile(tmp_path, 30.0, ("ekf", "batch"))
 
 
 def test_what_ends_elsewhere_is_counted_and_left_out_of_the_rest(tmp_path):
@@ -67,7 +69,7 @@ def test_what_ends_elsewhere_is_counted_and_left_out_of_the_rest(tmp_path):
     assert (found.runs, found.failed, found.ratio, found.worst) == (3, 2, 0.9, 2.0)
     lines = table(rows)
     assert lines[0][:4] == ["all", "spkf", "3", "2"]
-    assert lines[len(METHODS)][:4] == ["fog-mems, joints, 1 deg, 0.5 %, rich", "spkf", "3", "2"]
+    assert lines[1][:4] == ["fog-mems, joints, 1 deg, 0.5 %, rich", "spkf", "3", "2"]
     write_methods(lines, COLUMNS, rows, tmp_path / "report.html")
     assert "Runs that end elsewhere than at the truth" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -82,7 +84,7 @@ def test_an_estimator_that_fails_is_a_row_with_its_reason(monkeypatch):
             raise EstimationError("no such luck")
 
     monkeypatch.setitem(module.ESTIMATORS, "spkf", Broken())
-    rows = run_numbered(20.0, numbers(1)[CELLS.index(("fog-mems", "mocap", (1.0, 0.005), "rich"))])
+    rows = run_numbered(20.0, METHODS, numbers(1)[CELLS.index(("fog-mems", "mocap", (1.0, 0.005), "rich"))])
     assert rows[0].failure == "no such luck"
     assert rows[0].failed
     assert not rows[1].failed
