@@ -44,11 +44,11 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     layout, K_omega = problem.layout, run.parameters.sensors.K_omega
     out, warnings = [], []
     if max(noise.frame_sd) > 0.0:
-        columns = np.hstack(
-            [frame_columns(problem, run.parameters), position_scale_column(problem, run, found.estimator)]
-        )
+        length, angle = frame_deviations(found)
+        of_frames = frame_columns(problem, run.parameters, (length, angle))
+        columns = np.hstack([of_frames, position_scale_column(problem, run, found.estimator, length)])
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
-        warnings.append(_frame_warning(problem))
+        warnings.append(_frame_warning(length, angle))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
@@ -125,24 +125,41 @@ def _axes_warning(problem: Problem) -> DataWarning:
     return DataWarning("motion", message)
 
 
-def _frame_warning(problem: Problem) -> DataWarning:
-    length, angle = (1e3 * sd for sd in problem.noise.frame_sd)
+def _frame_warning(length: float, angle: float) -> DataWarning:
     message = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
-        f"{length:.2g} mm and {angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
+        f"{1e3 * length:.2g} mm and {1e3 * angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
         'recording.toml state them; for motion capture, write reference.kind = "mocap")'
     )
     return DataWarning("robot", message)
 
 
-def position_scale_column(problem: Problem, run: Fit, estimator: Estimator) -> Array:
+def frame_deviations(found: Estimate) -> tuple[float, float]:
+    """Return the deviations of base and tool frame of an arm whose errors cannot be estimated, m and rad.
+
+    The errors that its poses show beyond what was assumed are those of its geometry. They change with the posture, and
+    the part that does not is an error of the frames, which nothing shows: it counts as as large as the others.
+    """
+    now, first = found.problem.noise, (found.problem if found.stated is None else found.stated).noise
+    length, angle = now.frame_sd
+    own, assumed = now.reference, first.reference
+    for name in ("position", "standstill_position"):
+        length = float(np.sqrt(max(length**2, getattr(own, name) ** 2 - getattr(assumed, name) ** 2)))
+    for name in ("orientation", "standstill_orientation"):
+        angle = float(np.sqrt(max(angle**2, getattr(own, name) ** 2 - getattr(assumed, name) ** 2)))
+    return length, angle
+
+
+def position_scale_column(problem: Problem, run: Fit, estimator: Estimator, length: float) -> Array:
     """Return the effect of an error of the positions' scale on the state, one deviation of it, (degrees, 1).
+
+    length: deviation of the frames' positions, m.
 
     If all links of the arm are slightly too long, the tool moves too far everywhere. This error does not average out.
     It enters the accelerometers' scale factors to the extent that motion, and not gravity, determines them.
     """
     columns = np.zeros((problem.layout.degrees, 1))
-    reference, scale = problem.reference, problem.noise.frame_sd[0] / REACH
+    reference, scale = problem.reference, length / REACH
     if scale == 0.0 or reference.positions is None:
         return columns
     middle = reference.positions.mean(axis=0)

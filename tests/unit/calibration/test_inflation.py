@@ -9,7 +9,12 @@ import pytest
 from kreisel.calibration.data_sheet import sensitivity
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
-from kreisel.calibration.inflation import position_scale_column, with_doubtful_latitude, with_unestimated_errors
+from kreisel.calibration.inflation import (
+    frame_deviations,
+    position_scale_column,
+    with_doubtful_latitude,
+    with_unestimated_errors,
+)
 from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.kalman.kalman_filter import KalmanFilter
@@ -43,13 +48,25 @@ def test_frames_and_scale_add_the_squares_of_their_columns():
     found = estimate_of(problem, small_run())
     after = with_unestimated_errors(found)
     columns = np.hstack(
-        [frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run, KalmanFilter())]
+        [frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run, KalmanFilter(), 2e-3)]
     )
     added = after.belief.covariance - found.run.belief.covariance
     sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
     assert [w.subject for w in after.warnings][:1] == ["robot"]
     assert "2 mm and 1 mrad" in after.warnings[0].message
+
+
+def test_frames_err_as_the_poses_are_found_to():
+    """Beyond what was assumed at first, on the path or at standstill, whichever is more; not less than assumed."""
+    first = with_noise(small_problem(), frame_sd=(2e-3, 1e-3))
+    assumed = first.noise.reference
+    assert frame_deviations(estimate_of(first, small_run())) == (2e-3, 1e-3)
+    larger = replace(assumed, position=1e-3, standstill_position=5e-3, orientation=3e-3)
+    found = replace(estimate_of(with_noise(first, reference=larger), small_run()), stated=first)
+    length, angle = frame_deviations(found)
+    assert length == pytest.approx(np.sqrt(5e-3**2 - assumed.standstill_position**2))
+    assert angle == pytest.approx(np.sqrt(3e-3**2 - assumed.orientation**2))
 
 
 def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
@@ -59,7 +76,8 @@ def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
     larger = scaling("correlated innovations", Source.PATH, run.belief.factor, 3.0)
     wide = estimate_of(problem, run, correlation_factor=3.0, contributions=(larger,))
     after = with_unestimated_errors(wide)
-    columns = np.hstack([frame_columns(problem, run.parameters), position_scale_column(problem, run, KalmanFilter())])
+    scale = position_scale_column(problem, run, KalmanFilter(), 2e-3)
+    columns = np.hstack([frame_columns(problem, run.parameters), scale])
     added = after.belief.covariance - wide.belief.covariance
     sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
@@ -75,9 +93,10 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
     unknown = {"gravity": np.array([[1.0]])}
     prior = replace(problem.prior, covariance=problem.prior.covariance | unknown,
                     start_covariance=problem.prior.start_covariance | unknown)  # fmt: skip
-    problem = replace(with_noise(problem, frame_sd=(scale, 0.0)), prior=prior)
+    problem = replace(problem, prior=prior)
     run = KalmanFilter().fit(problem)
-    column, layout, p = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout, run.parameters
+    column = position_scale_column(problem, run, KalmanFilter(), scale)[:, 0]
+    layout, p = problem.layout, run.parameters
     for group, value in (("gravity", [p.gravity]), ("accel_cross_coupling", p.sensors.K_a.ravel()),
                          ("lever_arms", p.sensors.lever_arms.ravel())):  # fmt: skip
         want = scale * np.array(value)
@@ -88,21 +107,21 @@ def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
 
 
 def test_where_gravity_is_known_the_scale_enters_as_far_as_it_comes_from_motion():
-    problem = with_noise(camera_problem(), frame_sd=(1e-3, 0.0))
-    run = KalmanFilter().fit(problem)
-    column, d = position_scale_column(problem, run, KalmanFilter())[:, 0], problem.layout["accel_cross_coupling"]
+    problem = camera_problem()
+    run, d = KalmanFilter().fit(problem), problem.layout["accel_cross_coupling"]
+    column = position_scale_column(problem, run, KalmanFilter(), 1e-3)[:, 0]
     trace = column[d].reshape(3, 3).trace() / run.parameters.sensors.K_a.trace()
     assert 0.0 < trace < 0.3e-3
-    double = position_scale_column(with_noise(problem, frame_sd=(2e-3, 0.0)), run, KalmanFilter())[:, 0]
+    double = position_scale_column(problem, run, KalmanFilter(), 2e-3)[:, 0]
     np.testing.assert_allclose(double[d], 2.0 * column[d], atol=0.01 * np.abs(column[d]).max())
 
 
 @pytest.mark.parametrize("lacking", ["positions", "length"])
 def test_without_positions_or_their_error_there_is_no_scale(lacking):
-    problem = with_noise(small_problem(), frame_sd=(0.0 if lacking == "length" else 1e-3, 1e-3))
+    problem = small_problem()
     if lacking == "positions":
         problem = replace(problem, reference=replace(problem.reference, positions=None))
-    column = position_scale_column(problem, small_run(), KalmanFilter())
+    column = position_scale_column(problem, small_run(), KalmanFilter(), 0.0 if lacking == "length" else 1e-3)
     assert column.shape == (problem.layout.degrees, 1)
     assert not column.any()
 

@@ -130,7 +130,7 @@ def test_coloured_errors_are_taken_as_white_ones_that_are_larger():
 
 
 def test_noise_of_readings_does_not_pull_at_effects():
-    """Delays are derivatives of readings; those of the readings themselves pull by 0.2 deviations, and claim 6 % more."""
+    """Delays are derivatives of readings; those of the readings themselves pull by 0.2 deviations."""
     problem = with_groups(camera_problem(), ("accel_delay", "gyro_axis_delay"))
     fit = near(problem)
     moved, ratio = compared(problem, fit, inverted(problem, fit))
