@@ -128,8 +128,8 @@ def _axes_warning(problem: Problem) -> DataWarning:
 def _frame_warning(length: float, angle: float) -> DataWarning:
     message = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
-        f"{1e3 * length:.2g} mm and {1e3 * angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd in "
-        'recording.toml state them; for motion capture, write reference.kind = "mocap")'
+        f"{1e3 * length:.2g} mm and {1e3 * angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd "
+        'in recording.toml state them; for motion capture, write reference.kind = "mocap")'
     )
     return DataWarning("robot", message)
 
