@@ -29,6 +29,11 @@ LONGEST = 3.0 * 3600.0
 MAX_ROUNDS = 3
 """Linearisations at most, each about a better estimate."""
 
+_ATTRIBUTED = 0.5
+"""Share of what a family does to the parameters that counts as a deviation. Chosen: results with it and without it then
+lie within two deviations, of which at least one is right. Whose error it is, a sensor's or the reference's, a recording
+does not tell: an arm that sways looks like an accelerometer that responds to jerk."""
+
 _MOVED = 0.3
 """Change of a parameter by a further linearisation, in standard deviations, below which it is the last."""
 
@@ -41,15 +46,16 @@ class Discrepancy:
     ----------
     found
         Families that are part of the model.
-    columns, undecided, remainder : (n, k)
-        Errors of the parameters by the amplitudes' uncertainty, by families that may be there or not, and by what the
-        functions of those that are there do not reach.
+    columns, undecided, remainder, attribution : (n, k)
+        Errors of the parameters by the amplitudes' uncertainty, by families that may be there or not, by what the
+        functions of those that are there do not reach, and by families that take another's error for theirs.
     """
 
     found: tuple[FoundFamily, ...] = ()
     columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
     undecided: Array = field(default_factory=lambda: np.zeros((0, 0)))
     remainder: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    attribution: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def contributions(self, degrees: int) -> list[Contribution]:
         """Return what terms add to the uncertainty of a state."""
@@ -58,6 +64,7 @@ class Discrepancy:
             ("model discrepancy", self.columns),
             ("undecided model discrepancy", self.undecided),
             ("remainder of the model discrepancy", self.remainder),
+            ("attribution of the model discrepancy", self.attribution),
         ):
             padded = np.zeros((degrees, columns.shape[1]))
             padded[: len(columns)] = columns
@@ -126,8 +133,18 @@ def find_discrepancy(
     )
     columns = _root(whole.change @ weighed.covariance @ whole.change.T)
     return Discrepancy(
-        found, columns, undecided(whole.change, weighed), _remainder(family, weight, whole.change, weighed)
+        found,
+        columns,
+        undecided(whole.change, weighed),
+        _remainder(family, weight, whole.change, weighed),
+        _ATTRIBUTED * _by_family(family, whole.change, weighed),
     )
+
+
+def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:
+    """Return what each family that is found does to the parameters, (n, k)."""
+    own = [family == f for f in weighed.families]
+    return np.stack([change[:, i] @ weighed.amplitude[i] for i in own], axis=1) if own else change[:, :0]
 
 
 def _remainder(family: Indices, weight: Array, change: Array, weighed: Weighed) -> Array:
