@@ -27,8 +27,12 @@ def calibrate(
     columns: list[str] = typer.Option(
         [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
     ),
-    estimator: str = typer.Option("spkf", help="spkf, ukf, cdkf, ckf, ekf or batch."),
-    sigma_points: str = typer.Option("central-difference", help="Of spkf: central-difference, unscented or cubature."),
+    estimator: str | None = typer.Option(
+        None, help="ekf (the default), iekf, spkf (the paper's), ukf, cdkf, ckf, batch or inverse."
+    ),
+    sigma_points: str | None = typer.Option(
+        None, help="Of spkf, which it chooses: central-difference, unscented or cubature."
+    ),
     update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
     fix: list[str] = typer.Option(

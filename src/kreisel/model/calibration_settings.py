@@ -37,9 +37,10 @@ class CalibrationSettings:
     Attributes
     ----------
     estimator
-        ``spkf``.
+        One of `ESTIMATORS`. By default ``ekf``, which finds what the sigma points find in less time, or ``spkf`` where
+        `sigma_points` are given.
     sigma_points
-        Weights of the SPKF: ``central-difference`` or ``unscented``.
+        Weights of ``spkf``: ``central-difference`` by default, ``unscented`` or ``cubature``.
     update_interval
         Seconds between two uses of the reference; chosen by the kind of reference if None.
     polynomial_order
@@ -97,8 +98,8 @@ class CalibrationSettings:
 
     def __init__(
         self,
-        estimator: str = "spkf",
-        sigma_points: str = "central-difference",
+        estimator: str | None = None,
+        sigma_points: str | None = None,
         update_interval: float | None = None,
         polynomial_order: int = 1,
         fixed: Collection[str] | Mapping[str, Any] = (),
@@ -112,6 +113,8 @@ class CalibrationSettings:
         fixed_values: Sequence[tuple[str, Sequence[float]]] = (),
         priors: Mapping[str, Any] | tuple[Known, ...] = (),
     ) -> None:
+        estimator = estimator or ("ekf" if sigma_points is None else "spkf")
+        sigma_points = sigma_points or "central-difference"
         _check_choices(estimator, sigma_points, size_effect, only, use)
         _check_numbers(polynomial_order, update_interval, passes)
         groups, single = _parts_of_fixed(fixed)
