@@ -29,10 +29,8 @@ inline void record_update(const Record &record, Index i, const Measured &of, con
     // residual: the noise's covariance times the inverse of the innovation's, times the innovation
     double solved[MAX_MEASURED];
     record.nis[i] = record.log_likelihood[i] = record.turn_information[i] = 0.0;
+    divide_transposed(of.factor, of.whitened, solved);
     for (Index r = m - 1; r >= 0; r--) {
-        solved[r] = of.whitened[r];
-        for (Index x = r + 1; x < m; x++) solved[r] -= of.factor(x, r) * solved[x];
-        solved[r] /= of.factor(r, r);
         record.nis[i] += of.whitened[r] * of.whitened[r];
         record.log_likelihood[i] -= std::log(of.factor(r, r));
     }

@@ -164,6 +164,15 @@ struct Predicted {
     Columns prediction_noise;    // (m, 2 k): of the centre with noise put in, plus and minus
 };
 
+/// Write numbers (m,) divided by the transpose of a lower triangular factor (m, m).
+inline void divide_transposed(Table factor, const double *numbers, double *out) {
+    for (Index r = factor.rows - 1; r >= 0; r--) {
+        out[r] = numbers[r];
+        for (Index x = r + 1; x < factor.rows; x++) out[r] -= factor(x, r) * out[x];
+        out[r] /= factor(r, r);
+    }
+}
+
 /// What an update did.
 struct Updated {
     bool used;                // whether the measurement was used
@@ -295,11 +304,7 @@ inline bool state_before(
 ) {
     const Index n = upper.rows, m = done.factor.rows, size = stored_of(parts);
     double *solved = memory.numbers(m), largest = 0.0;
-    for (Index r = m - 1; r >= 0; r--) {
-        solved[r] = done.whitened[r];
-        for (Index x = r + 1; x < m; x++) solved[r] -= done.factor(x, r) * solved[x];
-        solved[r] /= done.factor(r, r);
-    }
+    divide_transposed(done.factor, done.whitened, solved);
     const Columns distance = memory.zeros(n, 1), states = memory.columns(size, 1);
     for (Index j = 0; j < n; j++) {
         double along = 0.0;
