@@ -169,6 +169,25 @@ def test_estimators_are_compared(cell, refused, tmp_path):
     refused("give two or more", "compare", cell, "--methods", "spkf")
 
 
+def test_noise_figures_at_rest(cell, refused, tmp_path):
+    rng = np.random.default_rng(1)
+    rows = np.column_stack([0.02 * rng.normal(size=(6000, 3)), rng.normal(size=(6000, 3)) + np.array([0.0, 0.0, 9.8])])
+    (tmp_path / "rest" / "imu0").mkdir(parents=True)
+    head = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1],a_x [m s^-2],a_y [m s^-2],a_z [m s^-2]"
+    stamps = (20_000_000 * np.arange(6000)).astype(str)
+    lines = [f"{t},{','.join(f'{x:.9g}' for x in row)}" for t, row in zip(stamps, rows, strict=True)]
+    (tmp_path / "rest" / "imu0" / "data.csv").write_text("\n".join([head, *lines]) + "\n")
+    done = run("allan", tmp_path / "rest", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "too short for bias instability and random walk" in " ".join(done.stdout.split())
+    document = json.loads((tmp_path / "out" / "allan.json").read_text())
+    assert document["gyroscope"]["noise_density"] == pytest.approx([0.02 * 50.0**-0.5] * 3, rel=0.1)
+    assert document["accelerometer"]["random_walk"] == [None, None, None]
+    assert json.loads(run("allan", tmp_path / "rest", "--json").stdout) == document
+    assert "Allan deviation" in (tmp_path / "out" / "allan.html").read_text()
+    refused("is not at rest", "allan", cell)
+
+
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):
     for number in (1, 2):
         made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")

@@ -20,6 +20,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from kreisel.cli import (  # noqa: E402 - after the environment is set
+    allan,
     apply,
     batch,
     calibrate,
@@ -64,6 +65,7 @@ app.command("verify")(certificate.verify)
 app.command("key")(certificate.key)
 app.command("batch")(batch.batch)
 app.command("history")(batch.history)
+app.command("allan")(allan.allan)
 app.command("repeat")(repeat.repeat)
 app.command("compare")(compare.compare)
 app.command("convert")(convert.convert)

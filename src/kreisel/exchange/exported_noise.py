@@ -8,15 +8,12 @@ import numpy as np
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.inertial.allan import noise_figures
+from kreisel.inertial.allan import MOVING, moved, noise_figures
 from kreisel.inertial.noise_figures import GRADES, equivalent_walk
 from kreisel.recording.recording import ImuSamples
 
 SHORTEST = 600.0
 """Seconds at rest that an Allan deviation needs to show a random walk of the offsets at all."""
-
-_MOVING = 10.0
-"""Largest change from second to second at rest, in units of the usual one."""
 
 
 @dataclass(frozen=True)
@@ -103,16 +100,11 @@ def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:
 
 def _check_resting(values: np.ndarray, interval: float, name: str) -> None:
     """Raise an error for readings that move: means over a second, against the noise of the samples."""
-    m = max(round(1.0 / interval), 2)
-    means = values[: len(values) // m * m].reshape(-1, m, 3).mean(axis=1)
-    steps = np.abs(np.diff(means, axis=0))
-    usual = np.median(steps, axis=0) + 1e-12
-    moved = float((steps / usual).max())
-    if moved > _MOVING:
-        k = int(np.argmax((steps / usual).max(axis=1)))
+    most, second = moved(values, interval)
+    if most > MOVING:
         raise SettingsError(
-            f"--at-rest: the {name} readings are not at rest: near {k} s they change {moved:.0f} times as much from "
-            "second to second as usually; cut out the part at rest"
+            f"--at-rest: the {name} readings are not at rest: near {second} s they change {most:.0f} times as much "
+            "from second to second as usually; cut out the part at rest"
         )
 
 

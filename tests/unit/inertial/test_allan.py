@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.inertial.allan import allan_deviation, noise_figures, usual_clusters
+from kreisel.inertial.allan import TERMS, allan_deviation, moved, noise_figures, usual_clusters, warms_up
 from kreisel.inertial.noise_figures import noise
 
 
@@ -14,6 +14,46 @@ def test_figures_of_drawn_noise_are_found():
     np.testing.assert_allclose(np.mean(found.density), 1e-3, rtol=0.02)
     np.testing.assert_allclose(np.mean(found.instability), 3e-4, rtol=0.33)
     np.testing.assert_allclose(np.sqrt(np.mean(found.walk**2)), 2e-5, rtol=0.33)
+    for term, true in (("density", 1e-3), ("instability", 3e-4)):
+        assert found.shown[term].all()
+        assert np.abs((getattr(found, term) - true) / found.deviation[term]).max() < 3.0
+    np.testing.assert_allclose(found.fitted, found.curve, rtol=0.5)
+
+
+def test_two_minutes_show_white_noise_and_nothing_slower():
+    found = noise_figures(noise(np.random.default_rng(1), 12_000, 100.0, 1e-3, 3e-4, 2e-5), 0.01)
+    assert found.shown["density"].all()
+    assert not any(found.shown[term].any() for term in TERMS if term != "density")
+
+
+def test_quantisation_and_a_ramp_are_found():
+    """Angles counted in steps of q have Q = q / sqrt(12), with a dither sqrt(2) of it; a ramp its slope."""
+    rng = np.random.default_rng(3)
+    n, interval, step, slope = 200_000, 0.01, 1e-4, 2e-6
+    t = interval * np.arange(n + 1)
+    angle = np.cumsum(1e-5 * rng.normal(size=(n + 1, 3)), axis=0) * interval + 0.5 * slope * t[:, None] ** 2
+    counted = step * np.round(angle / step + rng.uniform(-0.5, 0.5, angle.shape))
+    found = noise_figures(np.diff(counted, axis=0) / interval, interval)
+    assert found.shown["quantisation"].all()
+    np.testing.assert_allclose(found.quantisation, step * (2.0 / 12.0) ** 0.5, rtol=0.15)
+    assert found.shown["ramp"].all()
+    np.testing.assert_allclose(found.ramp, slope, rtol=0.1)
+
+
+def test_warming_up_is_far_more_than_wandering():
+    resting = noise(np.random.default_rng(4), 100_000, 10.0, 1e-3, 3e-4, 2e-6)
+    assert not warms_up(resting).any()
+    warm = resting + np.outer(2e-2 * np.exp(-np.arange(100_000) / 20_000.0), [1.0, 0.0, 0.0])
+    assert warms_up(warm).tolist() == [True, False, False]
+
+
+def test_motion_is_told_from_noise():
+    resting = noise(np.random.default_rng(5), 10_000, 100.0, 1e-3, 0.0, 0.0)
+    assert moved(resting, 0.01)[0] < 10.0
+    resting[5000:5200] += 0.05
+    most, second = moved(resting, 0.01)
+    assert most > 10.0
+    assert second in (49, 50, 51)
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])

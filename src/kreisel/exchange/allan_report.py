@@ -1,0 +1,160 @@
+"""What the Allan deviation of a recording at rest shows, as an object, in words, and as a table for recording.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, moved, noise_figures, warms_up
+from kreisel.inertial.noise_figures import equivalent_walk
+from kreisel.recording.recording import Recording
+from kreisel.units import DEG, MG
+
+SHORTEST = 20.0
+"""Seconds at rest below which nothing is said. Chosen: a tenth of it is one octave of averaging times at 10 Hz."""
+
+NAMES = {
+    "quantisation": "quantisation",
+    "density": "noise_density",
+    "instability": "bias_instability",
+    "walk": "random_walk",
+    "ramp": "rate_ramp",
+}
+"""Of figures, in the JSON object."""
+
+WORDS = {
+    "quantisation": "quantisation",
+    "density": "noise density",
+    "instability": "bias instability",
+    "walk": "random walk",
+    "ramp": "rate ramp",
+}
+
+_HOUR = 3600.0
+
+UNITS: dict[str, tuple[tuple[str, float], ...]] = {
+    "gyroscope": (
+        ("urad", 1e-6), ("deg/sqrt(h)", DEG / _HOUR**0.5), ("deg/h", DEG / _HOUR), ("deg/h/sqrt(h)", DEG / _HOUR**1.5),
+        ("deg/h^2", DEG / _HOUR**2),
+    ),
+    "accelerometer": (
+        ("um/s", 1e-6), ("ug/sqrt(Hz)", 1e-3 * MG), ("ug", 1e-3 * MG), ("ug/sqrt(s)", 1e-3 * MG), ("ug/s", 1e-3 * MG),
+    ),
+}  # fmt: skip
+"""Of the figures as data sheets give them, in the order of `TERMS`, and in SI."""
+
+
+@dataclass(frozen=True)
+class AllanReport:
+    """Figures of both sensors, and what to know about them.
+
+    Attributes
+    ----------
+    figures
+        By sensor.
+    remarks
+        Sentences: what the length cannot show, and axes that warm up.
+    seconds
+        Length of the recording.
+    """
+
+    figures: Mapping[str, NoiseFigures]
+    remarks: tuple[str, ...]
+    seconds: float
+
+
+def allan_report(recording: Recording) -> AllanReport:
+    """Return what readings at rest show.
+
+    Raises
+    ------
+    RecordingError
+        If they are too short, or move.
+    """
+    imu = recording.imu
+    seconds = float(imu.seconds[-1])
+    if seconds < SHORTEST:
+        raise RecordingError(
+            f"lasts {seconds:.3g} s, expected {SHORTEST:.0f} s or more at rest, an hour if possible", file=imu.source
+        )
+    figures, remarks = {}, []
+    for sensor, values in (("gyroscope", imu.rates), ("accelerometer", imu.accelerations)):
+        most, second = moved(values, imu.interval)
+        if most > MOVING:
+            raise RecordingError(
+                f"the {sensor} is not at rest: near {second} s its readings change {most:.0f} times as much from "
+                "second to second as usually; cut out the part at rest",
+                file=imu.source,
+            )
+        figures[sensor] = noise_figures(values, imu.interval)
+        remarks += _remarks(sensor, figures[sensor], values)
+    return AllanReport(figures, tuple(remarks), seconds)
+
+
+def _remarks(sensor: str, found: NoiseFigures, values: np.ndarray) -> list[str]:
+    out = []
+    hidden = [WORDS[term] for term in ("density", "instability", "walk") if not found.shown[term].all()]
+    if hidden:
+        longest = found.tau[-1]
+        out.append(
+            f"{sensor}: too short for {' and '.join(hidden)} of every axis: the longest averages are {longest:.3g} s, "
+            "and other noise is larger there; record longer at rest"
+        )
+    warm = [axis for axis, one in zip("xyz", warms_up(values), strict=True) if one]
+    if warm:
+        out.append(
+            f"{sensor}: {', '.join(warm)} changed from beginning to end, by far more than it wanders at last: the unit "
+            "warms up or its temperature changes; leave out the first hour, or two, and look again"
+        )
+    return out
+
+
+def document_of(found: AllanReport) -> dict[str, Any]:
+    """Return the figures as an object; null where the length does not show one."""
+    return {
+        **{sensor: _table(figures) for sensor, figures in found.figures.items()},
+        "seconds": found.seconds,
+        "remarks": list(found.remarks),
+    }
+
+
+def _table(figures: NoiseFigures) -> dict[str, Any]:
+    def numbers(values: np.ndarray, term: str) -> list[float | None]:
+        return [float(v) if known else None for v, known in zip(values, figures.shown[term], strict=True)]
+
+    return {
+        **{NAMES[term]: numbers(getattr(figures, term), term) for term in TERMS},
+        "standard_deviation": {NAMES[term]: numbers(figures.deviation[term], term) for term in TERMS},
+        "averaging_times": figures.tau.tolist(),
+        "allan_deviation": figures.curve.tolist(),
+    }
+
+
+def settings_of(found: AllanReport) -> str:
+    """Return the table [imu] of recording.toml with what was found: the rms over the axes.
+
+    Flicker noise is a random walk there that changes offsets as much in ten minutes.
+    """
+    lines = ["[imu]"]
+    for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel")):
+        one = found.figures[sensor]
+        lines.append(f"{name}_noise_density = {_rms(one.density):.4g}")
+        walks = np.array(
+            [
+                equivalent_walk(b if shows_b else 0.0, k if shows_k else 0.0)
+                for b, k, shows_b, shows_k in zip(
+                    one.instability, one.walk, one.shown["instability"], one.shown["walk"], strict=True
+                )
+            ]
+        )
+        if walks.any():
+            lines.append(f"{name}_random_walk = {_rms(walks):.4g}")
+    return "\n".join(lines)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
