@@ -25,8 +25,8 @@ def allan(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.terminal_tables import print_rows
-    from kreisel.exchange.allan_report import allan_report, document_of, settings_of
     from kreisel.formats.loading import load
+    from kreisel.preparation.resting_noise import allan_report, document_of, settings_of
     from kreisel.report.allan_page import COLUMNS, rows_of, write_allan
 
     if output is not None:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.exchange.allan_report import UNITS, WORDS, AllanReport, settings_of
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.allan import TERMS, NoiseFigures
+from kreisel.preparation.resting_noise import UNITS, WORDS, AllanReport, settings_of
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, pair
 from kreisel.report.plots import Figure

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kreisel.errors import RecordingError
-from kreisel.exchange.allan_report import allan_report, document_of, settings_of
 from kreisel.inertial.noise_figures import noise
+from kreisel.preparation.resting_noise import allan_report, document_of, settings_of
 from kreisel.report.allan_page import COLUMNS, rows_of, write_allan
 
 from ...small_problem import recorded
