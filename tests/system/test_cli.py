@@ -150,14 +150,17 @@ def test_estimators_are_compared(cell, refused, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(
         "import kreisel\n\n\nclass Mine:\n    name = 'mine'\n\n    def estimate(self, measured):\n"
+        "        print('starts')\n"
         "        own = measured.start['gyroscope']['offset']\n"
         "        table = {'gyroscope': {'offset': own}}\n"
         "        return kreisel.Estimates(table, {'gyroscope': {'offset': abs(own) + 1e-4}})\n"
     )
     done = run("compare", cell, cell, "--methods", f"ekf,{file}:Mine", "--json")
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)["recordings"]
+    found, squares = (json.loads(done.stdout)[key] for key in ("recordings", "chi_square"))
     assert len(found) == 2
+    assert squares["mine"]["gyro_bias_deg_h"] == pytest.approx(0.0, abs=1e-9)
+    assert squares["mine"]["accel_bias_mg"] is None
     for own in found.values():
         assert own["methods"]["mine"]["accepted"] is None
         assert own["methods"]["mine"]["passes"] > 0.0

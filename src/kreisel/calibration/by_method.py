@@ -116,11 +116,22 @@ def expected(one: ByMethod, other: ByMethod) -> dict[str, float]:
 
     Notes
     -----
-    Where the better of two makes the best of the data, the covariance of the difference is the difference of their
-    covariances (Hausman 1978).
+    If the other makes the best of the data, the covariance of the difference is the difference of their covariances
+    (Hausman 1978); zero where this one claims to know more.
     """
+    return {name: max(ratio**2 - 1.0, 0.0) ** 0.5 for name, ratio in _ratios(one, other).items()}
+
+
+def too_sure(one: ByMethod, other: ByMethod) -> float:
+    """Return by how many times this one claims to know more of its parameters, as a median; 1 at least."""
+    ratios = list(_ratios(one, other).values())
+    return max(1.0, 1.0 / float(np.median(ratios))) if ratios else 1.0
+
+
+def _ratios(one: ByMethod, other: ByMethod) -> dict[str, float]:
+    """Return the ratios of deviations of the parameters of which both have one."""
     return {
-        name: float(np.sqrt(abs(one.standard_deviation[name] ** 2 - sd**2))) / sd
+        name: one.standard_deviation[name] / sd
         for name, sd in other.standard_deviation.items()
         if sd > 0.0 and one.standard_deviation.get(name, 0.0) > 0.0
     }

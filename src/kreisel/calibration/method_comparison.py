@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 
 import numpy as np
 
@@ -105,7 +107,9 @@ def _own(recording: Recording, own: Estimator, executor: Executor) -> ByMethod:
 
 
 def _asked(own: Estimator, preparation: Preparation, problem: Problem, until: float = np.inf) -> Estimates:
-    return checked(own.estimate(measurements_of(preparation, problem, until)), own.name)
+    with redirect_stdout(sys.stderr):  # what it prints is no part of the comparison
+        found = own.estimate(measurements_of(preparation, problem, until))
+    return checked(found)
 
 
 def _own_drift(own: Estimator, preparation: Preparation, problem: Problem) -> tuple[float, float] | None:

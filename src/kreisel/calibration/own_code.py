@@ -21,10 +21,12 @@ def load_estimator(text: str) -> Estimator:
     SettingsError
         If there is no such file or name, or it does not estimate.
     """
-    file, _, name = text.rpartition(":")
+    file, _, name = text.rpartition(":") if ":" in text else (text, "", "")
     path = Path(file)
-    if not file or not path.is_file():
-        raise SettingsError(f"{text}: there is no file {file or text}; write FILE.py:NAME")
+    if not path.is_file():
+        raise SettingsError(f"{text}: there is no file {file}; write FILE.py:NAME")
+    if not name:
+        raise SettingsError(f"{text}: say which class of {file}; write {file}:NAME")
     spec = importlib.util.spec_from_file_location(f"own_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise SettingsError(f"{text}: {path} is not a Python file")
@@ -46,6 +48,6 @@ def load_estimator(text: str) -> Estimator:
 def said(error: Exception, file: Path | None = None) -> str:
     """Return what went wrong in somebody's own code: kind, message, and the last line of it."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if file is None or Path(frame.filename) == file] or list(frames)
+    own = [frame for frame in frames if file is None or Path(frame.filename) == file]
     place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
     return f"{type(error).__name__}: {error}{place}"

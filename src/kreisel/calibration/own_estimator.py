@@ -64,14 +64,17 @@ class Measurements:
     gyro_noise, accel_noise : (3,)
         Densities of white noise, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
     position_noise, orientation_noise
-        Standard deviations of a pose on the path, of each component, m and rad.
+        Standard deviations of white noise of a pose on the path, of each component, m and rad. Errors that last, those
+        of an arm's geometry and of its frames, come on top, and nothing here states them.
     earth_rate : (3,) or None
-        Of the Earth in the reference's frame, rad/s, by the first values; None where no latitude is stated.
+        Of the Earth in the reference's frame, rad/s, by the first values, whose north may be far off; None where no
+        latitude is stated.
     start
         First values: cross_coupling and offset of gyroscope and accelerometer, the accelerometer's lever_arms,
         timing.offset, and gravity in the reference's frame (alignment.gravity), as in the result file.
     deviation
-        Standard deviations of what is known of them before: of devices of the stated grade.
+        Standard deviations of what is known of devices of the stated grade. First values are fitted to the same data:
+        they are no prior.
     """
 
     imu_seconds: Array
@@ -176,7 +179,7 @@ def _offset(preparation: Preparation, start: float) -> float:
     return Clock((1.0 + imu.stretch) * start).offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
 
 
-def checked(found: Any, name: str) -> Estimates:
+def checked(found: Any) -> Estimates:
     """Return what an own estimator returned.
 
     Raises
@@ -185,17 +188,17 @@ def checked(found: Any, name: str) -> Estimates:
         If it has other names or shapes than `Measurements.start`, or a number that is not finite.
     """
     if not isinstance(found, Estimates):
-        raise EstimationError(f"{name}: estimate() returned {type(found).__name__}, expected kreisel.Estimates")
-    values, deviations = _checked(found.values, f"{name}: values"), _checked(found.deviations, f"{name}: deviations")
+        raise EstimationError(f"estimate() returned {type(found).__name__}, expected kreisel.Estimates")
+    values, deviations = _checked(found.values, "values"), _checked(found.deviations, "deviations")
     for section, own in values.items():
         for key in own:
             deviation = deviations.get(section, {}).get(key)
             if deviation is None:
-                raise EstimationError(f"{name}: {section}.{key} has no standard deviation; give it in `deviations`")
-            if np.any(np.asarray(deviation) < 0.0):
-                raise EstimationError(f"{name}: {section}.{key} has a standard deviation below zero")
+                raise EstimationError(f"{section}.{key} has no standard deviation; give it in `deviations`")
+            if not np.all(np.asarray(deviation) > 0.0):
+                raise EstimationError(f"{section}.{key} has a standard deviation that is not above zero")
     if not values:
-        raise EstimationError(f"{name}: estimate() returned no values")
+        raise EstimationError("estimate() returned no values")
     return Estimates(values, deviations)
 
 

@@ -27,6 +27,7 @@ def compare(
     Differences are in the standard deviations of the first. With truth.json in a simulated recording, errors are shown.
     """
     import json as json_module
+    from math import isfinite
 
     from kreisel.calibration.by_method import document_of_all
     from kreisel.calibration.method_comparison import compare_methods
@@ -36,6 +37,7 @@ def compare(
     from kreisel.cli.threads import in_threads
     from kreisel.errors import EstimationError
     from kreisel.formats.loading import load
+    from kreisel.report.comparison_page import over_recordings
 
     chosen = _chosen(methods)
     if output is not None:
@@ -50,6 +52,11 @@ def compare(
             raise EstimationError(f"{path}: " + "; ".join(f"{each.name}: {each.error}" for each in one.found))
         compared.append(one)
     document = document_of_all(compared, runs)
+    if len(compared) > 1:
+        document["chi_square"] = {
+            name: {one.name: one.chi_square if isfinite(one.chi_square) else None for one in found}
+            for name, found in over_recordings(compared).items()
+        }
     if output is not None:
         from kreisel.report.comparison_page import write_comparison
 

@@ -7,7 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.by_method import GROUPS, ByMethod, Comparison, differences, largest, over_expected, scores
+from kreisel.calibration.by_method import (
+    GROUPS,
+    ByMethod,
+    Comparison,
+    differences,
+    largest,
+    over_expected,
+    scores,
+    too_sure,
+)
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.repeatability import MAY_CHANGE, Repeated, quantities_compared
 from kreisel.report.cells import Row, Table
@@ -61,6 +70,9 @@ def columns_of(compared: Sequence[Comparison]) -> tuple[str, ...]:
     )
 
 
+_TOO_SURE = 1.3
+"""Deviations of another estimator over one's own, from which on it is said. Chosen: ours differ by 5 %."""
+
 OVER_EXPECTED = "/ expected"
 """Column of differences over their expected deviations."""
 
@@ -107,7 +119,7 @@ def facts_of(compared: Sequence[Comparison], runs: Sequence[str]) -> list[str]:
     out.append(
         "Differences are the largest of each group, in standard deviations of the first estimator. All use the same "
         "data: where the models are nearly linear they agree far better than that. An estimator that makes less of the "
-        f'data differs by more, with the deviation sqrt(|sd^2 - sd_first^2|): "{OVER_EXPECTED}" is the rms of '
+        f'data differs by more, with the deviation sqrt(sd^2 - sd_first^2): "{OVER_EXPECTED}" is the rms of '
         'differences over it, about 1 if both are right, and "-" where deviations are nearly the same. Passes: the '
         "time, with all checks, over that of one strapdown pass. Drift: root mean square of poses predicted from one "
         "to the next on data not used, with the calibration of the first part."
@@ -123,6 +135,12 @@ def _facts(compared: Comparison) -> list[str]:
     out = [f"{one.name} failed: {one.error}" for one in compared.found if one.error is not None]
     out += [f"{one.name} is rejected: {one.reasons[0]}" for one in compared.done if one.reasons]
     for one in compared.done[1:]:
+        times = too_sure(one, compared.first)
+        if times > _TOO_SURE:
+            out.append(
+                f"{one.name} states deviations {times:.2g} times smaller than {compared.first.name} from the same "
+                "data: one of them is wrong about what it knows."
+            )
         change = differences(one, compared.first)
         name = max(change, key=lambda parameter: abs(change[parameter]), default="")
         if name:

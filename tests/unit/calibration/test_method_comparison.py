@@ -15,6 +15,7 @@ from kreisel.calibration.by_method import (
     over_expected,
     parameters_in,
     scores,
+    too_sure,
 )
 from kreisel.calibration.method_comparison import compare_methods
 from kreisel.report.comparison_page import chi_squares, over_recordings
@@ -60,6 +61,10 @@ def test_an_estimator_that_knows_less_differs_by_what_it_does_not_know():
     assert expected(half, whole)["gyroscope.offset[0]"] == pytest.approx(1.0)
     assert over_expected(half, whole) == pytest.approx(1.0, abs=0.15)
     assert np.isnan(over_expected(whole, whole))
+    sure = replace(half, standard_deviation=dict.fromkeys(names, 0.02))
+    assert np.isnan(over_expected(sure, whole))
+    assert too_sure(sure, whole) == pytest.approx(5.0)
+    assert too_sure(half, whole) == 1.0
 
 
 def test_three_estimators_agree_and_one_that_fails_says_why():
