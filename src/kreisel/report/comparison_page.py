@@ -138,7 +138,7 @@ def _facts(compared: Comparison) -> list[str]:
         times = too_sure(one, compared.first)
         if times > _TOO_SURE:
             out.append(
-                f"{one.name} states deviations {times:.2g} times smaller than {compared.first.name} from the same "
+                f"{one.name} states deviations {times:.2g} times smaller, and more, than {compared.first.name} from the same "
                 "data: one of them is wrong about what it knows."
             )
         change = differences(one, compared.first)
