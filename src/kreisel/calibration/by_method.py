@@ -123,7 +123,7 @@ def expected(one: ByMethod, other: ByMethod) -> dict[str, float]:
 
 
 def too_sure(one: ByMethod, other: ByMethod) -> float:
-    """Return by how many times this one claims to know more of a quarter of its parameters at least; 1 if it does not."""
+    """Return by how many times this one claims to know more, of a quarter of its parameters; 1 if it does not."""
     ratios = list(_ratios(one, other).values())
     return max(1.0, 1.0 / float(np.quantile(ratios, 0.25))) if ratios else 1.0
 
