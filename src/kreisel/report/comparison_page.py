@@ -138,8 +138,8 @@ def _facts(compared: Comparison) -> list[str]:
         times = too_sure(one, compared.first)
         if times > _TOO_SURE:
             out.append(
-                f"{one.name} states deviations that are smaller than those of {compared.first.name}, a quarter of them by "
-                f"{times:.2g} times or more, from the same data: one of the two is wrong about what it knows."
+                f"{one.name} states deviations that are smaller than those of {compared.first.name}, a quarter of them "
+                f"by {times:.2g} times or more, from the same data: one of the two is wrong about what it knows."
             )
         change = differences(one, compared.first)
         name = max(change, key=lambda parameter: abs(change[parameter]), default="")
