@@ -279,7 +279,7 @@ def main(runs: int = 4) -> None:
                 scores.setdefault(name, []).append(float(np.mean(score**2)))
         print(f"run {seed + 1} of {runs} done", file=sys.stderr)
     first = min(seconds for seconds, _ in rows["kreisel"])
-    print(", ".join(f"{package} {version(package)}" for package in _installed()))
+    print("versions: " + ", ".join(f"{package} {version(package)}" for package in _installed()))
     print(f"{'filter':30s} {'ms':>10s} {'strapdown passes':>17s} {'times kreisel':>14s} {'error over sd':>14s}")
     for name, results in rows.items():
         seconds = min(s for s, _ in results)

@@ -23,6 +23,7 @@ from kreisel.calibration.result_sections import (
     Timing,
     Verdict,
 )
+from kreisel.estimation.sigma_points import USUAL
 from kreisel.estimation.uncertainty_budget import Budget
 from kreisel.geometry.rotation import Array, exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
@@ -124,8 +125,8 @@ def _estimator_facts(found: Estimate, judged: Assessment) -> EstimatorFacts:
     settings, noise = problem.settings, problem.noise.reference
     gyro_density, accel_density = imu_density(problem)
     return EstimatorFacts(
-        name=settings.estimator,
-        sigma_points=found.estimator.points or settings.sigma_points,
+        name=found.estimator.name,
+        sigma_points=found.estimator.points or settings.sigma_points or USUAL,
         states=problem.layout.degrees,
         update_interval=problem.schedule.interval,
         updates=judged.consistency.updates,

@@ -212,7 +212,7 @@ def _begun(
     table = recording.settings.reference
     stated = table.position_sd is not None or table.orientation_sd is not None
     given = StatedFigures(stated, preparation.imu_noise.given)
-    estimator = ESTIMATORS[settings.estimator]
+    estimator = estimator_for(problem)
     if problem.reference.positions is not None or settings.only == "accelerometer":
         return _Begun(preparation, problem, given, estimate(problem, given, estimator, progress, executor))
     try:
@@ -224,6 +224,16 @@ def _begun(
         problem = without_forces(problem)
         found = estimate(problem, given, estimator, progress, executor)
     return _Begun(preparation, problem, given, found)
+
+
+def estimator_for(problem: Problem) -> Estimator:
+    """Return the estimator that a problem's settings name, or that its reference asks for.
+
+    Without orientations attitudes are far off at first, and sigma points see further than derivatives do.
+    """
+    settings = problem.settings
+    usual = "ekf" if settings.sigma_points is None and problem.reference.quaternions is not None else "spkf"
+    return ESTIMATORS[settings.estimator or usual]
 
 
 def _with_time_base(
@@ -271,7 +281,7 @@ def _known_scores(
         return {}
     fixed = tuple(one for one in settings.priors if one[2] == 0.0)
     free = build_problem(preparation, replace(settings, priors=fixed))
-    found = with_unestimated_errors(estimate(free, given, ESTIMATORS[settings.estimator], progress))
+    found = with_unestimated_errors(estimate(free, given, estimator_for(free), progress))
     layout, deviation = found.problem.layout, found.deviation
     scores = {}
     for name, sd in stated:

@@ -28,7 +28,8 @@ def calibrate(
         [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
     ),
     estimator: str | None = typer.Option(
-        None, help="ekf (the default), iekf, spkf (the paper's), ukf, cdkf, ckf, batch or inverse."
+        None,
+        help="ekf (by default; spkf without orientations), iekf, spkf (the paper's), ukf, cdkf, ckf, batch or inverse.",
     ),
     sigma_points: str | None = typer.Option(
         None, help="Of spkf, which it chooses: central-difference, unscented or cubature."

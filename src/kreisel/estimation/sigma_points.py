@@ -79,6 +79,9 @@ WEIGHTS: dict[str, Callable[[int], SigmaWeights]] = {
     "linear": linear,
 }
 
+USUAL = "central-difference"
+"""The choice that nobody stated: best for normal variables."""
+
 DERIVATIVES, ITERATED = "derivatives", "iterated derivatives"
 """In the place of a choice of sigma points: the models' derivatives, and no points at all; about the state before an
 update, or again about what the update makes of it."""

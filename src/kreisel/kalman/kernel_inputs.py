@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel._kernels import filter_arguments
 from kreisel._kernels.compiled import check_order
-from kreisel.estimation.sigma_points import LINEARISATIONS, weights
+from kreisel.estimation.sigma_points import LINEARISATIONS, USUAL, weights
 from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.inertial.effects import EFFECTS, groups_of, places_of
@@ -64,7 +64,7 @@ def filter_model(
     """
     layout, settings = problem.layout, problem.settings
     n = layout.degrees
-    points = points or settings.sigma_points
+    points = points or settings.sigma_points or USUAL
     w = weights(points, n)
     level, down = problem.site.earth_rate_units
     coloured = problem.noise.coloured

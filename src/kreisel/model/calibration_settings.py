@@ -37,10 +37,11 @@ class CalibrationSettings:
     Attributes
     ----------
     estimator
-        One of `ESTIMATORS`. By default ``ekf``, which finds what the sigma points find in less time, or ``spkf`` where
-        `sigma_points` are given.
+        One of `ESTIMATORS`; ``spkf`` where `sigma_points` are given. By the recording if None: ``ekf``, which finds
+        what sigma points find in less time, or ``spkf`` where the reference has no orientations and attitudes are far
+        off at first.
     sigma_points
-        Weights of ``spkf``: ``central-difference`` by default, ``unscented`` or ``cubature``.
+        Weights of ``spkf``: ``central-difference`` if None, ``unscented`` or ``cubature``.
     update_interval
         Seconds between two uses of the reference; chosen by the kind of reference if None.
     polynomial_order
@@ -81,8 +82,8 @@ class CalibrationSettings:
         If a choice is unknown or impossible.
     """
 
-    estimator: str
-    sigma_points: str
+    estimator: str | None
+    sigma_points: str | None
     update_interval: float | None
     polynomial_order: int
     fixed: tuple[str, ...]
@@ -113,8 +114,6 @@ class CalibrationSettings:
         fixed_values: Sequence[tuple[str, Sequence[float]]] = (),
         priors: Mapping[str, Any] | tuple[Known, ...] = (),
     ) -> None:
-        estimator = estimator or ("ekf" if sigma_points is None else "spkf")
-        sigma_points = sigma_points or "central-difference"
         _check_choices(estimator, sigma_points, size_effect, only, use)
         _check_numbers(polynomial_order, update_interval, passes)
         groups, single = _parts_of_fixed(fixed)
@@ -186,11 +185,11 @@ class CalibrationSettings:
 
 
 def _check_choices(
-    estimator: str, sigma_points: str, size_effect: SizeEffect | str, only: str | None, use: str | None
+    estimator: str | None, sigma_points: str | None, size_effect: SizeEffect | str, only: str | None, use: str | None
 ) -> None:
-    if estimator not in ESTIMATORS:
+    if estimator is not None and estimator not in ESTIMATORS:
         raise SettingsError(unknown_name("estimator", estimator, ESTIMATORS))
-    if sigma_points not in WEIGHTS:
+    if sigma_points is not None and sigma_points not in WEIGHTS:
         raise SettingsError(unknown_name("choice of sigma points", sigma_points, WEIGHTS))
     if size_effect not in list(SizeEffect):
         raise SettingsError(unknown_name("size effect", str(size_effect), [form.value for form in SizeEffect]))

@@ -35,6 +35,7 @@ WORDS = {
 }
 
 _HOUR = 3600.0
+"""s."""
 
 UNITS: dict[str, tuple[tuple[str, float], ...]] = {
     "gyroscope": (

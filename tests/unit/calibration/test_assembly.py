@@ -198,7 +198,7 @@ def test_facts_are_those_of_recording_and_problem():
     assert (facts.imu_rate_hz, facts.duration_s) == (pytest.approx(100.0), pytest.approx(40.0))
     assert facts.reference_poses == len(recording.reference.positions)
     assert facts.warnings == ("poses: are late",)
-    assert (how.name, how.sigma_points, how.states) == ("ekf", "central-difference", problem.layout.degrees)
+    assert (how.name, how.sigma_points, how.states) == ("spkf", "central-difference", problem.layout.degrees)
     assert (how.update_interval, how.passes, how.filter_seconds) == (0.48, 3, 1.25)
     assert how.noise.position_sd == problem.noise.reference.position
     assert how.noise.standstill_orientation_sd == problem.noise.reference.standstill_orientation

@@ -24,7 +24,7 @@ class Counting:
     name, points = "counting", "derivatives"
 
     def __init__(self):
-        self.asked, self._own = [], ESTIMATORS[CalibrationSettings().estimator]
+        self.asked, self._own = [], ESTIMATORS["ekf"]
 
     def __getattr__(self, what):
         def ask(*arguments, **named):
@@ -93,3 +93,16 @@ def test_a_result_says_what_its_estimator_went_by(name, points):
     assert (calibration.estimator.name, calibration.estimator.sigma_points) == (name, points)
     schema = json.loads(files("kreisel.calibration").joinpath("result-schema.json").read_text())
     assert points in schema["properties"]["estimator"]["properties"]["sigma_points"]["enum"]
+
+
+def test_a_reference_without_orientations_asks_for_sigma_points():
+    """Unless the user chooses: attitudes are far off at first."""
+    problem = camera_problem()
+    alone = replace(problem, reference=replace(problem.reference, quaternions=None))
+    assert module.estimator_for(problem) is ESTIMATORS["ekf"]
+    assert module.estimator_for(alone) is ESTIMATORS["spkf"]
+    chosen = replace(alone, settings=CalibrationSettings("batch"))
+    assert module.estimator_for(chosen) is ESTIMATORS["batch"]
+    points = replace(problem, settings=CalibrationSettings(sigma_points="unscented"))
+    assert module.estimator_for(points) is ESTIMATORS["spkf"]
+    assert module.estimator_for(replace(problem, settings=replace(problem.settings, passes=3))) is ESTIMATORS["ekf"]
