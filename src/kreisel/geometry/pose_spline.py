@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from kreisel.geometry.rotation import Array, Indices, conjugate, exp, multiply, skew
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 ORDER = 6
 """Control points of a span: polynomials of the fifth degree, so that accelerations are smooth. Chosen: that of Furgale,
@@ -21,6 +24,8 @@ Rehder and Siegwart (2013)."""
 
 @cache
 def _pieces() -> tuple[BSpline, ...]:
+    from scipy.interpolate import BSpline
+
     element = BSpline.basis_element(np.arange(ORDER + 1), extrapolate=False)
     return element, element.derivative(), element.derivative(2)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -105,6 +106,8 @@ def smooth_motion(
     problem: Problem, near: Fit, progress: StepProgress | None = None
 ) -> tuple[PoseSpline, Unknowns, Array]:
     """Return the motion and the parameters that predict readings and poses best, and the latter's covariance."""
+    if find_spec("scipy") is None:
+        raise EstimationError("the inverse filter needs SciPy: run pip install 'kreisel[inverse]'")
     if problem.settings.size_effect is not SizeEffect.COMPLETED:
         raise EstimationError(
             "the inverse filter knows the size effect in its completed form only; choose another estimator"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from kreisel.geometry.pose_spline import ORDER
 from kreisel.geometry.rotation import Array, Indices
@@ -114,6 +113,8 @@ class NormalEquations:
         LinAlgError
             If the equations have no single solution.
         """
+        from scipy.linalg import cho_solve_banded, cholesky_banded
+
         factor = cholesky_banded(self.band, lower=True)
         known = cho_solve_banded((factor, True), np.column_stack([self.mixed, self.of_points]))
         reduced = self.own + information - self.mixed.T @ known[:, :-1]

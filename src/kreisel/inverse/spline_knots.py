@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import make_lsq_spline
 
 from kreisel.errors import EstimationError
 from kreisel.geometry.interpolation import slerp
@@ -50,6 +49,8 @@ def spacing_of(seconds: Array, rates: Array, forces: Array, deviation: Array) ->
 
 def _left(t: Array, values: Array, spacing: float, degree: int, deviation: Array) -> Array:
     """Return the variances (3,) that a spline leaves of values, over those of their noise, per degree of freedom."""
+    from scipy.interpolate import make_lsq_spline
+
     count = max(1, int((t[-1] - t[0]) / spacing))
     inner = np.linspace(t[0], t[-1], count + 1)[1:-1]
     filled = np.histogram(t, np.concatenate([[t[0]], inner, [t[-1]]]))[0] > 0
