@@ -1,6 +1,7 @@
 """The house keeps its shape: the longest chain of imports, cycles, and sizes of files and functions."""
 
 import ast
+import subprocess
 from functools import cache
 from pathlib import Path
 
@@ -177,3 +178,9 @@ def test_every_module_is_imported_by_a_test_or_run_through_one():
         entry = max((key for key in THROUGH if name == key or name.startswith(f"{key}.")), key=len, default=None)
         assert entry is not None, f"{name}: no test imports it; write one, or say which runs it"
         assert (SRC.parent / THROUGH[entry]).is_file(), THROUGH[entry]
+
+
+def test_the_estimators_do_without_scipy():
+    """It is an extra; what needs it imports it where it runs."""
+    forbid = "import sys; sys.modules['scipy'] = None; import kreisel.calibration.calibrate, kreisel.cli.main"
+    subprocess.run([sys.executable, "-c", forbid], check=True, timeout=120)
