@@ -61,8 +61,6 @@ def pose_rows(unknowns: Unknowns, spline: PoseSpline, used: Mask) -> list[Rows]:
             by_parameters[:, :, layout[group].start] = factor[:, None] * moving
     weight = 1.0 / _deviations(problem, own, moving, spacing=float(np.median(np.diff(samples))))
     weight[~inside] = 0.0
-    present = np.repeat([problem.reference.positions is not None, problem.reference.quaternions is not None], 3)
-    weight[:, ~present] = 0.0
     rows = _Parts(
         samples, spline.span_of(at)[0], by_points.reshape(u, 6, WIDTH), by_parameters, residual, weight, standstill
     )

@@ -144,14 +144,8 @@ def settings_of(found: AllanReport) -> str:
     for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel")):
         one = found.figures[sensor]
         lines.append(f"{name}_noise_density = {_rms(one.density):.4g}")
-        walks = np.array(
-            [
-                equivalent_walk(b if shows_b else 0.0, k if shows_k else 0.0)
-                for b, k, shows_b, shows_k in zip(
-                    one.instability, one.walk, one.shown["instability"], one.shown["walk"], strict=True
-                )
-            ]
-        )
+        flicker, walk = (np.where(one.shown[term], getattr(one, term), 0.0) for term in ("instability", "walk"))
+        walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
         if walks.any():
             lines.append(f"{name}_random_walk = {_rms(walks):.4g}")
     return "\n".join(lines)
