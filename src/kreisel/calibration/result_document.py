@@ -13,6 +13,7 @@ import numpy as np
 
 from kreisel._version import __version__
 from kreisel.calibration.data_sheet import OF_SCHEMA_1
+from kreisel.calibration.device_axes import AXES
 from kreisel.calibration.result_sections import (
     Alignment,
     CalibrationParts,
@@ -70,7 +71,7 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
             _put(tables, path, _plain(getattr(other, of)))
     derived = {name: _plain(quantity.value) for name, quantity in parts.derived.items()}
     deviations["derived"] = {name: _plain(quantity.deviation) for name, quantity in parts.derived.items()}
-    document |= {"formula": dict(FORMULA), "frames": FRAMES, **values}
+    document |= {"formula": dict(FORMULA), "frames": _frames(parts), **values}
     document |= {"standard_deviation": deviations, "derived": derived}
     if parts.robot is not None:
         document["robot"] = _robot_table(parts.robot)
@@ -82,6 +83,13 @@ def to_document(parts: CalibrationParts) -> dict[str, Any]:
     if parts.triads:
         document["device_axes"] = {axes: _triad_table(triad) for axes, triad in parts.triads.items()}
     return document if parts.joint is None else document | {"joint": _joint_table(parts.joint)}
+
+
+def _frames(parts: CalibrationParts) -> str:
+    """Return what the frames are; without a reference there is no body but the sensors' own."""
+    if parts.recording is None or parts.recording.reference_poses:
+        return FRAMES
+    return f"b: the accelerometers' own frame, {AXES[parts.axes]}. {FRAMES.partition('marker body). ')[2]}"
 
 
 def from_document(document: Mapping[str, Any]) -> CalibrationParts:

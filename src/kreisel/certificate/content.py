@@ -190,7 +190,8 @@ def _facts(
     seen = ""
     if recording is not None:
         name = own.get(recording.reference_kind, recording.reference)
-        seen = own["poses_of"].format(poses=recording.reference_poses, name=name, seconds=recording.duration_s)
+        key = "poses_of" if recording.reference_poses else "at_rest"
+        seen = own[key].format(poses=recording.reference_poses, name=name, seconds=recording.duration_s)
     stated = fields.get("reference")
     out.append((own["reference"], "; ".join(text for text in (stated, seen) if text) or nothing))
     out.append((own["traceability"], fields.get("traceability", own["no_traceability"])))

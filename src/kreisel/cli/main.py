@@ -36,6 +36,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     repeat,
     run_program,
     simulate,
+    static,
     study,
     virtual_cell,
     watch,
@@ -65,6 +66,7 @@ app.command("verify")(certificate.verify)
 app.command("key")(certificate.key)
 app.command("batch")(batch.batch)
 app.command("history")(batch.history)
+app.command("static")(static.static)
 app.command("allan")(allan.allan)
 app.command("repeat")(repeat.repeat)
 app.command("compare")(compare.compare)

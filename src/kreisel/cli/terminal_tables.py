@@ -52,19 +52,29 @@ def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
     _print_verdict(console, calibration)
 
 
+def print_static(calibration: Calibration, warnings: Sequence[object]) -> None:
+    """Print the errors of sensors that were calibrated without a reference, and the verdict."""
+    console = wide_console()
+    left_out = ("mounting_rotation_deg", "accel_distances_mm")
+    for warning in warnings:
+        console.print(f"· {warning}", markup=False)
+    rows = _quantity_rows(calibration, left_out)
+    facts = calibration.recording
+    title = "" if facts is None else f"{facts.name}: standstills"
+    console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))
+    console.print(
+        "errors of the sensors, in the accelerometers' frame; calibration.yaml holds corrections: offset = -bias"
+    )
+    _print_verdict(console, calibration)
+
+
 _Row = tuple[str, str, list[str]]
 """What it is, its unit, and one or three values with their deviations."""
 
 
 def _rows(calibration: Calibration) -> list[_Row]:
     """Return the rows of the table of results."""
-    from kreisel.calibration.data_sheet import QUANTITIES
-
-    rows: list[_Row] = []
-    for quantity in QUANTITIES:
-        found = calibration.derived[quantity.name]
-        pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
-        rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
+    rows = _quantity_rows(calibration)
     estimator = calibration.estimator
     fixed = set() if estimator is None else set(estimator.fixed)
     arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
@@ -78,6 +88,19 @@ def _rows(calibration: Calibration) -> list[_Row]:
     if timing.skew or timing.skew_sd:
         ratio = _pair(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
         rows.append(("ratio of the clocks, less one", "ppm", [ratio]))
+    return rows
+
+
+def _quantity_rows(calibration: Calibration, left_out: Sequence[str] = ()) -> list[_Row]:
+    """Return the rows of the sensors' errors in the terms of data sheets."""
+    from kreisel.calibration.data_sheet import QUANTITIES
+
+    rows: list[_Row] = []
+    for quantity in QUANTITIES:
+        if quantity.name not in left_out:
+            found = calibration.derived[quantity.name]
+            pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
+            rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
     return rows
 
 

@@ -1,0 +1,108 @@
+"""Trials of the calibration without a reference: error over deviation, and situations that are wrong.
+
+    python design/static_trials.py [--trials N] [--first K] [-o FILE.csv]
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.calibration.device_axes import turned, upper_triangular
+from kreisel.errors import KreiselError
+from kreisel.inertial.noise_figures import GRADES
+from kreisel.model.parameters import CellParameters
+from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.rest_problem import begun
+from kreisel.static.static_result import calibrate_static
+from kreisel.validation.checks import check_streams
+
+SITUATIONS = {
+    **{grade: HandTurns(grade) for grade in GRADES},
+    "few attitudes": HandTurns(attitudes=10),
+    "many attitudes": HandTurns(attitudes=60),
+    "tilt of 10 deg": HandTurns(tilt=np.radians(10.0)),
+    "tilt of 40 deg": HandTurns(tilt=np.radians(40.0)),
+    "hand tremor 2 mrad": HandTurns(tremor=2e-3),
+    "hand tremor 10 mrad": HandTurns(tremor=1e-2),
+    "creep 2 mrad": HandTurns(creep=2e-3),
+    "creep 20 mrad": HandTurns(creep=2e-2),
+    "slip 5 mrad": HandTurns(slip=5e-3),
+    "slip 50 mrad": HandTurns(slip=5e-2),
+    "vibration 0.1 m/s^2": HandTurns(vibration=0.1),
+    "vibration 1 m/s^2": HandTurns(vibration=1.0),
+    "warm-up": HandTurns(warm_up=1.0),
+    "warm-up, large": HandTurns(warm_up=5.0),
+    "quadratic accelerometers": HandTurns(quadratic=3e-4),
+    "jitter 1 ms": HandTurns(jitter=1e-3),
+    "lost samples 0.2 %": HandTurns(lost=2e-3),
+    "lost samples 3 %": HandTurns(lost=3e-2),
+    "clipped rates": HandTurns(range_share=0.6),
+    "fast turns": HandTurns(turn=0.7),
+    "short standstills": HandTurns(rest=1.8),
+    "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
+    "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
+}
+WRONG_GRAVITY = 9.7989
+"""m/s^2: stated where it is 9.8089."""
+
+
+def trial(name: str, number: int) -> list[object]:
+    """Return situation, number, verdict, worst score, its parameter, and error over deviation of both sensors."""
+    how = SITUATIONS[name]
+    truth, recording = hand_turned(how, np.random.default_rng([number, *name.encode()]))
+    try:
+        found = calibrate_static(check_streams(recording))
+    except KreiselError as error:
+        return [name, number, "refused", "", str(error)[:80], "", ""]
+    C, _ = upper_triangular(truth.K_a)
+    true = begun(turned(truth, C, np.zeros(3)), found.found.problem.site)
+    scores = _scores(true, found)
+    ok = [k for k, n in enumerate(found.calibration.names) if n not in found.calibration.verdict.unobservable]
+    usual = [k for k in ok if found.calibration.names[k].startswith(("gyroscope.", "accelerometer."))]
+    worst = max(usual, key=lambda k: abs(scores[k])) if usual else 0
+    rms = [
+        float(np.sqrt(np.mean([scores[k] ** 2 for k in usual if found.calibration.names[k].startswith(sensor)] or [np.nan])))
+        for sensor in ("gyroscope", "accelerometer")
+    ]
+    verdict = "accepted" if found.calibration.accepted else "rejected"
+    return [name, number, verdict, f"{abs(scores[worst]):.2f}", found.calibration.names[worst], *(f"{r:.3f}" for r in rms)]
+
+
+def _scores(true: CellParameters, found) -> np.ndarray:
+    problem, out = found.found.problem, []
+    p, deviation = found.found.parameters, np.sqrt(np.diag(found.calibration.covariance))
+    for part in problem.layout:
+        own = problem.layout.present(part.name)
+        value, real = (x.stored(part.name) for x in (p, true))
+        real = np.concatenate([real, np.zeros(max(value.size - real.size, 0))]) if real.size < value.size else real
+        out.append((value - real)[own])
+    return np.concatenate(out) / deviation
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--only", action="append")
+    parser.add_argument("-o", type=Path, default=Path("static_trials.csv"))
+    args = parser.parse_args()
+    rows = []
+    for name in args.only or SITUATIONS:
+        own = [trial(name, k) for k in range(args.first, args.first + args.trials)]
+        rows += own
+        accepted = [row for row in own if row[2] == "accepted"]
+        worst = max((float(row[3]) for row in accepted), default=float("nan"))
+        ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) if accepted else np.nan for k in (5, 6)]
+        wrong = sum(float(row[3]) > 4.0 for row in accepted)
+        print(f"{name:28s} accepted {len(accepted):3d} of {len(own)}, wrong {wrong}, worst {worst:5.2f}, "
+              f"error/sd gyros {ratios[0]:.2f}, accelerometers {ratios[1]:.2f}", flush=True)
+    with args.o.open("w", newline="") as stream:
+        csv.writer(stream).writerows([["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"], *rows])
+
+
+if __name__ == "__main__":
+    main()

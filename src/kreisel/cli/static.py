@@ -1,0 +1,67 @@
+"""`kreisel static`: calibrate an IMU without a reference, by standstills in many attitudes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def static(
+    recording: Path = typer.Argument(..., help="Recording: a folder, a table, an .mcap file, or a ROS bag; no poses."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
+    gravity: float | None = typer.Option(
+        None, min=9.7, max=9.9, help="Local gravity, m/s^2; else that of recording.toml ([site])."
+    ),
+    method: str = typer.Option("multi-position", help="multi-position, the only one there is."),
+    constant_offsets: bool = typer.Option(
+        False, "--constant-offsets", help="Take offsets to be constant, as other programs do; by default they may walk."
+    ),
+    only: str | None = typer.Option(None, help="gyroscope or accelerometer: the verdict is for this sensor."),
+    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    columns: list[str] = typer.Option(
+        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
+    json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
+) -> None:
+    """Calibrate an IMU that was laid down, or held still, in many attitudes: no robot, no poses.
+
+    A dozen attitudes or more, two seconds each, turned by hand in between. Exit status 3 if the result is rejected.
+    """
+    import json as json_module
+
+    from kreisel.calibration.result import RESULT_FILES
+    from kreisel.cli.conformity import REJECTED
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.cli.terminal_tables import print_static
+    from kreisel.errors import SettingsError, unknown_name
+    from kreisel.files import replaced_together
+    from kreisel.formats.loading import load
+    from kreisel.model.calibration_settings import SENSORS
+    from kreisel.report.static_page import write_static
+    from kreisel.static.static_result import METHOD, calibrate_static
+    from kreisel.validation.checks import check_streams
+
+    if method != METHOD:
+        raise SettingsError(unknown_name("method", method, (METHOD,)))
+    if only is not None and only not in SENSORS:
+        raise SettingsError(unknown_name("sensor after --only", only, SENSORS))
+    if output is not None:
+        check_output(output)
+    with progress_bar() as show:
+        read = check_streams(load(recording, imu=imu, columns=columns, progress=show))
+        outcome = calibrate_static(read, gravity=gravity, constant_offsets=constant_offsets, only=only, progress=show)
+    if output is not None:
+        with replaced_together(output, RESULT_FILES) as writing:
+            outcome.calibration.write(writing)
+            write_static(outcome, writing / "report.html")
+    if json:
+        document = outcome.calibration.document
+        typer.echo(json_module.dumps(document if output is None else {**document, "output": str(output)}))
+    else:
+        print_static(outcome.calibration, outcome.warnings)
+        where = f"{output}/calibration.yaml, report.html, covariance.npz"
+        typer.echo("nothing written; -o OUT writes the result and a report" if output is None else f"written: {where}")
+    if not outcome.calibration.accepted:
+        raise typer.Exit(REJECTED)

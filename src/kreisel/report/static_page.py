@@ -1,0 +1,151 @@
+"""A calibration from standstills on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.calibration.data_sheet import QUANTITIES
+from kreisel.calibration.result_sections import CalibrationParts
+from kreisel.geometry.rotation import Array
+from kreisel.model.groups import group_named
+from kreisel.report import plots
+from kreisel.report.cells import Row, Table, number, pair
+from kreisel.report.plots import Figure
+from kreisel.report.template import fill
+from kreisel.static.multi_position import StaticEstimate
+from kreisel.static.rest_noise import RestNoise
+from kreisel.static.static_result import StaticOutcome
+from kreisel.static.turns import turns_between
+
+_LEFT_OUT = ("mounting_rotation_deg", "accel_distances_mm")
+"""Quantities that there are none of without a reference."""
+
+
+def write_static(outcome: StaticOutcome, path: Path) -> None:
+    """Write the page as one HTML file that works offline."""
+    calibration, found = outcome.calibration, outcome.found
+    facts = calibration.recording
+    rests = found.problem.rests
+    figures = [_lengths(found), _turns(found), _attitudes(found)]
+    reasons = [f"Reason: {reason}." for reason in calibration.verdict.reasons]
+    path.write_text(
+        fill(
+            "study.html",
+            figures,
+            title="Calibration without a reference" if facts is None else facts.title,
+            kind="calibration from standstills",
+            heading=calibration.verdict.headline,
+            lead=f"{rests.count} standstills, {found.linear.turn.node.size} turns, "
+            f"{rests.seconds[-1] - rests.seconds[0]:.0f} s",
+            table_of_groups=_quantities(calibration),
+            further_tables=[_parameters(outcome), _noise(found.noise), _considered(found)],
+            facts=[calibration.verdict.sentence, *reasons, *(str(w) for w in outcome.warnings)],
+            figures=figures,
+        ),
+        encoding="utf-8",
+    )
+
+
+def _quantities(calibration: CalibrationParts) -> Table:
+    rows = []
+    for quantity in QUANTITIES:
+        if quantity.name in _LEFT_OUT:
+            continue
+        one = calibration.derived[quantity.name]
+        cells = [pair(v, sd) for v, sd in zip(one.value.tolist(), one.deviation.tolist(), strict=True)]
+        rows.append(Row((quantity.title, quantity.unit, *cells)))
+    return Table("Errors of the sensors, in the accelerometers' frame", ("Error", "Unit", "x / xy", "y / xz", "z / yz"),
+                 tuple(rows), 2, broad=True)  # fmt: skip
+
+
+def _parameters(outcome: StaticOutcome) -> Table:
+    found, calibration = outcome.found, outcome.calibration
+    layout, weak = found.problem.layout, calibration.verdict.unobservable
+    values = np.concatenate([found.parameters.stored(part.name)[layout.present(part.name)] for part in layout])
+    deviations = np.sqrt(np.diag(calibration.covariance))
+    halves = np.full(values.size, np.nan) if outcome.halves is None else outcome.halves
+    rows = [
+        Row((name, pair(v, sd), number(half, 2), "no" if name in weak else "yes"), weak=name in weak)
+        for name, v, sd, half in zip(calibration.names, values, deviations, halves, strict=True)
+    ]
+    columns = ("Parameter", "Estimate, SI", "Halves differ by, deviations", "Of use")
+    return Table("Every parameter", columns, tuple(rows), broad=True)
+
+
+_TITLES = {
+    "force": ("Force at a standstill", "m/s²"),
+    "rate": ("Rate at a standstill", "rad/s"),
+    "turn": ("Turn, over the root of the integral of the squared rate", "√s"),
+    "gyro_walk": ("Walk of the gyro offsets", "rad/s/√s"),
+    "accel_walk": ("Walk of the accelerometer offsets", "m/s²/√s"),
+}
+
+
+def _noise(noise: RestNoise) -> Table:
+    rows = [Row((title, unit, number(getattr(noise, name)))) for name, (title, unit) in _TITLES.items()]
+    return Table("Errors that the standstills show", ("Error", "Unit", "Size"), tuple(rows), 2)
+
+
+def _considered(found: StaticEstimate) -> Table:
+    rows = []
+    for effect in found.considered:
+        group = group_named(effect.group)
+        values, sd = effect.value / group.size, effect.deviation / group.size
+        worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
+        cells = (group.meaning, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
+        rows.append(Row((*cells, "yes" if effect.included else "no"), weak=not effect.included))
+    columns = ("Error term", "Unit", "Estimate, the clearest", "Gain of evidence", "Estimated")
+    return Table("Error terms beyond the usual model", columns, tuple(rows), 2, broad=True)
+
+
+def _lengths(found: StaticEstimate) -> Figure:
+    """Return by how much the force at each standstill differs from gravity in length, raw and calibrated."""
+    rests, p = found.problem.rests, found.parameters
+    raw = np.linalg.norm(rests.forces, axis=1) - p.gravity
+    after = np.linalg.norm((rests.forces + p.sensors.k_a[0]) @ p.sensors.K_a.T, axis=1) - p.gravity
+    traces = [
+        plots.markers(rests.seconds, 1e3 * raw, "raw", "y", size=5),
+        plots.markers(rests.seconds, 1e3 * after, "calibrated, offsets of the middle", "x", size=5),
+    ]
+    caption = "What is left once calibrated is noise, walks of the offsets, and standstills that were none."
+    return Figure("lengths", "Length of the force less gravity", caption, plots.simple(traces, plots.TIME, "mm/s²"))
+
+
+def _turns(found: StaticEstimate) -> Figure:
+    """Return by how much each turn misses the next vertical, raw and calibrated."""
+    problem, p = found.problem, found.parameters
+    up = (problem.rests.forces + p.sensors.k_a[0]) @ p.sensors.K_a.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    at = found.linear.turn.node
+
+    def missed(rotations: Array) -> Array:
+        seen = np.einsum("mji,mj->mi", rotations, up[:-1])
+        return 1e3 * np.linalg.norm(np.cross(seen, up[1:]), axis=1)[at]
+
+    scale = np.cbrt(np.linalg.det(p.sensors.K_omega))  # of its own, nothing: only the mount is taken over
+    U, _, Vt = np.linalg.svd(p.sensors.K_omega / scale)
+    nominal = type(p.sensors)(U @ Vt, p.sensors.k_w[:1], p.sensors.K_a, p.sensors.k_a[:1], p.sensors.lever_arms)
+    raw = turns_between(problem.imu, problem.raw, problem.rests, nominal)
+    time = problem.rests.seconds[at]
+    traces = [
+        plots.markers(time, missed(raw.rotations), "without scale and misalignment", "y", size=5),
+        plots.markers(time, missed(found.linear.turns.rotations), "calibrated", "x", size=5),
+    ]
+    caption = "The vertical by the gyros after each turn, from the one before it, against that by the accelerometers."
+    return Figure("turns", "Vertical after each turn", caption, plots.simple(traces, plots.TIME, "mrad"))
+
+
+def _attitudes(found: StaticEstimate) -> Figure:
+    """Return where up was at each standstill: elevation over the xy plane against the azimuth in it."""
+    up = -found.attitudes[:, 2]
+    azimuth, elevation = np.degrees(np.arctan2(up[:, 1], up[:, 0])), np.degrees(np.arcsin(np.clip(up[:, 2], -1.0, 1.0)))
+    order = np.argsort(azimuth)
+    traces = [plots.markers(azimuth[order], elevation[order], "up", "z", size=7)]
+    caption = "Gaps are attitudes to add: the more of the sphere is filled, the better scale and offset are told apart."
+    drawn = plots.plot(
+        plots.axis("azimuth of up in the xy plane, deg", range=[-185.0, 185.0]),
+        plots.panel(traces, plots.axis("elevation of up, deg", range=[-95.0, 95.0])),
+    )
+    return Figure("attitudes", "Attitudes", caption, drawn)

@@ -1,0 +1,184 @@
+"""A recording of a device that somebody lays down, or holds, in many attitudes, without a reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
+from kreisel.inertial.earth import earth_rate_n
+from kreisel.inertial.noise_figures import GRADES, noise
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.recording.recording import ImuSamples, Recording, Stamps
+from kreisel.recording.recording_settings import RecordingSettings
+from kreisel.simulation.cell_settings import Imu
+from kreisel.simulation.device_errors import DeviceEffects
+from kreisel.simulation.imu import draw_sensors, ideal_readings
+
+LATITUDE, GRAVITY = np.radians(48.0), 9.8089
+"""Where it is, rad and m/s^2."""
+
+
+@dataclass(frozen=True)
+class HandTurns:
+    """How a device is handled, and what is wrong with that.
+
+    Attributes
+    ----------
+    grade
+        Of the device.
+    attitudes
+        Number of standstills; `tilt` limits how far any is turned from the first, rad.
+    rest, turn
+        Seconds at each and in between, on average.
+    tremor
+        Rms angle of a hand's tremor at standstills, rad, at about 6 Hz.
+    creep
+        Angle by which each standstill slowly turns, rad.
+    slip
+        Angle by which one in six standstills slips suddenly in its middle, rad.
+    vibration
+        m/s^2 rms, at standstills too.
+    warm_up
+        Excess of the offsets at the beginning, in units of the grade's usual offsets; it decays in a minute.
+    quadratic
+        Of the accelerometers, per m/s^2.
+    jitter
+        s: standard deviation of when a sample is taken, against its stamp.
+    lost
+        Share of samples that are lost, while stamps are counted.
+    range_share
+        Largest rate that is read, over that of the turns.
+    """
+
+    grade: str = "consumer-mems"
+    attitudes: int = 24
+    tilt: float = np.pi
+    rest: float = 4.0
+    turn: float = 2.0
+    tremor: float = 0.0
+    creep: float = 0.0
+    slip: float = 0.0
+    vibration: float = 0.0
+    warm_up: float = 0.0
+    quadratic: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
+    range_share: float = 0.0
+
+
+def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParameters, Recording]:
+    """Return the true parameters in the frame of b, and a recording.
+
+    Notes
+    -----
+    Between two standstills two rotations follow each other and overlap, each with a smooth profile: the rates are
+    closed forms.
+    """
+    grade = GRADES[how.grade]
+    truth = draw_sensors(rng, Imu(grade=how.grade), grade)
+    truth = replace(truth, lever_arms=np.zeros((3, 3)))
+    if how.quadratic:
+        k_a = np.vstack([truth.k_a[:1], rng.normal(0.0, how.quadratic, (1, 3))])
+        truth = replace(truth, k_a=k_a, k_w=np.vstack([truth.k_w[:1], np.zeros((1, 3))]))
+    rate = grade.rate
+    q, omega, moving = _motion(how, rate, rng)
+    n = len(q)
+    earth = apply(conjugate(q), np.broadcast_to(earth_rate_n(float(LATITUDE)), (n, 3)))
+    force = apply(conjugate(q), np.broadcast_to([0.0, 0.0, -GRAVITY], (n, 3)))
+    shaken = how.vibration * np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.37 * rate * np.arange(n) / rate)
+    force = force + shaken[:, None] * np.array([0.6, 0.0, 0.8]) + moving[:, None] * rng.normal(0.0, 1.0, (1, 3))
+    effects = replace(DeviceEffects.none(), g_sensitivity=rng.normal(0.0, grade.g_sensitivity / 3.0, (3, 3)))
+    w, a = ideal_readings(omega + earth, np.zeros((n, 3)), force, truth, effects)
+    if how.jitter:
+        slope = np.gradient(w, 1.0 / rate, axis=0)
+        w = w + slope * rng.normal(0.0, how.jitter, (n, 1))
+    decay = how.warm_up * np.exp(-np.arange(n) / rate / 60.0)[:, None]
+    w = w + decay * grade.gyro_offset_sd * rng.normal(size=3) * 0.1
+    a = a + decay * grade.accel_offset_sd * rng.normal(size=3) * 0.1
+    w = w + noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
+    a = a + noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
+    if how.range_share:
+        largest = how.range_share * float(np.abs(w).max())
+        w = np.clip(w, -largest, largest)
+    w, a = (np.round(x / s) * s if s else x for x, s in ((w, grade.gyro_step), (a, grade.accel_step)))
+    keep = rng.random(n) >= how.lost
+    stamps: Stamps = np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    w, a = w[keep], a[keep]
+    return truth, _recording(how, stamps[: len(w)], w, a)
+
+
+def _recording(how: HandTurns, stamps: Stamps, w: Array, a: Array) -> Recording:
+    path = Path(f"hand-turned-{how.grade}")
+    site = {"site": {"latitude_deg": float(np.degrees(LATITUDE)), "gravity": GRAVITY, "gravity_sd": 1e-4}}
+    return Recording(path, ImuSamples(stamps, w, a, path), None, settings=RecordingSettings.model_validate(site))
+
+
+def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return attitudes (n, 4) from b to the local level, rates (n, 3) and a pulse of acceleration in each turn (n,)."""
+    attitudes = _attitudes(how, rng)
+    q, omega, pulse = [], [], []
+    for k, here in enumerate(attitudes):
+        rested = int(rate * how.rest * rng.uniform(0.7, 1.3))
+        wobble, wobble_rate = _unrest(how, rested, rate, rng)
+        q.append(multiply(here, exp(wobble)))
+        omega.append(wobble_rate)
+        pulse.append(np.zeros(rested))
+        if k + 1 == len(attitudes):
+            break
+        # the standstill ends where it has crept to
+        there, begin = attitudes[k + 1], q[-1][-1]
+        seconds = how.turn * rng.uniform(0.7, 1.4)
+        t = np.arange(int(rate * seconds)) / rate / seconds
+        first = rng.normal(0.0, 0.5, 3)
+        second = log(multiply(conjugate(multiply(begin, exp(first))), there))
+        s1, v1 = _smooth(t / 0.75)
+        s2, v2 = _smooth((t - 0.25) / 0.75)
+        after = exp(second * s2[:, None])
+        q.append(multiply(multiply(begin, exp(first * s1[:, None])), after))
+        speed = apply(conjugate(after), first * v1[:, None] / (0.75 * seconds)) + second * v2[:, None] / (0.75 * seconds)
+        omega.append(speed)
+        pulse.append(np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
+    return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse)
+
+
+def _attitudes(how: HandTurns, rng: np.random.Generator) -> Array:
+    """Return attitudes (M, 4): spread over all directions, or within a tilt of the first."""
+    out = rng.normal(size=(how.attitudes, 4))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    if how.tilt < np.pi:
+        small = rng.normal(0.0, 1.0, (how.attitudes, 3))
+        small *= how.tilt * rng.random((how.attitudes, 1)) / np.linalg.norm(small, axis=1, keepdims=True)
+        small[:, 2] = rng.uniform(-np.pi, np.pi, how.attitudes)
+        out = exp(small)
+    return out
+
+
+def _smooth(x: Array) -> tuple[Array, Array]:
+    """Return 0 to 1 with no rate and acceleration at either end, and the derivative."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2
+
+
+def _unrest(how: HandTurns, n: int, rate: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return rotation vectors (n, 3) by which a standstill is none, and their rates."""
+    t = np.arange(n) / rate
+    ramp = t / t[-1]
+    angle, speed = np.zeros((n, 3)), np.zeros((n, 3))
+    if how.tremor:
+        phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+        frequency = 2.0 * np.pi * rng.uniform(4.0, 8.0, 3)
+        size = how.tremor * np.sqrt(2.0)
+        angle += size * (np.sin(frequency * t[:, None] + phase) - np.sin(phase))
+        speed += size * frequency * np.cos(frequency * t[:, None] + phase)
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    angle += how.creep * direction * ramp[:, None]
+    speed += how.creep * direction / t[-1]
+    if how.slip and rng.random() < 1.0 / 6.0:
+        s, v = _smooth((t - 0.5 * t[-1]) / 0.05)
+        angle += how.slip * direction * s[:, None]
+        speed += how.slip * direction * v[:, None] / 0.05
+    return angle, speed

@@ -1,0 +1,157 @@
+"""Noise that standstills show: what nobody states is found by the evidence of the data, and its uncertainty is kept.
+
+Five figures: errors of the force and of the rate that are new at each standstill (hand, table, temperature), the walks
+of both offsets, and errors in proportion to the rate, new from sample to sample: of when a sample was taken, of the
+rate between two samples. Of several laws (the angle turned, the way, no dependence) this one describes turns by hand of
+three devices best, by 4 to 40 in the logarithm of the evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.static.chain import NODE, Solution, solve
+from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear
+from kreisel.static.rest_problem import RestProblem
+
+_YAW, _ANY = 1e-4, 10.0
+"""rad: deviation of the first standstill's heading, which is a choice, and of attitudes of which nothing is known."""
+
+_GRID = 2.0 ** np.arange(-3.0, 13.0)
+"""Sizes of a figure that are compared, in units of what the white noise hides. Chosen: an eighth of that is nothing."""
+
+_SWEEPS, _SETTLED = 6, 0.1
+"""Rounds over the figures at most, and relative change of all of them with which they end."""
+
+
+@dataclass(frozen=True)
+class RestNoise:
+    """Noise figures of standstills and turns, SI.
+
+    Attributes
+    ----------
+    force, rate
+        Errors that are new at each standstill, m/s^2 and rad/s.
+    gyro_walk, accel_walk
+        Of the offsets, per second and root hertz.
+    turn
+        Error of a turn over the root of the integral of the squared rate, sqrt(s).
+    """
+
+    force: float
+    rate: float
+    turn: float
+    gyro_walk: float
+    accel_walk: float
+
+
+FIGURES = ("force", "rate", "turn", "gyro_walk", "accel_walk")
+"""Names of the figures, in the order of the equations they belong to."""
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """How equations are weighed: white noise of each row, and what a unit of each figure adds to its variance.
+
+    Attributes
+    ----------
+    white, share : (k, 3), for each kind of equations
+        Variances; white noise times what was inflated.
+    """
+
+    white: tuple[Array, ...]
+    share: tuple[Array, ...]
+
+    @property
+    def units(self) -> Array:
+        """Size of each figure that white noise just hides, (5,)."""
+        hidden = [np.sqrt(np.median(w / np.maximum(s, 1e-300))) if w.size else 1.0 for w, s in
+                  zip(self.white[:3], self.share[:3], strict=True)]  # fmt: skip
+        return np.array(hidden)
+
+
+def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array] | None = None) -> Weighing:
+    """Return how a problem's equations are weighed.
+
+    inflated: further variances of rows (k,), by kind, of standstills and turns that do not fit.
+    """
+    rests, turns = problem.rests, linear.turns
+    more = inflated or {}
+    T = rests.durations[:, None]
+    at = linear.turn.node
+    force = rests.density_a**2 / T + (rests.creep**2 / 3.0)[:, None] + more.get("force", np.zeros(1))[:, None]
+    rate = rests.density_w**2 / T + more.get("rate", np.zeros(1))[:, None]
+    mean = np.mean(rests.density_w**2)
+    turn = np.repeat(mean * turns.seconds[at][:, None], 3, axis=1) + more.get("turn", np.zeros(1))[:, None]
+    between = np.repeat(np.diff(rests.seconds)[:, None], 3, axis=1)
+    one = np.ones((rests.count, 3))
+    return Weighing(
+        (force, rate, turn, np.zeros_like(between), np.zeros_like(between)),
+        (one, one, np.repeat(turns.agitation[at][:, None], 3, axis=1), between, between),
+    )
+
+
+def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array, about: Array) -> Solution:
+    """Return the solutions for noise figures (S, 5); about: change (P,) from the parameters to their prior."""
+    weights = [
+        1.0 / (w + figures[:, k, None, None] ** 2 * s) for k, (w, s) in enumerate(zip(how.white, how.share, strict=True))
+    ]
+    S = len(figures)
+    prior = np.diag(1.0 / problem.width**2)
+    return solve(
+        linear.all,
+        weights,
+        np.broadcast_to(_of_nodes(problem, linear, how), (S, problem.rests.count, NODE, NODE)),
+        (np.broadcast_to(prior, (S, *prior.shape)), np.broadcast_to(prior @ about, (S, len(about)))),
+    )
+
+
+def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:
+    """Return the information about each standstill's unknowns before, (M, NODE, NODE).
+
+    Heading is a choice, and offsets are those in the middle of the recording.
+    """
+    M = problem.rests.count
+    out = np.zeros((M, NODE, NODE))
+    out[:, ATTITUDE, ATTITUDE] = np.eye(3) / _ANY**2
+    up = linear.force.of_node[0, :, ATTITUDE]  # the heading turns nothing that the force shows
+    axis = np.linalg.svd(up)[2][2]
+    out[0, ATTITUDE, ATTITUDE] += np.outer(axis, axis) / _YAW**2
+    for part, white in ((GYRO_WALK, how.white[1]), (ACCEL_WALK, how.white[0])):
+        held = 1e4 / float(np.median(white))
+        out[M // 2, part, part] += held * np.eye(3)
+    return out
+
+
+def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array, first: RestNoise | None) -> RestNoise:
+    """Return the noise figures that the data show: the root of the mean square of each, all sizes being as likely.
+
+    That mean exceeds the likeliest value by as much as few standstills leave open, so that deviations hold for few.
+    """
+    rests = problem.rests
+    span = max(float(rests.seconds[-1] - rests.seconds[0]), 1.0)
+    hidden = np.array([*how.units, *(how.units[[1, 0]] / np.sqrt(span))])
+    looked = range(3) if problem.constant_offsets else range(5)
+    figures = hidden / 8.0 if first is None else np.array([getattr(first, name) for name in FIGURES])
+    if problem.constant_offsets:
+        figures[3:] = 1e-3 * hidden[3:]
+    for _ in range(_SWEEPS):
+        before = figures.copy()
+        for k in looked:
+            trial = np.repeat(figures[None], _GRID.size, axis=0)
+            trial[:, k] = hidden[k] * _GRID
+            evidence = solution(problem, linear, how, trial, about).log_evidence
+            chance = np.exp(evidence - evidence.max()) * _GRID
+            figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())
+        if np.all(np.abs(figures - before) <= _SETTLED * before):
+            break
+    return RestNoise(*figures)
+
+
+def as_row(noise: RestNoise) -> Array:
+    """Return the figures as a row (1, 5)."""
+    return np.array([[getattr(noise, name) for name in FIGURES]])

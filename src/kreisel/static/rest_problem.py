@@ -1,0 +1,130 @@
+"""What is estimated from standstills, what is known before, and what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.estimation.state import StateLayout
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import EFFECTS, RawReadings
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.strapdown import raw_readings
+from kreisel.model.groups import group_named
+from kreisel.model.layout import group_part
+from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
+from kreisel.model.site import Site
+from kreisel.recording.recording import ImuSamples
+from kreisel.static.rests import Rests
+
+BELOW_DIAGONAL = ("accelerometer.cross_coupling[1,0]", "accelerometer.cross_coupling[2,0]",
+                  "accelerometer.cross_coupling[2,1]")  # fmt: skip
+"""Zero in the frame of the accelerometers: z along their sensitive axis z, y in the plane of those of y and z."""
+
+_ALWAYS = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "north", "earth_down", "gravity")
+
+_WIDTHS = {"gyro_cross_coupling": 1.0, "gyro_offset": 1.0, "accel_cross_coupling": 1.0, "accel_offset": 10.0,
+           "north": 0.7, "earth_down": 3**-0.5}  # fmt: skip
+"""SI: deviations before any look at the data. Chosen: of the sensors' usual parameters nothing is assumed; the Earth's
+rotation is of its size, in any direction."""
+
+
+@dataclass(frozen=True)
+class RestProblem:
+    """A problem of standstills and the turns between them.
+
+    Attributes
+    ----------
+    imu, raw
+        Readings, and what effects of sensors are made of.
+    rests
+        Standstills.
+    site
+        Gravity and the Earth's rotation.
+    effects
+        Effects of sensors that are estimated beyond the usual parameters.
+    fixed
+        Groups and parameters that are not estimated.
+    constant_offsets
+        Whether offsets are taken to be constant; otherwise they may walk.
+    """
+
+    imu: ImuSamples
+    raw: RawReadings
+    rests: Rests
+    site: Site
+    effects: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
+    constant_offsets: bool = False
+
+    @property
+    def order(self) -> int:
+        """Order of the sensor polynomials."""
+        return 2 if {"gyro_polynomial", "accel_polynomial"} & set(self.effects) else 1
+
+    @property
+    def layout(self) -> StateLayout:
+        """Parameters that are estimated."""
+        absent = {*self.fixed, *BELOW_DIAGONAL}
+        groups = [g for g in (*SENSOR_GROUPS, "north", "earth_down", "gravity") if g in (*_ALWAYS, *self.effects)]
+        if self.site.earth_rate_n is not None:
+            groups.remove("earth_down")
+        kept = [g for g in groups if g not in absent]
+        parts = [group_part(g, self.order, 0, absent) for g in kept]
+        return StateLayout([part for part in parts if part.degrees > 0])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters that are estimated."""
+        layout = self.layout
+        return tuple(
+            parameter_names(part.name, self.order)[i] for part in layout for i in layout.present(part.name).tolist()
+        )
+
+    @property
+    def width(self) -> Array:
+        """Deviation of every parameter before any look at the data, (P,)."""
+        own = {**_WIDTHS, "gravity": self.site.gravity_sd}
+        layout = self.layout
+        return np.concatenate(
+            [np.full(part.degrees, own.get(part.name) or group_named(part.name).usual_sd or 1.0) for part in layout]
+        )
+
+    def with_effects(self, effects: tuple[str, ...]) -> RestProblem:
+        """Return the problem with other effects."""
+        return replace(self, effects=effects)
+
+    def changed(self, parameters: CellParameters, change: Array) -> CellParameters:
+        """Return parameters moved by changes (P,) of the estimated ones."""
+        layout = self.layout
+        values = {group: parameters.stored(group) for group in GROUPS}
+        for part in layout:
+            whole = values[part.name].copy()
+            whole[layout.present(part.name)] += change[layout[part.name]]
+            values[part.name] = whole
+        return self.room(CellParameters.from_stored(values))
+
+    def room(self, parameters: CellParameters) -> CellParameters:
+        """Return parameters with room for the effects that are estimated, and nothing of others."""
+        sensors = parameters.sensors
+        others = {
+            g: sensors.others.get(g, np.zeros(group_named(g).degrees(self.order)))
+            for g in self.effects
+            if g in EFFECTS and not g.endswith("_polynomial")
+        }
+        k_w, k_a = (k[: self.order] for k in (sensors.k_w, sensors.k_a))
+        return replace(parameters, sensors=replace(sensors, k_w=k_w, k_a=k_a, others=others)).with_order(self.order)
+
+
+def begun(sensors: SensorParameters, site: Site) -> CellParameters:
+    """Return the first values, for the sensors' parameters and a site."""
+    return CellParameters(sensors, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(2), site.gravity, 0.0, 0.0,
+                          earth_down=site.known_earth_down)  # fmt: skip
+
+
+def raw_of(imu: ImuSamples) -> RawReadings:
+    """Return what effects are made of."""
+    return raw_readings(
+        imu.seconds, imu.rates, imu.accelerations, temperature_difference=imu.temperature_difference
+    )

@@ -1,0 +1,272 @@
+"""From a recording without a reference to a calibration, by standstills and the turns between them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import (
+    Alignment,
+    CalibrationParts,
+    Consistency,
+    EstimatorFacts,
+    FinalNoise,
+    Measured,
+    RecordingFacts,
+    StatedNoise,
+    Timing,
+)
+from kreisel.errors import KreiselError
+from kreisel.estimation.uncertainty_budget import Budget, Source
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import SENSOR_GROUPS, other_groups
+from kreisel.preparation.gravity import site_of
+from kreisel.preparation.imu_noise import noise_stated
+from kreisel.progress import Progress
+from kreisel.recording.recording import DataWarning, Recording
+from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
+from kreisel.static.rest_problem import RestProblem, raw_of
+from kreisel.static.rests import find_rests
+from kreisel.static.static_verdict import judge_static
+
+METHOD = "multi-position"
+"""Name of the method in the result file."""
+
+_HALF = 10
+"""Fewest standstills of half a recording that is compared with the other half."""
+
+_NONE = np.full(6, np.nan)
+
+
+@dataclass(frozen=True)
+class StaticOutcome:
+    """A calibration from standstills, with its intermediate results.
+
+    Attributes
+    ----------
+    found
+        The estimate.
+    halves : (P,) or None
+        Difference of both halves of the recording over its deviation.
+    calibration
+        The result, in axes of the accelerometers.
+    warnings
+        What to know about it.
+    """
+
+    found: StaticEstimate
+    halves: Array | None
+    calibration: Calibration
+    warnings: tuple[DataWarning, ...]
+
+
+def calibrate_static(
+    recording: Recording, *, gravity: float | None = None, constant_offsets: bool = False, only: str | None = None,
+    progress: Progress | None = None,
+) -> StaticOutcome:  # fmt: skip
+    """Return the calibration of a recording without a reference.
+
+    Parameters
+    ----------
+    gravity
+        Local gravity, m/s^2, instead of that of recording.toml.
+    constant_offsets
+        Whether offsets are taken to be constant, as other programs do; otherwise they may walk.
+    only
+        The sensor that the verdict is for.
+
+    Raises
+    ------
+    RecordingError
+        If there are no standstills, or too few.
+    """
+    began = time.perf_counter()
+    table = recording.settings.site
+    if gravity is not None:
+        table = table.model_validate({**table.model_dump(), "gravity": gravity})
+    site, warnings = site_of(table)
+    rests = find_rests(recording.imu)
+    problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
+    share = None if progress is None else lambda part: progress("fit", part)
+    found = estimate_static(problem, share)
+    walk = _walked(found)
+    deviation = np.sqrt(np.diag(found.covariance) + walk)
+    halves = _halves(found)
+    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, walk)]
+    verdict = judge_static(found, deviation, halves, only)
+    seconds = time.perf_counter() - began
+    parts = _parts(recording, found, deviation, seconds, tuple(warnings))
+    parts = replace(parts, verdict=verdict)
+    covariance = found.covariance + np.diag(walk)
+    calibration = Calibration(
+        **vars(parts), names=found.problem.names, covariance=covariance, prior_deviation=found.problem.width,
+        estimates=np.zeros((0, 1 + 2 * len(deviation))),
+    )  # fmt: skip
+    return StaticOutcome(found, halves, calibration, tuple(warnings))
+
+
+def _walked(found: StaticEstimate) -> Array:
+    """Return the variance by how far offsets walk from the middle of the recording, (P,): its mean over the recording."""
+    rests, layout = found.problem.rests, found.problem.layout
+    span = float(rests.seconds[-1] - rests.seconds[0])
+    out = np.zeros(layout.degrees)
+    for group, walk in (("gyro_offset", found.noise.gyro_walk), ("accel_offset", found.noise.accel_walk)):
+        out[layout[group]] = 0.25 * walk**2 * span
+    return out
+
+
+def _halves(found: StaticEstimate) -> Array | None:
+    """Return the difference of both halves over its deviation, (P,); None where they are too short."""
+    rests = found.problem.rests
+    middle = rests.count // 2
+    if middle < _HALF:
+        return None
+    try:
+        parts = [
+            fitted(replace(found.problem, rests=rests.part(own)), found.parameters, found.noise, {})
+            for own in (np.arange(middle), np.arange(middle, rests.count))
+        ]
+    except KreiselError:
+        return None
+    layout = found.problem.layout
+    difference = np.concatenate([
+        (parts[0].parameters.stored(part.name) - parts[1].parameters.stored(part.name))[layout.present(part.name)]
+        for part in layout
+    ])
+    walk = 2.0 * _walked(found)  # the middles of both halves are half a recording apart
+    return np.asarray(difference / np.sqrt(parts[0].deviation ** 2 + parts[1].deviation ** 2 + walk))
+
+
+def _remarks(found: StaticEstimate, walk: Array) -> list[DataWarning]:
+    layout, out = found.problem.layout, []
+    for group, unit in (("gyro_offset", "rad/s"), ("accel_offset", "m/s^2")):
+        d = layout[group]
+        if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
+            name = "gyro" if group.startswith("gyro") else "accelerometer"
+            size = float(np.sqrt(walk[d].max()))
+            out.append(DataWarning("offsets", f"the {name} offsets walk by {size:.2g} {unit} (rms) during the recording"))
+    for kind in ("force", "rate", "turn"):
+        nodes = [node for k, node in found.left_out if k == kind]
+        if nodes:
+            what = "turns after standstills" if kind == "turn" else f"the {kind} of standstills"
+            at = ", ".join(f"{found.problem.rests.seconds[n]:.1f} s" for n in nodes[:6])
+            out.append(DataWarning("standstills", f"{what} at {at} do not fit and are left out"))
+    return out
+
+
+def _parts(
+    recording: Recording, found: StaticEstimate, deviation: Array, seconds: float, warnings: tuple[DataWarning, ...]
+) -> CalibrationParts:
+    problem, p = found.problem, found.parameters
+    layout, order = problem.layout, problem.order
+    n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
+
+    def moved(change: Array) -> SensorParameters:
+        return problem.changed(p, np.concatenate([change, np.zeros(layout.degrees - n)])).sensors
+
+    def whole(group: str) -> Array:
+        out = np.zeros(group_named(group).degrees(order))
+        if group in layout:
+            out[layout.present(group)] = deviation[layout[group]]
+        return out
+
+    sd = SensorParameters(
+        whole("gyro_cross_coupling").reshape(3, 3),
+        np.vstack([whole("gyro_offset"), whole("gyro_polynomial").reshape(-1, 3)]),
+        whole("accel_cross_coupling").reshape(3, 3),
+        np.vstack([whole("accel_offset"), whole("accel_polynomial").reshape(-1, 3)]),
+        np.zeros((3, 3)),
+    )
+    covariance = found.covariance + np.diag(deviation**2 - np.diag(found.covariance))
+    others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
+    gravity = Measured(np.array([0.0, 0.0, p.gravity]), np.array([0.0, 0.0, float(whole("gravity")[0])]))
+    return CalibrationParts(
+        sensors=p.sensors,
+        sensor_sd=sd,
+        size_effect=SizeEffect.COMPLETED,
+        timing=Timing(),
+        alignment=Alignment(gravity),
+        derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
+        consistency=_consistency(found),
+        verdict=judge_static(found, deviation, None, None),
+        recording=_recording_facts(recording, warnings),
+        estimator=_estimator_facts(found, seconds),
+        others=others,
+        considered=found.considered,
+        budget=_budget(found, deviation),
+        axes="imu",
+    )
+
+
+def _budget(found: StaticEstimate, deviation: Array) -> Budget:
+    """Return what comes from gravity's uncertainty, from walks, and from noise and errors of standstills."""
+    names, layout = found.problem.names, found.problem.layout
+    P, walk = found.covariance, _walked(found)
+    prior = np.zeros(len(names))
+    if "gravity" in layout:
+        k = layout["gravity"].start
+        prior = P[:, k] ** 2 / found.problem.site.gravity_sd**2
+        prior = np.minimum(prior, np.diag(P))
+    causes: Mapping[str, Source] = {
+        "noise and errors of standstills and turns": Source.SENSOR,
+        "gravity": Source.PRIOR,
+        "offsets walk": Source.MISFIT,
+    }
+    return Budget.of(names, causes, np.column_stack([np.diag(P) - prior, prior, walk]))
+
+
+def _consistency(found: StaticEstimate) -> Consistency:
+    force, rate, turn = found.residuals
+    updates = len(force) + len(turn)
+    return Consistency(
+        nis_path=float(np.sum(turn**2) / max(2 * len(turn), 1)),  # their heading is free
+        nis_standstill=float((np.sum(force**2) + np.sum(rate**2)) / (force.size / 3 + rate.size)),
+        updates=updates,
+        rejected=len(found.left_out),
+        lag_one=_NONE,
+        correlation_factor=1.0,
+        synchronisation=float("nan"),
+    )
+
+
+def _recording_facts(recording: Recording, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
+    imu, stated = recording.imu, noise_stated(recording)
+    return RecordingFacts(
+        name=recording.name,
+        reference="gravity",
+        imu_samples=int(imu.stamps_ns.size),
+        imu_rate_hz=1.0 / imu.interval,
+        reference_poses=0,
+        duration_s=float(imu.seconds[-1]),
+        warnings=tuple(str(warning) for warning in warnings),
+        temperature_c=imu.usual_temperature,
+        noise=None if stated is None else StatedNoise(stated[0], **stated[1]),
+        device=recording.settings.device.model_dump(exclude_none=True),
+        certificate=recording.settings.certificate.model_dump(exclude_none=True),
+        digest=recording.sha256,
+        begin_ns=int(imu.stamps_ns[0]),
+    )
+
+
+def _estimator_facts(found: StaticEstimate, seconds: float) -> EstimatorFacts:
+    rests = found.problem.rests
+    nothing = float("nan")
+    return EstimatorFacts(
+        name=METHOD,
+        sigma_points="linear",
+        states=found.problem.layout.degrees,
+        update_interval=0.0,
+        updates=rests.count + found.linear.turn.node.size,
+        passes=1,
+        filter_seconds=seconds,
+        polynomial_order=found.problem.order,
+        fixed=("lever_arms", "time_offset"),
+        noise=FinalNoise(*(float(np.sqrt(np.mean(d**2))) for d in (rests.density_w, rests.density_a)), *[nothing] * 4),
+    )

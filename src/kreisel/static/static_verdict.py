@@ -1,0 +1,101 @@
+"""Whether a result from standstills may be used, with the reasons if not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
+from kreisel.calibration.result_sections import Verdict
+from kreisel.calibration.verdict import MAX_ANGLE, MAX_SCALE, MAX_SPREAD
+from kreisel.geometry.rotation import Array
+from kreisel.model.calibration_settings import SENSORS
+from kreisel.model.groups import group_named
+from kreisel.refinement.observability import MAX_SHARE
+from kreisel.static.multi_position import StaticEstimate
+
+MAX_LEFT_OUT = 0.2
+"""Share of standstills, or of turns, that may be left out. Chosen: of more nobody knows which ones are right."""
+
+MAX_FORCE = 0.1
+"""m/s^2; largest error of the force at a standstill: 10 mrad. Chosen: a hand that is no longer still."""
+
+MAX_HALVES = 4.5
+"""Deviations by which both halves of a recording may differ, as in `calibrate`."""
+
+
+def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, only: str | None) -> Verdict:
+    """Return the verdict.
+
+    Parameters
+    ----------
+    deviation : (P,)
+        Of the result, with all contributions.
+    halves : (P,)
+        Difference of both halves over its deviation, if there are enough standstills.
+    only
+        The sensor that is asked for.
+    """
+    names = found.problem.names
+    weak = [(n, lost) for n, sd in zip(names, deviation, strict=True) if (lost := _weakness(n, sd)) is not None]
+    reasons: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
+    for sensor in SENSORS:
+        lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
+        if lost:
+            reasons[sensor].append(
+                f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
+                "lay the device on each of its faces and on edges, and turn it about all axes"
+            )
+        reasons[sensor] += _device(found, sensor)
+        if halves is not None:
+            far = [(abs(s), n) for s, n in zip(halves, names, strict=True) if n.startswith(sensor)]
+            if far and max(far)[0] > MAX_HALVES:
+                reasons[sensor].append(
+                    f"both halves of the recording differ by {max(far)[0]:.1f} deviations in {max(far)[1]}: something "
+                    "changed that is not modelled"
+                )
+    if found.noise.force > MAX_FORCE:
+        reasons["accelerometer"].append(
+            f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest; lay it down"
+        )
+    reasons["accelerometer"] += _left_out(found, ("force",), found.problem.rests.count)
+    reasons["gyroscope"] += _left_out(found, ("rate", "turn"), found.linear.turn.node.size)
+    asked = SENSORS if only is None else (only,)
+    states = {s: "accepted" if not own else "not_observable" if all("observable" in r for r in own) else "rejected"
+              for s, own in reasons.items()}  # fmt: skip
+    against = [r for s in asked for r in reasons[s]]
+    unasked = [r for s in SENSORS if s not in asked for r in reasons[s]]
+    return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))
+
+
+def _weakness(name: str, deviation: float) -> bool | None:
+    """Return whether a parameter that is of no use was narrowed down at all; None for one of use."""
+    group = next((g for g in _SENSOR_GROUPS if name.startswith(g.path + "[")), None)
+    if group is None:
+        return None
+    if deviation > MAX_SHARE * (group.usual_sd or np.inf):
+        return False
+    return True if deviation > group.useful_sd else None
+
+
+_SENSOR_GROUPS = [
+    group_named(name) for name in ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset")
+]
+
+
+def _device(found: StaticEstimate, sensor: str) -> list[str]:
+    """Return the reasons about scale factors and axes that no device has."""
+    sensors = found.parameters.sensors
+    scale, off = (f(sensors.K_omega if sensor == "gyroscope" else sensors.K_a) for f in (sensitivity, non_orthogonality))
+    if scale[0].max() > MAX_SCALE or scale[0].min() < 1.0 / MAX_SCALE:
+        return [f"{sensor} scale factors {np.round(scale[0], 3).tolist()} are far from 1: check its unit and range"]
+    if float(np.ptp(scale[0])) > 2.0 * MAX_SPREAD or float(np.abs(off).max()) > 2.0 * MAX_ANGLE:
+        return [f"{sensor} scale factors and axes are those of no device: the standstills are none, or readings are lost"]
+    return []
+
+
+def _left_out(found: StaticEstimate, kinds: tuple[str, ...], count: int) -> list[str]:
+    out = [node for kind, node in found.left_out if kind in kinds]
+    if len(out) <= MAX_LEFT_OUT * max(count, 1):
+        return []
+    what = "standstills" if kinds == ("force",) else "turns"
+    return [f"{len(out)} of {count} {what} do not fit the others: hold the device still, and turn it more gently"]
