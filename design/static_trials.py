@@ -1,6 +1,6 @@
 """Trials of the calibration without a reference: error over deviation, and situations that are wrong.
 
-    python design/static_trials.py [--trials N] [--first K] [-o FILE.csv]
+python design/static_trials.py [--trials N] [--first K] [-o FILE.csv]
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import numpy as np
 
 from kreisel.calibration.device_axes import turned, upper_triangular
 from kreisel.errors import KreiselError
+from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.model.parameters import CellParameters
 from kreisel.simulation.standstills import HandTurns, hand_turned
 from kreisel.static.rest_problem import begun
-from kreisel.static.static_result import calibrate_static
+from kreisel.static.static_result import StaticOutcome, calibrate_static
 from kreisel.validation.checks import check_streams
 
 SITUATIONS = {
@@ -46,33 +47,30 @@ SITUATIONS = {
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }
-WRONG_GRAVITY = 9.7989
-"""m/s^2: stated where it is 9.8089."""
 
 
-def trial(name: str, number: int) -> list[object]:
+def trial(name: str, number: int) -> list[str]:
     """Return situation, number, verdict, worst score, its parameter, and error over deviation of both sensors."""
     how = SITUATIONS[name]
     truth, recording = hand_turned(how, np.random.default_rng([number, *name.encode()]))
     try:
         found = calibrate_static(check_streams(recording))
     except KreiselError as error:
-        return [name, number, "refused", "", str(error)[:80], "", ""]
+        return [name, str(number), "refused", "", str(error)[:80], "", ""]
     C, _ = upper_triangular(truth.K_a)
     true = begun(turned(truth, C, np.zeros(3)), found.found.problem.site)
     scores = _scores(true, found)
     ok = [k for k, n in enumerate(found.calibration.names) if n not in found.calibration.verdict.unobservable]
     usual = [k for k in ok if found.calibration.names[k].startswith(("gyroscope.", "accelerometer."))]
     worst = max(usual, key=lambda k: abs(scores[k])) if usual else 0
-    rms = [
-        float(np.sqrt(np.mean([scores[k] ** 2 for k in usual if found.calibration.names[k].startswith(sensor)] or [np.nan])))
-        for sensor in ("gyroscope", "accelerometer")
-    ]
+    names = found.calibration.names
+    squares = [[scores[k] ** 2 for k in usual if names[k].startswith(s)] for s in ("gyroscope", "accelerometer")]
+    rms = [float(np.sqrt(np.mean(own or [np.nan]))) for own in squares]
     verdict = "accepted" if found.calibration.accepted else "rejected"
-    return [name, number, verdict, f"{abs(scores[worst]):.2f}", found.calibration.names[worst], *(f"{r:.3f}" for r in rms)]
+    return [name, str(number), verdict, f"{abs(scores[worst]):.2f}", names[worst], *(f"{r:.3f}" for r in rms)]
 
 
-def _scores(true: CellParameters, found) -> np.ndarray:
+def _scores(true: CellParameters, found: StaticOutcome) -> Array:
     problem, out = found.found.problem, []
     p, deviation = found.found.parameters, np.sqrt(np.diag(found.calibration.covariance))
     for part in problem.layout:
@@ -98,10 +96,14 @@ def main() -> None:
         worst = max((float(row[3]) for row in accepted), default=float("nan"))
         ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) if accepted else np.nan for k in (5, 6)]
         wrong = sum(float(row[3]) > 4.0 for row in accepted)
-        print(f"{name:28s} accepted {len(accepted):3d} of {len(own)}, wrong {wrong}, worst {worst:5.2f}, "
-              f"error/sd gyros {ratios[0]:.2f}, accelerometers {ratios[1]:.2f}", flush=True)
+        print(
+            f"{name:28s} accepted {len(accepted):3d} of {len(own)}, wrong {wrong}, worst {worst:5.2f}, "
+            f"error/sd gyros {ratios[0]:.2f}, accelerometers {ratios[1]:.2f}",
+            flush=True,
+        )
     with args.o.open("w", newline="") as stream:
-        csv.writer(stream).writerows([["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"], *rows])
+        head = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]
+        csv.writer(stream).writerows([head, *rows])
 
 
 if __name__ == "__main__":

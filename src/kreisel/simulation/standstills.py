@@ -107,6 +107,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     keep = rng.random(n) >= how.lost
     stamps: Stamps = np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
     w, a = w[keep], a[keep]
+    truth = replace(truth, others={"gyro_g_sensitivity": effects.g_sensitivity.ravel()})
     return truth, _recording(how, stamps[: len(w)], w, a)
 
 
@@ -138,7 +139,9 @@ def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Arra
         s2, v2 = _smooth((t - 0.25) / 0.75)
         after = exp(second * s2[:, None])
         q.append(multiply(multiply(begin, exp(first * s1[:, None])), after))
-        speed = apply(conjugate(after), first * v1[:, None] / (0.75 * seconds)) + second * v2[:, None] / (0.75 * seconds)
+        speed = apply(conjugate(after), first * v1[:, None] / (0.75 * seconds)) + second * v2[:, None] / (
+            0.75 * seconds
+        )
         omega.append(speed)
         pulse.append(np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
     return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse)

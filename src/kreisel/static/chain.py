@@ -1,4 +1,4 @@
-"""Least squares over a chain: unknowns of every standstill, each joined to its neighbours, and parameters common to all.
+"""Least squares over a chain: unknowns of every standstill, joined to its neighbours, and parameters common to all.
 
 The chain is eliminated from its beginning to its end, which costs as much as there are standstills. All of it is done
 for several sets of weights at once, since the noise figures are found by comparing them.
@@ -26,7 +26,7 @@ class Equations:
     ----------
     residual : (k, 3)
     node : (k,)
-        Standstill each belongs to.
+        Standstill each belongs to, all different.
     of_node, of_next : (k, 3, NODE)
         Derivatives; None where nothing depends on the next standstill.
     of_parameters : (k, 3, P)
@@ -76,7 +76,7 @@ def solve(
     equations: Sequence[Equations],
     weights: Sequence[Array],
     of_nodes: Array,
-    of_parameters: Array,
+    of_parameters: tuple[Array, Array],
 ) -> Solution:
     """Return the solution.
 
@@ -92,42 +92,42 @@ def solve(
     A, a = (np.array(part, dtype=float) for part in of_parameters)
     D = of_nodes.copy()
     S, M, P = D.shape[0], D.shape[1], A.shape[1]
-    O, B, d = np.zeros((S, M, NODE, NODE)), np.zeros((S, M, NODE, P)), np.zeros((S, M, NODE))
+    X, B, d = np.zeros((S, M, NODE, NODE)), np.zeros((S, M, NODE, P)), np.zeros((S, M, NODE))
     likelihood = np.zeros(S)
     for one, W in zip(equations, weights, strict=True):
         at, J, Jp, r = one.node, one.of_node, one.of_parameters, one.residual
-        WJp, Wr = W[..., None] * Jp, W * r
-        A += np.einsum("skip,kiq->spq", WJp, Jp)
-        a -= np.einsum("skip,ki->sp", WJp, r)
-        _add(D, at, np.einsum("ski,kia,kib->skab", W, J, J))
-        _add(B, at, np.einsum("kia,skip->skap", J, WJp))
-        _add(d, at, -np.einsum("kia,ski->ska", J, Wr))
+        k, P = Jp.shape[0], Jp.shape[2]
+        WJp, WJ, Wr = W[..., None] * Jp, W[..., None] * J, W * r
+        rows = WJp.reshape(S, 3 * k, P)
+        A += np.swapaxes(rows, 1, 2) @ Jp.reshape(3 * k, P)
+        a -= r.reshape(-1) @ rows
+        across = np.swapaxes(J, 1, 2)
+        D[:, at] += across @ WJ
+        B[:, at] += across @ WJp
+        d[:, at] -= (across @ Wr[..., None])[..., 0]
         if one.of_next is not None:
-            N = one.of_next
-            _add(D, at + 1, np.einsum("ski,kia,kib->skab", W, N, N))
-            _add(B, at + 1, np.einsum("kia,skip->skap", N, WJp))
-            _add(d, at + 1, -np.einsum("kia,ski->ska", N, Wr))
-            _add(O, at, np.einsum("ski,kia,kib->skab", W, J, N))
-        likelihood += 0.5 * np.log(W).sum(axis=(1, 2)) - 0.5 * np.einsum("ki,ski->s", r, Wr)
+            N = np.swapaxes(one.of_next, 1, 2)
+            D[:, at + 1] += N @ (W[..., None] * one.of_next)
+            B[:, at + 1] += N @ WJp
+            d[:, at + 1] -= (N @ Wr[..., None])[..., 0]
+            X[:, at] += np.swapaxes(WJ, 2, 3) @ one.of_next
+        likelihood += 0.5 * np.log(W).sum(axis=(1, 2)) - 0.5 * (Wr.reshape(S, -1) @ r.reshape(-1))
     upper = []
     for m in range(M):
-        right = np.concatenate([O[:, m], B[:, m], d[:, m, :, None]], axis=2)
+        right = np.concatenate([X[:, m], B[:, m], d[:, m, :, None]], axis=2)
         found = np.linalg.solve(D[:, m], right)
         likelihood -= 0.5 * np.linalg.slogdet(D[:, m])[1]
         of_next, of_common, own = found[..., :NODE], found[..., NODE:-1], found[..., -1]
         if m + 1 < M:
-            D[:, m + 1] -= np.einsum("sba,sbc->sac", O[:, m], of_next)
-            B[:, m + 1] -= np.einsum("sba,sbp->sap", O[:, m], of_common)
-            d[:, m + 1] -= np.einsum("sba,sb->sa", O[:, m], own)
-        A -= np.einsum("sap,saq->spq", B[:, m], of_common)
-        a -= np.einsum("sap,sa->sp", B[:, m], own)
+            onward = np.swapaxes(X[:, m], 1, 2)
+            D[:, m + 1] -= onward @ of_next
+            B[:, m + 1] -= onward @ of_common
+            d[:, m + 1] -= (onward @ own[..., None])[..., 0]
+        common = np.swapaxes(B[:, m], 1, 2)
+        A -= common @ of_common
+        a -= (common @ own[..., None])[..., 0]
         likelihood += 0.5 * np.einsum("sa,sa->s", d[:, m], own)
         upper.append((of_next, of_common, own))
     x = np.linalg.solve(A, a[..., None])[..., 0]
     likelihood += 0.5 * np.einsum("sp,sp->s", a, x) - 0.5 * np.linalg.slogdet(A)[1]
     return Solution(x, A, likelihood, tuple(upper))
-
-
-def _add(whole: Array, at: Indices, parts: Array) -> None:
-    """Add parts (S, k, …) to those of a chain (S, M, …) they belong to."""
-    np.add.at(whole, (slice(None), at), parts)

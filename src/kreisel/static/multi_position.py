@@ -16,15 +16,16 @@ from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
 from kreisel.static.chain import Solution
 from kreisel.static.rest_equations import ATTITUDE, Linear, attitudes_by, linearised, moved
-from kreisel.static.rest_noise import RestNoise, Weighing, as_row, find_noise, solution, weighing
+from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
 from kreisel.static.turns import turns_between
 
 MIN_ATTITUDES = 6
 """Fewest standstills. Chosen: scale factors and offsets of three axes need six; fewer show nothing of their own."""
 
-_ITERATIONS, _SETTLED = 20, 0.01
-"""Steps of Gauss-Newton at most, and change of every parameter, in deviations, with which they end."""
+_ITERATIONS, _SEARCHES, _SETTLED = 20, 4, 0.01
+"""Steps of Gauss-Newton at most, steps at the beginning in each of which noise is searched (later every so many), and
+change of every parameter, in deviations, with which they end."""
 
 MIN_GAIN = 6.0
 """Logarithm of the ratio of evidences with which an effect is estimated, as in `calibrate`: 1 : 400."""
@@ -119,7 +120,7 @@ def estimate_static(problem: RestProblem, progress: StepProgress | None = None) 
     tell = progress or (lambda _: None)
     start = first_values(problem)
     tell(0.1)
-    found = _robust(fitted(problem, start, None, {}))
+    found = _robust(fitted(problem, start, NO_NOISE, {}))
     tell(0.4)
     found = _with_effects(found, tell)
     tell(1.0)
@@ -128,7 +129,7 @@ def estimate_static(problem: RestProblem, progress: StepProgress | None = None) 
 
 def first_values(problem: RestProblem) -> CellParameters:
     """Return parameters by which all forces are about as long as gravity, and the gyros turned as the forces say."""
-    K, k = _by_length(problem.rests.forces, problem.site.gravity, problem.imu.source)
+    K, k = _by_length(problem.rests.forces, problem.site.gravity)
     sensors = SensorParameters(np.eye(3), np.zeros((1, 3)), K, k[None], np.zeros((3, 3)))
     sensors = replace(sensors, k_w=-np.median(problem.rests.rates, axis=0)[None])
     up = (problem.rests.forces + k) @ K.T
@@ -146,11 +147,13 @@ def first_values(problem: RestProblem) -> CellParameters:
 
 
 def _right_angles() -> list[Array]:
-    turns = [np.eye(3)[:, list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
+    turns = [
+        np.eye(3)[:, list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
+    ]
     return [turn for turn in turns if np.linalg.det(turn) > 0.0]
 
 
-def _by_length(forces: Array, gravity: float, source: object) -> tuple[Array, Array]:
+def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
     """Return an upper triangular K (3, 3) and k (3,) with |K (a + k)| = g, from no errors on, by Gauss-Newton."""
     places = np.triu_indices(3)
     x = np.concatenate([np.eye(3)[places], np.zeros(3)])
@@ -169,7 +172,7 @@ def _by_length(forces: Array, gravity: float, source: object) -> tuple[Array, Ar
 
 
 def fitted(
-    problem: RestProblem, start: CellParameters, noise: RestNoise | None, inflated: Mapping[str, Array],
+    problem: RestProblem, start: CellParameters, noise: RestNoise, inflated: Mapping[str, Array],
     attitudes: Array | None = None,
 ) -> StaticEstimate:  # fmt: skip
     """Return the least-squares estimate, with noise figures by the evidence.
@@ -188,27 +191,26 @@ def fitted(
     if C is None:
         C = attitudes_by(problem, p, turns_between(problem.imu, problem.raw, problem.rests, p.sensors))
     prior = problem.room(begun(start.sensors, problem.site))
-    for i in range(_ITERATIONS):
+    figures, settled = noise, np.zeros(1, dtype=bool)
+    for i in range(_ITERATIONS + 1):
         linear = linearised(problem, p, C)
         how = weighing(problem, linear, inflated)
         about = _between(problem, p, prior)
-        if i < 4 or i % 4 == 0:
-            noise = find_noise(problem, linear, how, about, noise)
-        found = solution(problem, linear, how, as_row(noise), about)
+        if i < _SEARCHES or i % _SEARCHES == 0:
+            figures = find_noise(problem, linear, how, about, figures)
+        found = solution(problem, linear, how, as_row(figures), about)
+        if i == _ITERATIONS or settled.all():
+            break
         change, nodes = found.parameters[0], found.nodes()[0]
         p, C = problem.changed(p, change), moved(C, nodes[:, ATTITUDE])
-        if i > 1 and np.all(np.abs(change) < _SETTLED / np.sqrt(np.diag(found.information[0]))):
-            break
-    linear = linearised(problem, p, C)
-    how = weighing(problem, linear, inflated)
-    found = solution(problem, linear, how, as_row(noise), _between(problem, p, prior))
+        settled = np.abs(change) < _SETTLED / np.sqrt(np.diag(found.information[0]))
     if not np.isfinite(found.log_evidence).all():
         raise RecordingError(
             "the readings do not fit standstills and turns: are rates and accelerations of one device, in rad/s and "
             "m/s^2?", file=problem.imu.source,
         )  # fmt: skip
     return StaticEstimate(
-        problem, p, found.covariance[0], C, noise, linear, how, float(found.log_evidence[0]), inflated=inflated
+        problem, p, found.covariance[0], C, figures, linear, how, float(found.log_evidence[0]), inflated=inflated
     )
 
 
@@ -247,7 +249,8 @@ def _variance(found: StaticEstimate, kind: int) -> Array:
 
 def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     """Return the estimate with effects that the data show, the clearest first."""
-    usual, gains = found, {}
+    usual = found
+    first: dict[str, StaticEstimate] = {}
     candidates = [c for c in CANDIDATES if "temperature" not in c or found.problem.imu.temperature is not None]
     while True:
         trials = {}
@@ -256,7 +259,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
                 continue
             problem = found.problem.with_effects((*found.problem.effects, group))
             trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes)
-            gains.setdefault(group, []).append(trials[group])
+            first.setdefault(group, trials[group])
         if not trials:
             break
         best = max(trials, key=lambda group: trials[group].log_evidence)
@@ -264,7 +267,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
             break
         found = trials[best]
         tell(0.7)
-    considered = [_considered(group, one[0], usual, found) for group, one in gains.items()]
+    considered = [_considered(group, one, usual, found) for group, one in first.items()]
     return replace(found, considered=tuple(sorted(considered, key=lambda c: -c.gain)))
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, exp, from_matrix, log, matrix, skew
+from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters
 from kreisel.static.chain import NODE, Equations
@@ -51,9 +51,16 @@ def linearised(problem: RestProblem, p: CellParameters, C: Array) -> Linear:
     """Return the equations about parameters and attitudes C (M, 3, 3), from b to the local level."""
     turns = turns_between(problem.imu, problem.raw, problem.rests, p.sensors)
     M = problem.rests.count
-    every = np.arange(M)
-    walks = [_walk(M, part, problem.layout.degrees) for part in (GYRO_WALK, ACCEL_WALK)]
-    return Linear(_force(problem, p, C, every), _rate(problem, p, C, every), _turn(problem, p, C, turns), *walks, turns)
+    every: Indices = np.arange(M)
+    P = problem.layout.degrees
+    return Linear(
+        _force(problem, p, C, every),
+        _rate(problem, p, C, every),
+        _turn(problem, p, C, turns),
+        _walk(M, GYRO_WALK, P),
+        _walk(M, ACCEL_WALK, P),
+        turns,
+    )
 
 
 def attitudes_by(problem: RestProblem, p: CellParameters, turns: Turns) -> Array:
@@ -78,7 +85,7 @@ def moved(C: Array, change: Array) -> Array:
 
 
 def earth_rate(problem: RestProblem, p: CellParameters) -> tuple[Array, Array]:
-    """Return the Earth's rotation in the local level (3,), rad/s, and its derivatives (3, 3) by north and earth_down."""
+    """Return the Earth's rotation in the local level (3,), rad/s, and its derivatives by north and earth_down."""
     level, down = problem.site.earth_rate_units
     return np.array([*(level * p.north), down * p.earth_down]), np.diag([level, level, down])
 
@@ -120,11 +127,11 @@ def _columns(problem: RestProblem, by_group: dict[str, Array], count: int) -> Ar
 
 
 def _effects(problem: RestProblem, p: CellParameters, sensor: str) -> dict[str, Array]:
-    values = p.sensors.effects
-    return {g: _features(problem, g, v.size) for g, v in values.items() if EFFECTS[g].sensor == sensor and g in problem.layout}
+    own = {g: v.size for g, v in p.sensors.effects.items() if EFFECTS[g].sensor == sensor and g in problem.layout}
+    return {group: _features(problem, group, size) for group, size in own.items()}
 
 
-def _force(problem: RestProblem, p: CellParameters, C: Array, every: Array) -> Equations:
+def _force(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> Equations:
     inverse = np.linalg.inv(p.sensors.K_a)
     up = -C[:, 2]  # C^T (0, 0, -1)
     seen = p.gravity * up @ inverse.T
@@ -141,7 +148,7 @@ def _force(problem: RestProblem, p: CellParameters, C: Array, every: Array) -> E
     return Equations(r, every, J, None, _columns(problem, by_group, len(C)))
 
 
-def _rate(problem: RestProblem, p: CellParameters, C: Array, every: Array) -> Equations:
+def _rate(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> Equations:
     inverse = np.linalg.inv(p.sensors.K_omega)
     omega, D = earth_rate(problem, p)
     rate = np.einsum("mji,j->mi", C, omega)

@@ -49,6 +49,9 @@ class RestNoise:
     accel_walk: float
 
 
+NO_NOISE = RestNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+"""Where nothing is known yet."""
+
 FIGURES = ("force", "rate", "turn", "gyro_walk", "accel_walk")
 """Names of the figures, in the order of the equations they belong to."""
 
@@ -98,7 +101,8 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
 def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array, about: Array) -> Solution:
     """Return the solutions for noise figures (S, 5); about: change (P,) from the parameters to their prior."""
     weights = [
-        1.0 / (w + figures[:, k, None, None] ** 2 * s) for k, (w, s) in enumerate(zip(how.white, how.share, strict=True))
+        1.0 / (w + figures[:, k, None, None] ** 2 * s)
+        for k, (w, s) in enumerate(zip(how.white, how.share, strict=True))
     ]
     S = len(figures)
     prior = np.diag(1.0 / problem.width**2)
@@ -127,7 +131,7 @@ def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:
     return out
 
 
-def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array, first: RestNoise | None) -> RestNoise:
+def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array, first: RestNoise) -> RestNoise:
     """Return the noise figures that the data show: the root of the mean square of each, all sizes being as likely.
 
     That mean exceeds the likeliest value by as much as few standstills leave open, so that deviations hold for few.
@@ -136,7 +140,7 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
     span = max(float(rests.seconds[-1] - rests.seconds[0]), 1.0)
     hidden = np.array([*how.units, *(how.units[[1, 0]] / np.sqrt(span))])
     looked = range(3) if problem.constant_offsets else range(5)
-    figures = hidden / 8.0 if first is None else np.array([getattr(first, name) for name in FIGURES])
+    figures = np.maximum(as_row(first)[0], hidden * _GRID[0])
     if problem.constant_offsets:
         figures[3:] = 1e-3 * hidden[3:]
     for _ in range(_SWEEPS):

@@ -22,7 +22,15 @@ BELOW_DIAGONAL = ("accelerometer.cross_coupling[1,0]", "accelerometer.cross_coup
                   "accelerometer.cross_coupling[2,1]")  # fmt: skip
 """Zero in the frame of the accelerometers: z along their sensitive axis z, y in the plane of those of y and z."""
 
-_ALWAYS = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "north", "earth_down", "gravity")
+_ALWAYS = (
+    "gyro_cross_coupling",
+    "gyro_offset",
+    "accel_cross_coupling",
+    "accel_offset",
+    "north",
+    "earth_down",
+    "gravity",
+)
 
 _WIDTHS = {"gyro_cross_coupling": 1.0, "gyro_offset": 1.0, "accel_cross_coupling": 1.0, "accel_offset": 10.0,
            "north": 0.7, "earth_down": 3**-0.5}  # fmt: skip
@@ -125,6 +133,4 @@ def begun(sensors: SensorParameters, site: Site) -> CellParameters:
 
 def raw_of(imu: ImuSamples) -> RawReadings:
     """Return what effects are made of."""
-    return raw_readings(
-        imu.seconds, imu.rates, imu.accelerations, temperature_difference=imu.temperature_difference
-    )
+    return raw_readings(imu.seconds, imu.rates, imu.accelerations, temperature_difference=imu.temperature_difference)

@@ -105,9 +105,8 @@ def find_rests(imu: ImuSamples) -> Rests:
 
 
 def _still(means: list[Array], broken: Mask) -> Mask:
-    """Return which blocks lie in a window that is quiet, (blocks,): of the whole window, so that none loses its ends."""
-    quiet = ~broken
-    quiet = np.lib.stride_tricks.sliding_window_view(quiet, WINDOW).all(axis=1)
+    """Return which blocks lie in a quiet window, (blocks,): of the whole window, so that no end is lost."""
+    quiet: Mask = np.all(np.lib.stride_tricks.sliding_window_view(~broken, WINDOW), axis=1)
     for values, least, most in zip(means, _ALWAYS_STILL, _NEVER_STILL, strict=True):
         scatter = np.sqrt(np.lib.stride_tricks.sliding_window_view(values, WINDOW, axis=0).var(axis=-1).sum(axis=1))
         limit = np.clip(_FACTOR * np.percentile(scatter, _QUIET), least, most)

@@ -113,7 +113,7 @@ def calibrate_static(
 
 
 def _walked(found: StaticEstimate) -> Array:
-    """Return the variance by how far offsets walk from the middle of the recording, (P,): its mean over the recording."""
+    """Return the variance by how far offsets walk from the middle of the recording, (P,): the mean over time."""
     rests, layout = found.problem.rests, found.problem.layout
     span = float(rests.seconds[-1] - rests.seconds[0])
     out = np.zeros(layout.degrees)
@@ -136,10 +136,12 @@ def _halves(found: StaticEstimate) -> Array | None:
     except KreiselError:
         return None
     layout = found.problem.layout
-    difference = np.concatenate([
-        (parts[0].parameters.stored(part.name) - parts[1].parameters.stored(part.name))[layout.present(part.name)]
-        for part in layout
-    ])
+    difference = np.concatenate(
+        [
+            (parts[0].parameters.stored(part.name) - parts[1].parameters.stored(part.name))[layout.present(part.name)]
+            for part in layout
+        ]
+    )
     walk = 2.0 * _walked(found)  # the middles of both halves are half a recording apart
     return np.asarray(difference / np.sqrt(parts[0].deviation ** 2 + parts[1].deviation ** 2 + walk))
 
@@ -151,7 +153,9 @@ def _remarks(found: StaticEstimate, walk: Array) -> list[DataWarning]:
         if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
             name = "gyro" if group.startswith("gyro") else "accelerometer"
             size = float(np.sqrt(walk[d].max()))
-            out.append(DataWarning("offsets", f"the {name} offsets walk by {size:.2g} {unit} (rms) during the recording"))
+            out.append(
+                DataWarning("offsets", f"the {name} offsets walk by {size:.2g} {unit} (rms) during the recording")
+            )
     for kind in ("force", "rate", "turn"):
         nodes = [node for k, node in found.left_out if k == kind]
         if nodes:
@@ -200,12 +204,12 @@ def _parts(
         estimator=_estimator_facts(found, seconds),
         others=others,
         considered=found.considered,
-        budget=_budget(found, deviation),
+        budget=_budget(found),
         axes="imu",
     )
 
 
-def _budget(found: StaticEstimate, deviation: Array) -> Budget:
+def _budget(found: StaticEstimate) -> Budget:
     """Return what comes from gravity's uncertainty, from walks, and from noise and errors of standstills."""
     names, layout = found.problem.names, found.problem.layout
     P, walk = found.covariance, _walked(found)

@@ -36,14 +36,15 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
         The sensor that is asked for.
     """
     names = found.problem.names
-    weak = [(n, lost) for n, sd in zip(names, deviation, strict=True) if (lost := _weakness(n, sd)) is not None]
+    judged = [(name, _weakness(name, sd)) for name, sd in zip(names, deviation, strict=True)]
+    weak = [(name, narrowed) for name, narrowed in judged if narrowed is not None]
     reasons: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
     for sensor in SENSORS:
         lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
         if lost:
             reasons[sensor].append(
-                f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
-                "lay the device on each of its faces and on edges, and turn it about all axes"
+                f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''};"
+                " lay the device on each of its faces and on edges, and turn it about all axes"
             )
         reasons[sensor] += _device(found, sensor)
         if halves is not None:
@@ -85,11 +86,12 @@ _SENSOR_GROUPS = [
 def _device(found: StaticEstimate, sensor: str) -> list[str]:
     """Return the reasons about scale factors and axes that no device has."""
     sensors = found.parameters.sensors
-    scale, off = (f(sensors.K_omega if sensor == "gyroscope" else sensors.K_a) for f in (sensitivity, non_orthogonality))
-    if scale[0].max() > MAX_SCALE or scale[0].min() < 1.0 / MAX_SCALE:
-        return [f"{sensor} scale factors {np.round(scale[0], 3).tolist()} are far from 1: check its unit and range"]
-    if float(np.ptp(scale[0])) > 2.0 * MAX_SPREAD or float(np.abs(off).max()) > 2.0 * MAX_ANGLE:
-        return [f"{sensor} scale factors and axes are those of no device: the standstills are none, or readings are lost"]
+    K = sensors.K_omega if sensor == "gyroscope" else sensors.K_a
+    scale, off = sensitivity(K)[0], non_orthogonality(K)
+    if scale.max() > MAX_SCALE or scale.min() < 1.0 / MAX_SCALE:
+        return [f"{sensor} scale factors {np.round(scale, 3).tolist()} are far from 1: check its unit and range"]
+    if float(np.ptp(scale)) > 2.0 * MAX_SPREAD or float(np.abs(off).max()) > 2.0 * MAX_ANGLE:
+        return [f"{sensor} scale and axes are those of no device: the standstills are none, or readings are lost"]
     return []
 
 
