@@ -17,8 +17,8 @@ from kreisel.simulation.cell_settings import Imu
 from kreisel.simulation.device_errors import DeviceEffects
 from kreisel.simulation.imu import draw_sensors, ideal_readings
 
-LATITUDE, GRAVITY = np.radians(48.0), 9.8089
-"""Where it is, rad and m/s^2."""
+LATITUDE, GRAVITY, GRAVITY_SD = np.radians(48.0), 9.8089, 1e-4
+"""Where it is, rad, and what is stated of gravity there, m/s^2: the true one differs by as much."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     q, omega, moving = _motion(how, rate, rng)
     n = len(q)
     earth = apply(conjugate(q), np.broadcast_to(earth_rate_n(float(LATITUDE)), (n, 3)))
-    force = apply(conjugate(q), np.broadcast_to([0.0, 0.0, -GRAVITY], (n, 3)))
+    gravity = GRAVITY + rng.normal(0.0, GRAVITY_SD)
+    force = apply(conjugate(q), np.broadcast_to([0.0, 0.0, -gravity], (n, 3)))
     shaken = how.vibration * np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.37 * rate * np.arange(n) / rate)
     force = force + shaken[:, None] * np.array([0.6, 0.0, 0.8]) + moving[:, None] * rng.normal(0.0, 1.0, (1, 3))
     effects = replace(DeviceEffects.none(), g_sensitivity=rng.normal(0.0, grade.g_sensitivity / 3.0, (3, 3)))
@@ -113,7 +114,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
 
 def _recording(how: HandTurns, stamps: Stamps, w: Array, a: Array) -> Recording:
     path = Path(f"hand-turned-{how.grade}")
-    site = {"site": {"latitude_deg": float(np.degrees(LATITUDE)), "gravity": GRAVITY, "gravity_sd": 1e-4}}
+    site = {"site": {"latitude_deg": float(np.degrees(LATITUDE)), "gravity": GRAVITY, "gravity_sd": GRAVITY_SD}}
     return Recording(path, ImuSamples(stamps, w, a, path), None, settings=RecordingSettings.model_validate(site))
 
 

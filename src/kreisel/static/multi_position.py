@@ -14,6 +14,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.considered_terms import Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
+from kreisel.refinement.effect_selection import USUAL_ODDS
 from kreisel.static.chain import Solution
 from kreisel.static.rest_equations import ATTITUDE, Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
@@ -37,7 +38,7 @@ _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 """Deviations of a row beyond which a standstill or a turn is suspected, gain of evidence with which it is left out, and
 variance with which a row says nothing, over its own."""
 
-CANDIDATES = ("gyro_g_sensitivity", "gyro_polynomial", "gyro_asymmetry", "gyro_temperature", "accel_polynomial",
+CANDIDATES = ("gyro_polynomial", "gyro_asymmetry", "gyro_temperature", "accel_polynomial",
               "accel_asymmetry", "accel_temperature")  # fmt: skip
 """Effects that are looked for; those of temperature where it was recorded."""
 
@@ -60,6 +61,8 @@ class StaticEstimate:
         Effects that were looked for.
     inflated
         Variances by which rows (k,) that do not fit are inflated, by kind.
+    undecided : (P, k)
+        What effects that are not estimated may do to the parameters, in deviations of one.
     """
 
     problem: RestProblem
@@ -72,6 +75,7 @@ class StaticEstimate:
     log_evidence: float
     considered: tuple[Considered, ...] = ()
     inflated: Mapping[str, Array] = field(default_factory=dict)
+    undecided: Array = field(default_factory=lambda: np.zeros((1, 0)))
 
     @property
     def deviation(self) -> Array:
@@ -173,7 +177,7 @@ def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
 
 def fitted(
     problem: RestProblem, start: CellParameters, noise: RestNoise, inflated: Mapping[str, Array],
-    attitudes: Array | None = None,
+    attitudes: Array | None = None, *, steps: int = _ITERATIONS,
 ) -> StaticEstimate:  # fmt: skip
     """Return the least-squares estimate, with noise figures by the evidence.
 
@@ -185,6 +189,8 @@ def fitted(
         Variances of rows that do not fit; see `weighing`.
     attitudes
         First ones; by forces and gyros if not given.
+    steps
+        Of Gauss-Newton, at most.
     """
     p = problem.room(start)
     C = attitudes
@@ -192,14 +198,14 @@ def fitted(
         C = attitudes_by(problem, p, turns_between(problem.imu, problem.raw, problem.rests, p.sensors))
     prior = problem.room(begun(start.sensors, problem.site))
     figures, settled = noise, np.zeros(1, dtype=bool)
-    for i in range(_ITERATIONS + 1):
+    for i in range(steps + 1):
         linear = linearised(problem, p, C)
         how = weighing(problem, linear, inflated)
         about = _between(problem, p, prior)
         if i < _SEARCHES or i % _SEARCHES == 0:
             figures = find_noise(problem, linear, how, about, figures)
         found = solution(problem, linear, how, as_row(figures), about)
-        if i == _ITERATIONS or settled.all():
+        if i == steps or settled.all():
             break
         change, nodes = found.parameters[0], found.nodes()[0]
         p, C = problem.changed(p, change), moved(C, nodes[:, ATTITUDE])
@@ -258,17 +264,28 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
             if group in found.problem.effects:
                 continue
             problem = found.problem.with_effects((*found.problem.effects, group))
-            trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes)
+            trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes, steps=1)
             first.setdefault(group, trials[group])
-        if not trials:
+        best = max(trials, key=lambda group: trials[group].log_evidence, default="")
+        if not best or trials[best].log_evidence - found.log_evidence < MIN_GAIN:
             break
-        best = max(trials, key=lambda group: trials[group].log_evidence)
-        if trials[best].log_evidence - found.log_evidence < MIN_GAIN:
-            break
-        found = trials[best]
+        one = trials[best]
+        found = fitted(one.problem, one.parameters, one.noise, found.inflated, one.attitudes)
         tell(0.7)
     considered = [_considered(group, one, usual, found) for group, one in first.items()]
-    return replace(found, considered=tuple(sorted(considered, key=lambda c: -c.gain)))
+    undecided = [_undecided(found, one) for one in trials.values()]
+    return replace(
+        found,
+        considered=tuple(sorted(considered, key=lambda c: -c.gain)),
+        undecided=np.column_stack(undecided) if undecided else found.undecided,
+    )
+
+
+def _undecided(found: StaticEstimate, trial: StaticEstimate) -> Array:
+    """Return what an effect that is not estimated would do to the parameters, (P,), by the chance that there is one."""
+    odds = USUAL_ODDS * np.exp(min(trial.log_evidence - found.log_evidence, MIN_GAIN))
+    change = _between(found.problem, found.parameters, found.problem.room(trial.parameters))
+    return np.asarray(np.sqrt(odds / (1.0 + odds)) * change)
 
 
 def _considered(group: str, trial: StaticEstimate, without: StaticEstimate, final: StaticEstimate) -> Considered:

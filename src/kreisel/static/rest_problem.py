@@ -33,9 +33,10 @@ _ALWAYS = (
 )
 
 _WIDTHS = {"gyro_cross_coupling": 1.0, "gyro_offset": 1.0, "accel_cross_coupling": 1.0, "accel_offset": 10.0,
-           "north": 0.7, "earth_down": 3**-0.5}  # fmt: skip
+           "north": 0.7, "earth_down": 3**-0.5, "gyro_polynomial": 1e-3, "accel_polynomial": 3e-4}  # fmt: skip
 """SI: deviations before any look at the data. Chosen: of the sensors' usual parameters nothing is assumed; the Earth's
-rotation is of its size, in any direction."""
+rotation is of its size, in any direction; quadratic terms are 0.5 % at 5 rad/s and 2 g, as data sheets of consumer
+devices say."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class RestProblem:
     site
         Gravity and the Earth's rotation.
     effects
-        Effects of sensors that are estimated beyond the usual parameters.
+        Effects of sensors that are estimated. That of gravity on the gyros always is: where the device is tilted
+        little, nothing distinguishes it from their offsets, however small it is.
     fixed
         Groups and parameters that are not estimated.
     constant_offsets
@@ -62,7 +64,7 @@ class RestProblem:
     raw: RawReadings
     rests: Rests
     site: Site
-    effects: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ("gyro_g_sensitivity",)
     fixed: tuple[str, ...] = ()
     constant_offsets: bool = False
 

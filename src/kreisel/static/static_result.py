@@ -96,20 +96,23 @@ def calibrate_static(
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
     share = None if progress is None else lambda part: progress("fit", part)
     found = estimate_static(problem, share)
-    walk = _walked(found)
-    deviation = np.sqrt(np.diag(found.covariance) + walk)
+    covariance = _total(found)
+    deviation = np.sqrt(np.diag(covariance))
     halves = _halves(found)
-    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, walk)]
+    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found)]
     verdict = judge_static(found, deviation, halves, only)
     seconds = time.perf_counter() - began
-    parts = _parts(recording, found, deviation, seconds, tuple(warnings))
-    parts = replace(parts, verdict=verdict)
-    covariance = found.covariance + np.diag(walk)
+    parts = replace(_parts(recording, found, covariance, seconds, tuple(warnings)), verdict=verdict)
     calibration = Calibration(
         **vars(parts), names=found.problem.names, covariance=covariance, prior_deviation=found.problem.width,
         estimates=np.zeros((0, 1 + 2 * len(deviation))),
     )  # fmt: skip
     return StaticOutcome(found, halves, calibration, tuple(warnings))
+
+
+def _total(found: StaticEstimate) -> Array:
+    """Return the covariance of the result (P, P): the estimate's, walks of offsets, and undecided error terms."""
+    return np.asarray(found.covariance + np.diag(_walked(found)) + found.undecided @ found.undecided.T)
 
 
 def _walked(found: StaticEstimate) -> Array:
@@ -146,8 +149,9 @@ def _halves(found: StaticEstimate) -> Array | None:
     return np.asarray(difference / np.sqrt(parts[0].deviation ** 2 + parts[1].deviation ** 2 + walk))
 
 
-def _remarks(found: StaticEstimate, walk: Array) -> list[DataWarning]:
-    layout, out = found.problem.layout, []
+def _remarks(found: StaticEstimate) -> list[DataWarning]:
+    layout, walk = found.problem.layout, _walked(found)
+    out: list[DataWarning] = []
     for group, unit in (("gyro_offset", "rad/s"), ("accel_offset", "m/s^2")):
         d = layout[group]
         if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
@@ -166,9 +170,10 @@ def _remarks(found: StaticEstimate, walk: Array) -> list[DataWarning]:
 
 
 def _parts(
-    recording: Recording, found: StaticEstimate, deviation: Array, seconds: float, warnings: tuple[DataWarning, ...]
+    recording: Recording, found: StaticEstimate, covariance: Array, seconds: float, warnings: tuple[DataWarning, ...]
 ) -> CalibrationParts:
     problem, p = found.problem, found.parameters
+    deviation = np.sqrt(np.diag(covariance))
     layout, order = problem.layout, problem.order
     n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
 
@@ -188,7 +193,6 @@ def _parts(
         np.vstack([whole("accel_offset"), whole("accel_polynomial").reshape(-1, 3)]),
         np.zeros((3, 3)),
     )
-    covariance = found.covariance + np.diag(deviation**2 - np.diag(found.covariance))
     others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
     gravity = Measured(np.array([0.0, 0.0, p.gravity]), np.array([0.0, 0.0, float(whole("gravity")[0])]))
     return CalibrationParts(
@@ -222,8 +226,10 @@ def _budget(found: StaticEstimate) -> Budget:
         "noise and errors of standstills and turns": Source.SENSOR,
         "gravity": Source.PRIOR,
         "offsets walk": Source.MISFIT,
+        "undecided error terms": Source.EFFECTS,
     }
-    return Budget.of(names, causes, np.column_stack([np.diag(P) - prior, prior, walk]))
+    undecided = np.sum(found.undecided**2, axis=1) * np.ones(len(names))
+    return Budget.of(names, causes, np.column_stack([np.diag(P) - prior, prior, walk, undecided]))
 
 
 def _consistency(found: StaticEstimate) -> Consistency:
