@@ -19,6 +19,7 @@ from kreisel.model.parameters import CellParameters
 from kreisel.simulation.standstills import HandTurns, hand_turned
 from kreisel.static.rest_problem import begun
 from kreisel.static.static_result import StaticOutcome, calibrate_static
+from kreisel.study.robustness import WRONG
 from kreisel.validation.checks import check_streams
 
 SITUATIONS = {
@@ -81,29 +82,43 @@ def _scores(true: CellParameters, found: StaticOutcome) -> Array:
     return np.concatenate(out) / deviation
 
 
+COLUMNS = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]
+HEADER = ["situation", "runs", "accepted", "wrong", "rejected", "refused", "worst accepted", "gyros: error / sd",
+          "accelerometers: error / sd"]  # fmt: skip
+
+
 def main() -> None:
+    """Run the trials, print a row for each situation, write tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=12)
     parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--only", action="append")
-    parser.add_argument("-o", type=Path, default=Path("static_trials.csv"))
+    parser.add_argument("--only", action="append", help="one situation; may be repeated")
+    parser.add_argument("-o", type=Path, help="a row for each trial")
+    parser.add_argument("--table", type=Path, help="a row for each situation")
     args = parser.parse_args()
-    rows = []
+    rows, table = [], [HEADER]
     for name in args.only or SITUATIONS:
         own = [trial(name, k) for k in range(args.first, args.first + args.trials)]
         rows += own
-        accepted = [row for row in own if row[2] == "accepted"]
-        worst = max((float(row[3]) for row in accepted), default=float("nan"))
-        ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) if accepted else np.nan for k in (5, 6)]
-        wrong = sum(float(row[3]) > 4.0 for row in accepted)
-        print(
-            f"{name:28s} accepted {len(accepted):3d} of {len(own)}, wrong {wrong}, worst {worst:5.2f}, "
-            f"error/sd gyros {ratios[0]:.2f}, accelerometers {ratios[1]:.2f}",
-            flush=True,
-        )
-    with args.o.open("w", newline="") as stream:
-        head = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]
-        csv.writer(stream).writerows([head, *rows])
+        table.append(summary(name, own))
+        print("  ".join(table[-1]), flush=True)
+    for path, content in ((args.o, [COLUMNS, *rows]), (args.table, table)):
+        if path is not None:
+            with path.open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream, lineterminator="\n").writerows(content)
+
+
+def summary(name: str, own: list[list[str]]) -> list[str]:
+    """Return the row of a situation."""
+    accepted = [row for row in own if row[2] == "accepted"]
+    counts = [sum(row[2] == verdict for row in own) for verdict in ("accepted", "rejected", "refused")]
+    wrong = sum(float(row[3]) > WRONG for row in accepted)
+    if not accepted:
+        return [name, str(len(own)), "0", "0", *map(str, counts[1:]), "", "", ""]
+    ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) for k in (5, 6)]
+    worst = max(float(row[3]) for row in accepted)
+    return [name, str(len(own)), str(counts[0]), str(wrong), *map(str, counts[1:]), f"{worst:.1f}",
+            *(f"{ratio:.2f}" for ratio in ratios)]  # fmt: skip
 
 
 if __name__ == "__main__":

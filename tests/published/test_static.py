@@ -11,7 +11,7 @@ import pytest
 
 from kreisel.calibration.device_axes import upper_triangular
 from kreisel.formats.loading import load
-from kreisel.static.rests import find_rests
+from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
 
@@ -55,7 +55,9 @@ def test_walking_offsets_are_confirmed_by_the_accelerometer_beside_it():
     """
     beside, own = read("openaxes_38_poses/adxl355"), read("openaxes_38_poses/bmi160")
     rests = find_rests(own.imu)
-    forces = np.array([beside.imu.accelerations[a:b].mean(axis=0) for a, b in zip(rests.first, rests.last, strict=True)])
+    forces = np.array(
+        [beside.imu.accelerations[a:b].mean(axis=0) for a, b in zip(rests.first, rests.last, strict=True)]
+    )
     true = forces @ ADXL355.T - ADXL355_OFFSET
     time = (rests.seconds - rests.seconds.mean()) / 100.0
     columns = np.column_stack([true, np.ones(len(true)), time])
@@ -82,5 +84,7 @@ def test_an_mpu_9150_turned_by_hand():
     np.testing.assert_allclose(derived["accel_bias_mg"].value * 9.80665e-3, [0.103, 0.097, 0.344], atol=5e-3)
     np.testing.assert_allclose(derived["accel_scale_error_ppm"].value, [3630.0, 3150.0, 6470.0], atol=1500.0)
     np.testing.assert_allclose(derived["gyro_bias_deg_h"].value / 3600.0, [1.146, -0.401, 1.261], atol=0.04)
-    score = (derived["gyro_scale_error_ppm"].value - [410.0, 4570.0, 8260.0]) / derived["gyro_scale_error_ppm"].deviation
+    score = (derived["gyro_scale_error_ppm"].value - [410.0, 4570.0, 8260.0]) / derived[
+        "gyro_scale_error_ppm"
+    ].deviation
     assert np.abs(score).max() < 3.0

@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 
 import kreisel
 from kreisel.formats.write import write_folder
+from kreisel.simulation.standstills import HandTurns, hand_turned
 
 from ..foreign_tables import PLAIN, plain
 from ..small_cell import simulate
@@ -189,6 +190,36 @@ def test_noise_figures_at_rest(cell, refused, tmp_path):
     assert json.loads(run("allan", tmp_path / "rest", "--json").stdout) == document
     assert "Allan deviation" in (tmp_path / "out" / "allan.html").read_text()
     refused("is not at rest", "allan", cell)
+
+
+def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refused, tmp_path):
+    _, recording = hand_turned(HandTurns(attitudes=16), np.random.default_rng(6))
+    write_folder(recording, tmp_path / "hand")
+    out = tmp_path / "out"
+    done = run("static", tmp_path / "hand", "--gravity", "9.8089", "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "verdict: accepted" in done.stdout
+    assert {p.name for p in out.iterdir()} == {"calibration.yaml", "report.html", "estimates.csv", "covariance.npz"}
+    document = YAML(typ="safe").load((out / "calibration.yaml").read_text())
+    schema = json.loads((Path(kreisel.__file__).parent / "calibration" / "result-schema.json").read_text())
+    jsonschema.validate(document, schema)
+    assert document["estimator"]["name"] == "multi-position"
+    assert document["frames"].startswith("b: the accelerometers' own frame")
+    K_a = np.array(document["accelerometer"]["cross_coupling"])
+    assert np.array_equal(K_a, np.triu(K_a))
+    printed = json.loads(run("static", tmp_path / "hand", "--gravity", "9.8089", "--json").stdout)
+    assert printed["accelerometer"] == document["accelerometer"]
+    assert "Vertical after each turn" in (out / "report.html").read_text()
+    done = run("apply", out, tmp_path / "hand", "-o", tmp_path / "applied.csv")
+    assert done.returncode == 0, done.stderr
+    done = run("export", out, "--to", "kalibr", "--grade", "consumer-mems", "-o", tmp_path / "imu.yaml")
+    assert done.returncode == 0, done.stderr
+    done = run("certificate", out, "-o", tmp_path / "certificate.html")
+    assert done.returncode == 0, done.stderr
+    assert "at standstills in several attitudes" in (tmp_path / "certificate.html").read_text()
+    refused("`kreisel static` does without", "calibrate", tmp_path / "hand")
+    refused("unknown method 'ferraris'", "static", tmp_path / "hand", "--method", "ferraris")
 
 
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):

@@ -19,6 +19,10 @@ from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, PPM
 
 _PAIRS = ((0, 1), (0, 2), (1, 2))  # the axes of xy, xz, yz, as the quantities list them
 
+MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
+"""Scale factor, difference of scale factors between axes, and angle between axes less a right one (rad): no device has
+more."""
+
 _STEP = 1e-6
 """SI; step of central differences by a sensor parameter. Chosen: the square of it is the error by curvature, 1e-12, and
 1e-16 over it that by rounding, 1e-10."""

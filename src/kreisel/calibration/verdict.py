@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, slip_of_mount
-from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
+from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
@@ -61,10 +61,6 @@ MAX_OFFSET_SCORE = 100.0
 
 MAX_POSITION_SCALE = 2.5e-3
 """Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
-
-MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
-"""Scale factor, difference of scale factors between axes, and angle between axes less a right one (rad): no device has
-more."""
 
 _LARGEST = {
     **dict.fromkeys(DELAYS, 50e-3),

@@ -27,7 +27,10 @@ def apply(
     output: str = typer.Option(
         ..., "-o", "--output", help="What to write: the same kind, or a .csv file; - for standard output."
     ),
-    axes: str = typer.Option("tool", help="Axes of what is written: tool, or the device's own: imu, gyro or nominal."),
+    axes: str | None = typer.Option(
+        None,
+        help="Axes of what is written: tool (by default, where there was one), or the device's: imu, gyro, nominal.",
+    ),
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
     columns: list[str] = typer.Option(
         [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
@@ -52,7 +55,7 @@ def apply(
     check_usable(found, force=force)
     if found.verdict.caution:
         typer.echo(f"· {found.verdict.caution}", err=True)
-    chosen = found.in_axes(axes)
+    chosen = found if axes is None else found.in_axes(axes)
     _tell(chosen)
     if raw == _STREAM or "://" in raw:
         if columns or imu:

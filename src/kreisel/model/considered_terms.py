@@ -9,6 +9,12 @@ import numpy as np
 from kreisel.geometry.rotation import Array
 from kreisel.model.groups import group_named
 
+MIN_GAIN = 6.0
+"""Minimum logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
+
+USUAL_ODDS = 1.0 / 20.0
+"""Odds, before any look at the data, that a device has an effect. Chosen: one in a list of twenty."""
+
 
 @dataclass(frozen=True)
 class Considered:

@@ -47,7 +47,8 @@ def prepare_recording(
     reference = recording.reference
     if reference is None:
         raise RecordingError(
-            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0",
+            "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0; "
+            "`kreisel static` does without, by standstills in many attitudes",
             file=recording.path,
         )
     recording, of_restarts = with_parts_in_place(recording, reference)

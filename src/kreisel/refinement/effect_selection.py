@@ -21,7 +21,7 @@ from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
 from kreisel.model.calibration_settings import BY_CHOICE
-from kreisel.model.considered_terms import Considered
+from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal, without_groups
@@ -29,12 +29,9 @@ from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 from kreisel.refinement.named_terms import OFFSET_OF, named_terms
 
-MIN_GAIN = 6.0
-"""Minimum logarithm of the ratio of evidences with which an effect is estimated: 1 : 400."""
-
-UNLIKELY_ODDS, USUAL_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1e-3, 1.0 / 20.0, 1.0, 20.0
-"""Odds, before any look at the data, that a device has an effect that contradicts what the user states, any effect, one
-that is common in devices like it, and one that its grade states."""
+UNLIKELY_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1e-3, 1.0, 20.0
+"""Odds, before any look at the data, that a device has an effect that contradicts what the user states, one that is
+common in devices like it, and one that its grade states; of any other they are `USUAL_ODDS`."""
 
 _CAREFUL = 0.25
 """Power of the tempering by which more evidence is needed."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from kreisel.calibration.evidence import Injection
 from kreisel.calibration.outcome import Outcome
-from kreisel.refinement.effect_selection import MIN_GAIN
+from kreisel.model.considered_terms import MIN_GAIN
 from kreisel.report import figures, report_tables, result_tables
 from kreisel.report.budget_figure import budget_picture
 from kreisel.report.cells import by_group

@@ -11,11 +11,10 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.model.considered_terms import Considered
+from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
-from kreisel.refinement.effect_selection import USUAL_ODDS
-from kreisel.static.chain import Solution
+from kreisel.static.rest_chain import Solution
 from kreisel.static.rest_equations import ATTITUDE, Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
@@ -27,9 +26,6 @@ MIN_ATTITUDES = 6
 _ITERATIONS, _SEARCHES, _SETTLED = 20, 4, 0.01
 """Steps of Gauss-Newton at most, steps at the beginning in each of which noise is searched (later every so many), and
 change of every parameter, in deviations, with which they end."""
-
-MIN_GAIN = 6.0
-"""Logarithm of the ratio of evidences with which an effect is estimated, as in `calibrate`: 1 : 400."""
 
 KINDS = ("force", "rate", "turn")
 """Names of what is measured at standstills and between them, in the order of the equations."""

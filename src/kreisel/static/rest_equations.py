@@ -19,7 +19,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters
-from kreisel.static.chain import NODE, Equations
+from kreisel.static.rest_chain import NODE, Equations
 from kreisel.static.rest_problem import RestProblem
 from kreisel.static.turns import Turns, means_of, turns_between
 
@@ -48,7 +48,12 @@ class Linear:
 
 
 def linearised(problem: RestProblem, p: CellParameters, C: Array) -> Linear:
-    """Return the equations about parameters and attitudes C (M, 3, 3), from b to the local level."""
+    """Return the equations about parameters and attitudes C (M, 3, 3), from b to the local level.
+
+    Notes
+    -----
+    By equations (32) and (33) of docs/explanation/model.md.
+    """
     turns = turns_between(problem.imu, problem.raw, problem.rests, p.sensors)
     M = problem.rests.count
     every: Indices = np.arange(M)

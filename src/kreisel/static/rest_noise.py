@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.static.chain import NODE, Solution, solve
+from kreisel.static.rest_chain import NODE, Solution, solve
 from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear
 from kreisel.static.rest_problem import RestProblem
 
@@ -135,6 +135,10 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
     """Return the noise figures that the data show: the root of the mean square of each, all sizes being as likely.
 
     That mean exceeds the likeliest value by as much as few standstills leave open, so that deviations hold for few.
+
+    Notes
+    -----
+    By equation (34) of docs/explanation/model.md, one figure after the other.
     """
     rests = problem.rests
     span = max(float(rests.seconds[-1] - rests.seconds[0]), 1.0)

@@ -31,9 +31,10 @@ from kreisel.preparation.gravity import site_of
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
 from kreisel.static.rest_problem import RestProblem, raw_of
-from kreisel.static.rests import find_rests
+from kreisel.static.rest_search import find_rests
 from kreisel.static.static_verdict import judge_static
 
 METHOD = "multi-position"
@@ -41,6 +42,9 @@ METHOD = "multi-position"
 
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
+
+_LOST = 2e-3
+"""Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
 
 _NONE = np.full(6, np.nan)
 
@@ -96,13 +100,14 @@ def calibrate_static(
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
     share = None if progress is None else lambda part: progress("fit", part)
     found = estimate_static(problem, share)
-    covariance = _total(found)
+    lost = lost_share(recording.imu, rests)
+    covariance = _total(found, lost)
     deviation = np.sqrt(np.diag(covariance))
     halves = _halves(found)
-    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found)]
+    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, lost)]
     verdict = judge_static(found, deviation, halves, only)
     seconds = time.perf_counter() - began
-    parts = replace(_parts(recording, found, covariance, seconds, tuple(warnings)), verdict=verdict)
+    parts = replace(_parts(recording, found, covariance, lost, seconds, tuple(warnings)), verdict=verdict)
     calibration = Calibration(
         **vars(parts), names=found.problem.names, covariance=covariance, prior_deviation=found.problem.width,
         estimates=np.zeros((0, 1 + 2 * len(deviation))),
@@ -110,9 +115,18 @@ def calibrate_static(
     return StaticOutcome(found, halves, calibration, tuple(warnings))
 
 
-def _total(found: StaticEstimate) -> Array:
-    """Return the covariance of the result (P, P): the estimate's, walks of offsets, and undecided error terms."""
-    return np.asarray(found.covariance + np.diag(_walked(found)) + found.undecided @ found.undecided.T)
+def _total(found: StaticEstimate, lost: float) -> Array:
+    """Return the covariance of the result (P, P): the estimate's, and what it does not know."""
+    column = _of_lost(found, lost)
+    own = found.covariance + np.diag(_walked(found))
+    return np.asarray(own + found.undecided @ found.undecided.T + column[:, None] * column)
+
+
+def _of_lost(found: StaticEstimate, lost: float) -> Array:
+    """Return what a share of lost samples does to the parameters, (P,): turns are too small by as much."""
+    out = np.zeros(found.problem.layout.degrees)
+    out[found.problem.layout["gyro_cross_coupling"]] = lost * found.parameters.sensors.K_omega.ravel()
+    return out
 
 
 def _walked(found: StaticEstimate) -> Array:
@@ -149,7 +163,7 @@ def _halves(found: StaticEstimate) -> Array | None:
     return np.asarray(difference / np.sqrt(parts[0].deviation ** 2 + parts[1].deviation ** 2 + walk))
 
 
-def _remarks(found: StaticEstimate) -> list[DataWarning]:
+def _remarks(found: StaticEstimate, lost: float) -> list[DataWarning]:
     layout, walk = found.problem.layout, _walked(found)
     out: list[DataWarning] = []
     for group, unit in (("gyro_offset", "rad/s"), ("accel_offset", "m/s^2")):
@@ -160,6 +174,11 @@ def _remarks(found: StaticEstimate) -> list[DataWarning]:
             out.append(
                 DataWarning("offsets", f"the {name} offsets walk by {size:.2g} {unit} (rms) during the recording")
             )
+    if lost > _LOST:
+        text = (
+            f"about {100.0 * lost:.2g} % of the samples are lost without a gap in the stamps: turns are too small by it"
+        )
+        out.append(DataWarning("imu", f"{text}; record stamps of the device, not counted ones"))
     for kind in ("force", "rate", "turn"):
         nodes = [node for k, node in found.left_out if k == kind]
         if nodes:
@@ -170,7 +189,12 @@ def _remarks(found: StaticEstimate) -> list[DataWarning]:
 
 
 def _parts(
-    recording: Recording, found: StaticEstimate, covariance: Array, seconds: float, warnings: tuple[DataWarning, ...]
+    recording: Recording,
+    found: StaticEstimate,
+    covariance: Array,
+    lost: float,
+    seconds: float,
+    warnings: tuple[DataWarning, ...],
 ) -> CalibrationParts:
     problem, p = found.problem, found.parameters
     deviation = np.sqrt(np.diag(covariance))
@@ -208,12 +232,12 @@ def _parts(
         estimator=_estimator_facts(found, seconds),
         others=others,
         considered=found.considered,
-        budget=_budget(found),
+        budget=_budget(found, lost),
         axes="imu",
     )
 
 
-def _budget(found: StaticEstimate) -> Budget:
+def _budget(found: StaticEstimate, lost: float) -> Budget:
     """Return what comes from gravity's uncertainty, from walks, and from noise and errors of standstills."""
     names, layout = found.problem.names, found.problem.layout
     P, walk = found.covariance, _walked(found)
@@ -227,9 +251,12 @@ def _budget(found: StaticEstimate) -> Budget:
         "gravity": Source.PRIOR,
         "offsets walk": Source.MISFIT,
         "undecided error terms": Source.EFFECTS,
+        "lost samples": Source.CLOCKS,
     }
     undecided = np.sum(found.undecided**2, axis=1) * np.ones(len(names))
-    return Budget.of(names, causes, np.column_stack([np.diag(P) - prior, prior, walk, undecided]))
+    return Budget.of(
+        names, causes, np.column_stack([np.diag(P) - prior, prior, walk, undecided, _of_lost(found, lost) ** 2])
+    )
 
 
 def _consistency(found: StaticEstimate) -> Consistency:

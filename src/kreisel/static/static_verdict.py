@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.calibration.data_sheet import non_orthogonality, sensitivity
+from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
 from kreisel.calibration.result_sections import Verdict
-from kreisel.calibration.verdict import MAX_ANGLE, MAX_SCALE, MAX_SPREAD
 from kreisel.geometry.rotation import Array
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.groups import group_named

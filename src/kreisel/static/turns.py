@@ -47,7 +47,8 @@ def turns_between(imu: ImuSamples, raw: RawReadings, rests: Rests, sensors: Sens
 
     Notes
     -----
-    An error d_omega(t) of the rate turns the next b by the integral of C(t) d_omega, with C from b at t to the next b.
+    By equation (33), an error d_omega(t) of the rate turns the next b by the integral of C(t) d_omega, with C from b at
+    t to the next b.
     """
     own = {group: value for group, value in sensors.effects.items() if EFFECTS[group].sensor == "gyroscope"}
     signal = prepare(imu.seconds, imu.rates, imu.accelerations, applied=own,

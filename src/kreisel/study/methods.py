@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.calibration.calibrate import ESTIMATORS
-from kreisel.errors import KreiselError
+from kreisel.errors import EstimationError, KreiselError
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import exp, matrix
@@ -86,7 +86,13 @@ def wrong_by(problem: Problem, angle: float, share: float, rng: np.random.Genera
 
 
 def settled(problem: Problem, estimator: Estimator) -> tuple[Fit, int]:
-    """Return the fit of a problem that further passes do not change, and the number of passes; `MAX_PASSES` at most."""
+    """Return the fit of a problem that further passes do not change, and the number of passes.
+
+    Raises
+    ------
+    EstimationError
+        If it still changes after `MAX_PASSES`.
+    """
     fit = estimator.fit(problem, gate=100.0)
     n = len(problem.parameter_names)
     for count in range(1, MAX_PASSES):
@@ -95,4 +101,4 @@ def settled(problem: Problem, estimator: Estimator) -> tuple[Fit, int]:
         fit = again
         if np.all(np.abs(moved) < SETTLED * fit.belief.standard_deviation[:n]):
             return fit, count + 1
-    return fit, MAX_PASSES
+    raise EstimationError(f"still changes after {MAX_PASSES} passes")

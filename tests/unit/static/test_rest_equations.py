@@ -14,7 +14,7 @@ from kreisel.static.multi_position import first_values, fitted
 from kreisel.static.rest_equations import ATTITUDE, attitudes_by, linearised
 from kreisel.static.rest_noise import NO_NOISE
 from kreisel.static.rest_problem import RestProblem, begun, raw_of
-from kreisel.static.rests import find_rests
+from kreisel.static.rest_search import find_rests
 from kreisel.static.turns import turns_between
 from kreisel.validation.checks import check_streams
 
@@ -46,7 +46,7 @@ def parameters(truth, problem):
 
 
 def test_without_noise_the_truth_is_found(quiet):
-    """From no knowledge of the device: what is left is of integrating at 200 Hz, and of the first guess of the noise."""
+    """From no knowledge of the device: what is left is of integrating at 200 Hz."""
     truth, problem = quiet
     problem = problem.with_effects(("gyro_g_sensitivity",))
     p = parameters(truth, problem).sensors

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kreisel.static.chain import NODE, Equations, solve
+from kreisel.static.rest_chain import NODE, Equations, solve
 
 
 def chain(rng, M=5, P=4):
@@ -52,7 +52,7 @@ def test_the_chain_is_the_dense_system():
 
 
 def test_the_evidence_is_that_of_a_normal_density():
-    """Two sets of weights: the difference of log-evidences is that of the density of -r, of the sum of all that errs."""
+    """The difference of log-evidences for two sets of weights is that of the densities of the sum of all that errs."""
     rng = np.random.default_rng(2)
     equations, nodes, (prior, expected), about, (J, r, before) = chain(rng)
     M = 5

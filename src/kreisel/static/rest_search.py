@@ -1,0 +1,115 @@
+"""Where an IMU that is turned by hand stands still, by its own readings, and what it reads there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.recording.recording import ImuSamples
+from kreisel.static.rests import Rests
+from kreisel.validation.stamp_checks import LONG_GAP, gaps, runs
+
+BLOCK, WINDOW = 0.1, 8
+"""Seconds of readings whose mean is taken, and number of such means that are judged together. Chosen: noise of single
+readings does not matter then, and a hand does not hold still for 0.8 s by chance."""
+
+MIN_SECONDS, MARGIN = 1.0, 0.1
+"""Least duration of a standstill, and what is left out at either end, s. Chosen: shorter ones are pauses of a motion,
+in which the hand still swings."""
+
+_QUIET, _FACTOR = 3.0, 4.0
+"""Percentile of the scatters of windows that is taken for that of standstills, and factor on it below which a window is
+one. Chosen: a recording with as little as a tenth of standstill is still read right."""
+
+_ALWAYS_STILL = (2e-3, 0.02)
+_NEVER_STILL = (0.06, 0.5)
+"""rad/s and m/s^2: scatter of the means of blocks that always counts as standstill, and that never does."""
+
+_MOVED = 0.05
+"""m/s^2; change of the force within a standstill, from its first half to its second, beyond the noise, with which it is
+none: 5 mrad. Smaller changes count as an error of this standstill."""
+
+MAX_RESTS = 2000
+"""Most standstills that are used. Chosen: memory and time stay small; nobody turns a device so often."""
+
+
+def find_rests(imu: ImuSamples) -> Rests:
+    """Return the standstills.
+
+    Raises
+    ------
+    RecordingError
+        If there are none, or more than anybody made.
+    """
+    step = max(1, round(BLOCK / imu.interval))
+    blocks = len(imu.stamps_ns) // step
+    if blocks < 2 * WINDOW:
+        raise RecordingError(
+            f"lasts {imu.seconds[-1]:.3g} s, expected some standstills of {MIN_SECONDS:g} s or more", file=imu.source
+        )
+    means = [values[: blocks * step].reshape(blocks, step, 3).mean(axis=1) for values in (imu.rates, imu.accelerations)]
+    still = _still(means, _broken(imu, step, blocks))
+    starts, stops = runs(still)
+    long = (stops - starts) * step * imu.interval >= MIN_SECONDS + 2.0 * MARGIN
+    margin = max(1, round(MARGIN / imu.interval))
+    first, last = starts[long] * step + margin, stops[long] * step - margin
+    if first.size > MAX_RESTS:
+        raise RecordingError(
+            f"{first.size} standstills, expected {MAX_RESTS} at most: cut the recording into parts", file=imu.source
+        )
+    return _measured(imu, first, last, step)
+
+
+def _still(means: list[Array], broken: Mask) -> Mask:
+    """Return which blocks lie in a quiet window, (blocks,): of the whole window, so that no end is lost."""
+    quiet: Mask = np.all(np.lib.stride_tricks.sliding_window_view(~broken, WINDOW), axis=1)
+    for values, least, most in zip(means, _ALWAYS_STILL, _NEVER_STILL, strict=True):
+        scatter = np.sqrt(np.lib.stride_tricks.sliding_window_view(values, WINDOW, axis=0).var(axis=-1).sum(axis=1))
+        limit = np.clip(_FACTOR * np.percentile(scatter, _QUIET), least, most)
+        quiet &= scatter < limit
+    still = np.zeros(len(means[0]), dtype=bool)
+    for i in range(WINDOW):
+        still[i : i + quiet.size] |= quiet
+    return still
+
+
+def _broken(imu: ImuSamples, step: int, blocks: int) -> Mask:
+    """Return which blocks contain a gap."""
+    out = np.zeros(blocks, dtype=bool)
+    for start in gaps(imu.stamps_ns, LONG_GAP):
+        out[min(int(start) // step, blocks - 1)] = True
+    return out
+
+
+def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rests:
+    """Return the standstills with their readings, without those within which the device moves."""
+    t, kept, rows, scatters = imu.seconds, [], [], []
+    for a, b in zip(first.tolist(), last.tolist(), strict=True):
+        parts = (b - a) // step
+        if parts < 4:
+            continue
+        forces = imu.accelerations[a : a + parts * step].reshape(parts, step, 3).mean(axis=1)
+        rates = imu.rates[a : a + parts * step].reshape(parts, step, 3).mean(axis=1)
+        noise = [np.diff(x, axis=0) for x in (rates, forces)]  # of which a slow change is no part
+        half = parts // 2
+        change = forces[-half:].mean(axis=0) - forces[:half].mean(axis=0)
+        chance = np.sqrt(noise[1].var(axis=0) / 2.0 * 2.0 / half)
+        beyond = np.sqrt(np.sum(np.maximum(change**2 - chance**2, 0.0)))
+        if beyond > _MOVED + 4.0 * np.linalg.norm(chance):
+            continue
+        kept.append((a, b))
+        scatters.append([(x**2).mean(axis=0) / 2.0 for x in noise])
+        mean = [x[a:b].mean(axis=0) for x in (imu.rates, imu.accelerations)]
+        rows.append([*mean[0], *mean[1], beyond / np.sqrt(3.0)])
+    if not kept:
+        raise RecordingError(
+            "no standstill is found: lay the device down, or hold it firmly, for two seconds or more in each attitude",
+            file=imu.source,
+        )
+    table, (a, b) = np.array(rows), np.array(kept).T
+    white = np.sqrt(np.median(np.array(scatters), axis=0) * step * imu.interval)
+    return Rests(
+        a, b, 0.5 * (t[a] + t[b - 1]), t[b - 1] - t[a], table[:, :3], table[:, 3:6], table[:, 6],
+        np.maximum(white[0], 1e-9), np.maximum(white[1], 1e-8),
+    )  # fmt: skip

@@ -1,0 +1,105 @@
+"""Devices that are turned by hand, without a reference: deviations hold, and what is no standstill is not used."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.device_axes import turned, upper_triangular
+from kreisel.errors import RecordingError
+from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.lost_share import lost_share
+from kreisel.static.rest_search import find_rests
+from kreisel.static.static_result import calibrate_static
+from kreisel.static.static_verdict import MAX_HALVES, judge_static
+from kreisel.validation.checks import check_streams
+
+
+def scores(truth, found):
+    """Errors of the usual sensor parameters over their deviations."""
+    real = turned(truth, upper_triangular(truth.K_a)[0], np.zeros(3))
+    own, sd = found.calibration.sensors, found.calibration.sensor_sd
+    parts = [((own.K_omega - real.K_omega) / sd.K_omega).ravel(), (own.k_w[0] - real.k_w[0]) / sd.k_w[0]]
+    upper = np.triu_indices(3)
+    parts += [((own.K_a - real.K_a)[upper] / sd.K_a[upper]), (own.k_a[0] - real.k_a[0]) / sd.k_a[0]]
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("grade", ["consumer-mems", "fog-mems"])
+def test_deviations_hold(grade):
+    found = []
+    for seed in range(3):
+        truth, recording = hand_turned(HandTurns(grade), np.random.default_rng([seed, 77]))
+        outcome = calibrate_static(check_streams(recording))
+        assert outcome.calibration.accepted, outcome.calibration.verdict
+        found.append(scores(truth, outcome))
+        np.testing.assert_allclose(
+            outcome.calibration.budget.deviation, np.sqrt(np.diag(outcome.calibration.covariance)), rtol=1e-9
+        )
+    found = np.concatenate(found)
+    assert np.abs(found).max() < 4.0
+    assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
+
+
+def test_a_device_that_is_hardly_tilted_is_not_calibrated():
+    """The gyros turn, though: they may be used."""
+    _, recording = hand_turned(HandTurns(tilt=np.radians(10.0)), np.random.default_rng(1))
+    found = calibrate_static(check_streams(recording))
+    assert not found.calibration.accepted
+    assert "not observable with these standstills" in found.calibration.verdict.reasons[0]
+    assert found.calibration.verdict.sensors["accelerometer"] == "not_observable"
+
+
+def test_a_standstill_that_creeps_is_none_and_one_that_slips_is_left_out():
+    rng = np.random.default_rng(2)
+    truth, recording = hand_turned(HandTurns(creep=0.05), rng)
+    with pytest.raises(RecordingError, match="standstill"):
+        calibrate_static(check_streams(recording))
+    truth, recording = hand_turned(HandTurns(slip=0.01), rng)
+    found = calibrate_static(check_streams(recording))
+    assert np.abs(scores(truth, found)).max() < 4.0
+
+
+def test_a_turn_across_lost_samples_says_nothing():
+    _, recording = hand_turned(HandTurns(attitudes=14), np.random.default_rng(3))
+    rests = find_rests(recording.imu)
+    keep = np.ones(recording.imu.stamps_ns.size, dtype=bool)
+    between = (int(rests.last[4]) + int(rests.first[5])) // 2
+    keep[between - 20 : between + 20] = False
+    imu = replace(
+        recording.imu, stamps_ns=recording.imu.stamps_ns[keep], rates=recording.imu.rates[keep],
+        accelerations=recording.imu.accelerations[keep],
+    )  # fmt: skip
+    found = calibrate_static(check_streams(replace(recording, imu=imu))).found
+    assert found.problem.rests.count == rests.count
+    assert found.linear.turn.node.tolist() == [k for k in range(rests.count - 1) if k != 4]
+
+
+def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
+    truth, recording = hand_turned(HandTurns(lost=0.03), np.random.default_rng(5))
+    found = calibrate_static(check_streams(recording))
+    assert any("of the samples are lost without a gap" in warning.message for warning in found.warnings)
+    assert np.abs(scores(truth, found)).max() < 4.0
+    assert np.diag(found.calibration.sensor_sd.K_omega).min() > 3e-3
+    _, whole = hand_turned(HandTurns(), np.random.default_rng(5))
+    assert lost_share(whole.imu, find_rests(whole.imu)) == 0.0
+
+
+def test_without_standstills_it_says_so():
+    _, recording = hand_turned(HandTurns(attitudes=4), np.random.default_rng(4))
+    with pytest.raises(RecordingError, match="4 standstills, expected 6 or more in different attitudes"):
+        calibrate_static(check_streams(recording))
+
+
+def test_halves_that_differ_are_a_reason_against_the_sensor_they_concern():
+    _, recording = hand_turned(HandTurns(attitudes=16), np.random.default_rng(7))
+    found = calibrate_static(check_streams(recording)).found
+    halves = np.zeros(found.problem.layout.degrees)
+    halves[found.problem.layout["accel_offset"].start + 1] = -MAX_HALVES - 1.0
+    verdict = judge_static(found, found.deviation, halves, None)
+    assert verdict.reasons == (
+        "both halves of the recording differ by 5.5 deviations in accelerometer.offset[1]: something changed that is "
+        "not modelled",
+    )
+    assert verdict.sensors == {"gyroscope": "accepted", "accelerometer": "rejected"}
+    assert judge_static(found, found.deviation, halves, "gyroscope").accepted
