@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def write_static(outcome: StaticOutcome, path: Path) -> None:
     facts = calibration.recording
     rests = found.problem.rests
     figures = [_lengths(found), _turns(found), _attitudes(found)]
-    reasons = [f"Reason: {reason}." for reason in calibration.verdict.reasons]
+    verdict = " ".join([calibration.verdict.sentence, *(f"Reason: {one}." for one in calibration.verdict.reasons)])
     path.write_text(
         fill(
             "study.html",
@@ -38,10 +39,10 @@ def write_static(outcome: StaticOutcome, path: Path) -> None:
             kind="calibration from standstills",
             heading=calibration.verdict.headline,
             lead=f"{rests.count} standstills, {found.linear.turn.node.size} turns, "
-            f"{rests.seconds[-1] - rests.seconds[0]:.0f} s",
+            f"{rests.seconds[-1] - rests.seconds[0]:.0f} s. {verdict}",
             table_of_groups=_quantities(calibration),
             further_tables=[_parameters(outcome), _noise(found.noise), _considered(found)],
-            facts=[calibration.verdict.sentence, *reasons, *(str(w) for w in outcome.warnings)],
+            facts=[f"{warning}." for warning in outcome.warnings],
             figures=figures,
         ),
         encoding="utf-8",
@@ -100,6 +101,12 @@ def _considered(found: StaticEstimate) -> Table:
     return Table("Error terms beyond the usual model", columns, tuple(rows), 2, broad=True)
 
 
+def _time(seconds: Array) -> dict[str, Any]:
+    """Return the axis of time with room at both ends."""
+    room = 0.03 * float(seconds[-1] - seconds[0]) + 1.0
+    return plots.axis(plots.TIME, range=[float(seconds[0]) - room, float(seconds[-1]) + room])
+
+
 def _lengths(found: StaticEstimate) -> Figure:
     """Return by how much the force at each standstill differs from gravity in length, raw and calibrated."""
     rests, p = found.problem.rests, found.parameters
@@ -110,7 +117,8 @@ def _lengths(found: StaticEstimate) -> Figure:
         plots.markers(rests.seconds, 1e3 * after, "calibrated, offsets of the middle", "x", size=5),
     ]
     caption = "What is left once calibrated is noise, walks of the offsets, and standstills that were none."
-    return Figure("lengths", "Length of the force less gravity", caption, plots.simple(traces, plots.TIME, "mm/s²"))
+    drawn = plots.plot(_time(rests.seconds), plots.panel(traces, plots.axis("mm/s²")))
+    return Figure("lengths", "Length of the force less gravity", caption, drawn)
 
 
 def _turns(found: StaticEstimate) -> Figure:
@@ -134,7 +142,8 @@ def _turns(found: StaticEstimate) -> Figure:
         plots.markers(time, missed(found.linear.turns.rotations), "calibrated", "x", size=5),
     ]
     caption = "The vertical by the gyros after each turn, from the one before it, against that by the accelerometers."
-    return Figure("turns", "Vertical after each turn", caption, plots.simple(traces, plots.TIME, "mrad"))
+    drawn = plots.plot(_time(problem.rests.seconds), plots.panel(traces, plots.axis("mrad")))
+    return Figure("turns", "Vertical after each turn", caption, drawn)
 
 
 def _attitudes(found: StaticEstimate) -> Figure:
