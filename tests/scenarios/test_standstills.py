@@ -82,7 +82,7 @@ def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
     assert np.abs(scores(truth, found)).max() < 4.0
     assert np.diag(found.calibration.sensor_sd.K_omega).min() > 3e-3
     _, whole = hand_turned(HandTurns(), np.random.default_rng(5))
-    assert lost_share(whole.imu, find_rests(whole.imu)) == 0.0
+    assert lost_share(whole.imu, find_rests(whole.imu)) == (0.0, 0.0)
 
 
 def test_without_standstills_it_says_so():

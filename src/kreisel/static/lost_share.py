@@ -7,28 +7,35 @@ import numpy as np
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 
-_CLEAR = 10.0
+_CLEAR = 8.0
 """Change of the rate from sample to sample over its noise from which on a step shows whether one is missing."""
+
+_CERTAIN = 1.5
+"""Deviations between the count and the least and largest that it stands for."""
 
 _TWICE, _NONE = (1.6, 2.5), (-0.5, 0.4)
 """Step over that of the neighbours where a sample is missing, and as far on the other side of one, where no reason
 leads: what jerks in every way does both alike."""
 
 
-def lost_share(imu: ImuSamples, rests: Rests) -> float:
-    """Return the share of samples that are lost, as far as it exceeds chance; 0 where the readings cannot tell.
+def lost_share(imu: ImuSamples, rests: Rests) -> tuple[float, float]:
+    """Return the least and the largest share of samples that are lost; zeros where the readings cannot tell.
 
     Turns are then too small by as much: the gyros' scale factors err by it, and nothing else shows that.
     """
     w = imu.rates
     if len(w) < 6:
-        return 0.0
+        return 0.0, 0.0
     step = w[3:-2] - w[2:-3]
     usual = 0.25 * (w[2:-3] - w[:-5] + w[5:] - w[3:-2])
     size = np.linalg.norm(usual, axis=1)
     clear = size > _CLEAR * np.sqrt(np.sum(rests.density_w**2) / imu.interval)
     if not clear.any():
-        return 0.0
+        return 0.0, 0.0
     ratio = np.einsum("ij,ij->i", step, usual)[clear] / size[clear] ** 2
-    twice, none = (np.count_nonzero((ratio > low) & (ratio < high)) for low, high in (_TWICE, _NONE))
-    return float(max(twice - none - np.sqrt(twice + none), 0.0) / clear.sum())
+    twice, none = (int(np.count_nonzero((ratio > low) & (ratio < high))) for low, high in (_TWICE, _NONE))
+    if twice <= none:
+        return 0.0, 0.0
+    chance = _CERTAIN * np.sqrt(twice + none)
+    count = float(clear.sum())
+    return max(twice - none - chance, 0.0) / count, (twice - none + chance) / count

@@ -15,7 +15,7 @@ from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
 from kreisel.static.rest_chain import Solution
-from kreisel.static.rest_equations import ATTITUDE, Linear, attitudes_by, linearised, moved
+from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
 from kreisel.static.turns import turns_between
@@ -83,6 +83,12 @@ class StaticEstimate:
         """What does not fit: kinds and numbers of standstills."""
         rows = dict(zip(KINDS, self.linear.all, strict=False))
         return tuple((k, int(n)) for k, v in self.inflated.items() for n in rows[k].node[v > 0.0])
+
+    @property
+    def walks(self) -> tuple[Array, Array]:
+        """How far the offsets of gyros and accelerometers are from those in the middle, (M, 3) each."""
+        x = self._solution.nodes()[0]
+        return x[:, GYRO_WALK], x[:, ACCEL_WALK]
 
     @property
     def residuals(self) -> tuple[Array, ...]:

@@ -132,7 +132,7 @@ def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:
 
 
 def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array, first: RestNoise) -> RestNoise:
-    """Return the noise figures that the data show: the root of the mean square of each, all sizes being as likely.
+    """Return the noise figures that the data show: the root of the mean square of each, over all orders of magnitude.
 
     That mean exceeds the likeliest value by as much as few standstills leave open, so that deviations hold for few.
 
@@ -153,7 +153,7 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
             trial = np.repeat(figures[None], _GRID.size, axis=0)
             trial[:, k] = hidden[k] * _GRID
             evidence = solution(problem, linear, how, trial, about).log_evidence
-            chance = np.exp(evidence - evidence.max()) * _GRID
+            chance = np.exp(evidence - evidence.max())
             figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())
         if np.all(np.abs(figures - before) <= _SETTLED * before):
             break

@@ -43,6 +43,11 @@ METHOD = "multi-position"
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
 
+_STEADY, _WARM = 0.7, 7.0
+"""Change of an offset from beginning to end, over its range and over the error of a standstill, from which on it counts
+as warming up. Chosen: of eight devices on one board it names all when they start cold; in two warm runs, two of 48 gyro
+axes, which do drift."""
+
 _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
 
@@ -100,11 +105,11 @@ def calibrate_static(
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
     share = None if progress is None else lambda part: progress("fit", part)
     found = estimate_static(problem, share)
-    lost = lost_share(recording.imu, rests)
+    least, lost = lost_share(recording.imu, rests)
     covariance = _total(found, lost)
     deviation = np.sqrt(np.diag(covariance))
     halves = _halves(found)
-    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, lost)]
+    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, least)]
     verdict = judge_static(found, deviation, halves, only)
     seconds = time.perf_counter() - began
     parts = replace(_parts(recording, found, covariance, lost, seconds, tuple(warnings)), verdict=verdict)
@@ -130,12 +135,12 @@ def _of_lost(found: StaticEstimate, lost: float) -> Array:
 
 
 def _walked(found: StaticEstimate) -> Array:
-    """Return the variance by how far offsets walk from the middle of the recording, (P,): the mean over time."""
+    """Return the variance (P,) by how far the mean of walking offsets lies from those in the middle."""
     rests, layout = found.problem.rests, found.problem.layout
     span = float(rests.seconds[-1] - rests.seconds[0])
     out = np.zeros(layout.degrees)
     for group, walk in (("gyro_offset", found.noise.gyro_walk), ("accel_offset", found.noise.accel_walk)):
-        out[layout[group]] = 0.25 * walk**2 * span
+        out[layout[group]] = walk**2 * span / 12.0
     return out
 
 
@@ -170,21 +175,37 @@ def _remarks(found: StaticEstimate, lost: float) -> list[DataWarning]:
         d = layout[group]
         if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
             name = "gyro" if group.startswith("gyro") else "accelerometer"
-            size = float(np.sqrt(walk[d].max()))
-            out.append(
-                DataWarning("offsets", f"the {name} offsets walk by {size:.2g} {unit} (rms) during the recording")
-            )
+            size = float(np.sqrt(3.0 * walk[d].max()))
+            text = f"the {name} offsets walk by {size:.2g} {unit} (rms) from those in the middle of the recording"
+            out.append(DataWarning("offsets", text))
+    out += _warming(found)
     if lost > _LOST:
-        text = (
-            f"about {100.0 * lost:.2g} % of the samples are lost without a gap in the stamps: turns are too small by it"
-        )
-        out.append(DataWarning("imu", f"{text}; record stamps of the device, not counted ones"))
+        text = f"{100.0 * lost:.2g} % or more of the samples are lost without a gap in the stamps"
+        out.append(DataWarning("imu", f"{text}: turns are too small by it; record the device's own stamps"))
     for kind in ("force", "rate", "turn"):
         nodes = [node for k, node in found.left_out if k == kind]
         if nodes:
             what = "turns after standstills" if kind == "turn" else f"the {kind} of standstills"
             at = ", ".join(f"{found.problem.rests.seconds[n]:.1f} s" for n in nodes[:6])
             out.append(DataWarning("standstills", f"{what} at {at} do not fit and are left out"))
+    return out
+
+
+def _warming(found: StaticEstimate) -> list[DataWarning]:
+    """Return the remarks about axes whose offsets change steadily, by far more than standstills err."""
+    rests, out = found.problem.rests, []
+    sizes = (found.noise.rate, rests.density_w), (found.noise.force, rests.density_a)
+    units = (("gyro", "rad/s"), ("accelerometer", "m/s^2"))
+    for walk, (own, density), (name, unit) in zip(found.walks, sizes, units, strict=True):
+        noise = np.sqrt(own**2 + density**2 / np.median(rests.durations))
+        change, span = np.abs(walk[-1] - walk[0]), np.ptp(walk, axis=0)
+        steady = (change > _STEADY * span) & (change > _WARM * noise)
+        if steady.any():
+            axes = ", ".join(axis for axis, one in zip("xyz", steady, strict=True) if one)
+            text = f"the offset of {name} {axes} changes by {change.max():.2g} {unit} from beginning to end"
+            out.append(
+                DataWarning("offsets", f"{text}: the unit warms up, or its temperature changes; warm it up first")
+            )
     return out
 
 
