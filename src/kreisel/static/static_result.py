@@ -135,12 +135,12 @@ def _of_lost(found: StaticEstimate, lost: float) -> Array:
 
 
 def _walked(found: StaticEstimate) -> Array:
-    """Return the variance (P,) by how far the mean of walking offsets lies from those in the middle."""
+    """Return the variance (P,) by how far walking offsets are from those in the middle: its mean over time."""
     rests, layout = found.problem.rests, found.problem.layout
     span = float(rests.seconds[-1] - rests.seconds[0])
     out = np.zeros(layout.degrees)
     for group, walk in (("gyro_offset", found.noise.gyro_walk), ("accel_offset", found.noise.accel_walk)):
-        out[layout[group]] = walk**2 * span / 12.0
+        out[layout[group]] = 0.25 * walk**2 * span
     return out
 
 
@@ -175,7 +175,7 @@ def _remarks(found: StaticEstimate, lost: float) -> list[DataWarning]:
         d = layout[group]
         if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
             name = "gyro" if group.startswith("gyro") else "accelerometer"
-            size = float(np.sqrt(3.0 * walk[d].max()))
+            size = float(np.sqrt(walk[d].max()))
             text = f"the {name} offsets walk by {size:.2g} {unit} (rms) from those in the middle of the recording"
             out.append(DataWarning("offsets", text))
     out += _warming(found)
