@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 
 import kreisel
 from kreisel.formats.write import write_folder
+from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.simulation.standstills import HandTurns, hand_turned
 
 from ..foreign_tables import PLAIN, plain
@@ -195,6 +196,7 @@ def test_noise_figures_at_rest(cell, refused, tmp_path):
 def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refused, tmp_path):
     _, recording = hand_turned(HandTurns(attitudes=16), np.random.default_rng(6))
     write_folder(recording, tmp_path / "hand")
+    write_folder(replace(recording, settings=RecordingSettings()), tmp_path / "unsaid")
     out = tmp_path / "out"
     done = run("static", tmp_path / "hand", "--gravity", "9.8089", "-o", out)
     assert done.returncode == 0, done.stderr
@@ -217,7 +219,10 @@ def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refus
     assert done.returncode == 0, done.stderr
     done = run("certificate", out, "-o", tmp_path / "certificate.html")
     assert done.returncode == 0, done.stderr
-    assert "at standstills in several attitudes" in (tmp_path / "certificate.html").read_text()
+    page = (tmp_path / "certificate.html").read_text()
+    assert "at standstills in several attitudes" in page
+    assert "Static calibration by gravity" in page
+    assert "gravity is not known well" in " ".join(run("static", tmp_path / "unsaid").stdout.split())
     refused("`kreisel static` does without", "calibrate", tmp_path / "hand")
     refused("unknown method 'ferraris'", "static", tmp_path / "hand", "--method", "ferraris")
 

@@ -195,7 +195,8 @@ def _facts(
     stated = fields.get("reference")
     out.append((own["reference"], "; ".join(text for text in (stated, seen) if text) or nothing))
     out.append((own["traceability"], fields.get("traceability", own["no_traceability"])))
-    out.append((own["procedure"], fields.get("procedure", own["usual_procedure"])))
+    usual = "usual_procedure" if recording is None or recording.reference_poses else "static_procedure"
+    out.append((own["procedure"], fields.get("procedure", own[usual])))
     if "remarks" in fields:
         out.append((own["remarks"], fields["remarks"]))
     if "number" in fields:

@@ -20,6 +20,7 @@ from kreisel.calibration.result_sections import (
     RecordingFacts,
     StatedNoise,
     Timing,
+    Verdict,
 )
 from kreisel.errors import KreiselError
 from kreisel.estimation.uncertainty_budget import Budget, Source
@@ -27,7 +28,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import SENSOR_GROUPS, other_groups
-from kreisel.preparation.gravity import site_of
+from kreisel.preparation.gravity import UNKNOWN_SD, site_of
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
@@ -39,6 +40,11 @@ from kreisel.static.static_verdict import judge_static
 
 METHOD = "multi-position"
 """Name of the method in the result file."""
+
+_NO_GRAVITY = (
+    "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
+    "site.latitude_deg and site.height_m, state it)"
+)
 
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
@@ -109,15 +115,17 @@ def calibrate_static(
     covariance = _total(found, lost)
     deviation = np.sqrt(np.diag(covariance))
     halves = _halves(found)
-    warnings = [*recording.warnings, *(w for w in warnings if "latitude" not in w.message), *_remarks(found, least)]
+    known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
+    stated = [w for w in warnings if not w.message.startswith("no latitude")]
+    said = (*recording.warnings, *(stated or known), *_remarks(found, least))
     verdict = judge_static(found, deviation, halves, only)
-    seconds = time.perf_counter() - began
-    parts = replace(_parts(recording, found, covariance, lost, seconds, tuple(warnings)), verdict=verdict)
+    parts = _parts(recording, found, covariance, lost, said)
+    parts = replace(parts, verdict=verdict, estimator=_estimator_facts(found, time.perf_counter() - began))
     calibration = Calibration(
         **vars(parts), names=found.problem.names, covariance=covariance, prior_deviation=found.problem.width,
         estimates=np.zeros((0, 1 + 2 * len(deviation))),
     )  # fmt: skip
-    return StaticOutcome(found, halves, calibration, tuple(warnings))
+    return StaticOutcome(found, halves, calibration, said)
 
 
 def _total(found: StaticEstimate, lost: float) -> Array:
@@ -214,7 +222,6 @@ def _parts(
     found: StaticEstimate,
     covariance: Array,
     lost: float,
-    seconds: float,
     warnings: tuple[DataWarning, ...],
 ) -> CalibrationParts:
     problem, p = found.problem, found.parameters
@@ -248,9 +255,8 @@ def _parts(
         alignment=Alignment(gravity),
         derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
         consistency=_consistency(found),
-        verdict=judge_static(found, deviation, None, None),
+        verdict=Verdict(False, ()),
         recording=_recording_facts(recording, warnings),
-        estimator=_estimator_facts(found, seconds),
         others=others,
         considered=found.considered,
         budget=_budget(found, lost),
