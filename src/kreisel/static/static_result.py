@@ -24,7 +24,7 @@ from kreisel.calibration.result_sections import (
 )
 from kreisel.errors import KreiselError
 from kreisel.estimation.uncertainty_budget import Budget, Source
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import SENSOR_GROUPS, other_groups
@@ -143,13 +143,32 @@ def _of_lost(found: StaticEstimate, lost: float) -> Array:
 
 
 def _walked(found: StaticEstimate) -> Array:
-    """Return the variance (P,) by how far walking offsets are from those in the middle: its mean over time."""
+    """Return the variance (P,) by how far walking offsets are from those in the middle: its mean over time.
+
+    Where they change steadily, as while a unit warms up, those at the end are what it will have.
+    """
     rests, layout = found.problem.rests, found.problem.layout
     span = float(rests.seconds[-1] - rests.seconds[0])
     out = np.zeros(layout.degrees)
-    for group, walk in (("gyro_offset", found.noise.gyro_walk), ("accel_offset", found.noise.accel_walk)):
-        out[layout[group]] = 0.25 * walk**2 * span
+    walks = (found.noise.gyro_walk, found.noise.accel_walk)
+    for group, walk, path, steady in zip(
+        ("gyro_offset", "accel_offset"), walks, found.walks, _steady(found), strict=True
+    ):
+        usual = np.full(3, 0.25 * walk**2 * span)
+        out[layout[group]] = np.where(steady, np.maximum(usual, path[-1] ** 2), usual)
     return out
+
+
+def _steady(found: StaticEstimate) -> tuple[Mask, Mask]:
+    """Return which axes' offsets change steadily, by far more than standstills err, (3,) of either sensor."""
+    rests = found.problem.rests
+    sizes = (found.noise.rate, rests.density_w), (found.noise.force, rests.density_a)
+    out = []
+    for walk, (own, density) in zip(found.walks, sizes, strict=True):
+        noise = np.sqrt(own**2 + density**2 / np.median(rests.durations))
+        change, span = np.abs(walk[-1] - walk[0]), np.ptp(walk, axis=0)
+        out.append((change > _STEADY * span) & (change > _WARM * noise))
+    return out[0], out[1]
 
 
 def _halves(found: StaticEstimate) -> Array | None:
@@ -200,17 +219,14 @@ def _remarks(found: StaticEstimate, lost: float) -> list[DataWarning]:
 
 
 def _warming(found: StaticEstimate) -> list[DataWarning]:
-    """Return the remarks about axes whose offsets change steadily, by far more than standstills err."""
-    rests, out = found.problem.rests, []
-    sizes = (found.noise.rate, rests.density_w), (found.noise.force, rests.density_a)
+    """Return the remarks about axes whose offsets change steadily."""
+    out = []
     units = (("gyro", "rad/s"), ("accelerometer", "m/s^2"))
-    for walk, (own, density), (name, unit) in zip(found.walks, sizes, units, strict=True):
-        noise = np.sqrt(own**2 + density**2 / np.median(rests.durations))
-        change, span = np.abs(walk[-1] - walk[0]), np.ptp(walk, axis=0)
-        steady = (change > _STEADY * span) & (change > _WARM * noise)
+    for walk, steady, (name, unit) in zip(found.walks, _steady(found), units, strict=True):
         if steady.any():
             axes = ", ".join(axis for axis, one in zip("xyz", steady, strict=True) if one)
-            text = f"the offset of {name} {axes} changes by {change.max():.2g} {unit} from beginning to end"
+            change = float(np.abs(walk[-1] - walk[0])[steady].max())
+            text = f"the offset of {name} {axes} changes by {change:.2g} {unit} from beginning to end"
             out.append(
                 DataWarning("offsets", f"{text}: the unit warms up, or its temperature changes; warm it up first")
             )
