@@ -4,6 +4,7 @@ Webering et al. (OpenAXES) and Mikov et al. (ICINS 2020); READMEs beside the dat
 Pretto and Menegatti (2014), which takes offsets to be constant.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,26 @@ def test_an_mpu_9150_turned_by_hand():
         "gyro_scale_error_ppm"
     ].deviation
     assert np.abs(score).max() < 3.0
+
+
+@pytest.mark.parametrize("name", ["sim_fog_mems_300s", "sim_inaccurate_robot_300s", "sim_turned_drifting_120s"])
+def test_recordings_of_another_simulator_without_their_poses(recordings, name):
+    """A robot moved these devices; the truth is known, and the standstills between the moves suffice."""
+    truth = json.loads((recordings / name / "truth.json").read_text())
+    found = calibrate_static(check_streams(load(recordings / name)))
+    assert found.calibration.accepted
+    real = [np.array(truth[sensor]["cross_coupling"]) for sensor in ("gyroscope", "accelerometer")]
+    C, T = upper_triangular(real[1])
+    own, sd = found.calibration.sensors, found.calibration.sensor_sd
+    upper = np.triu_indices(3)
+    scores = np.concatenate(
+        [
+            ((own.K_omega - C.T @ real[0]) / sd.K_omega).ravel(),
+            (own.K_a - T)[upper] / sd.K_a[upper],
+            (own.k_w[0] - truth["gyroscope"]["offset"]) / sd.k_w[0],
+            (own.k_a[0] - truth["accelerometer"]["offset"]) / sd.k_a[0],
+        ]
+    )
+    assert np.abs(scores).max() < 3.5
+    assert 0.5 < np.sqrt(np.mean(scores**2)) < 1.4
+    assert max(sd.K_omega.max(), sd.K_a.max()) < 2e-4

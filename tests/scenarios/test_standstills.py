@@ -85,6 +85,18 @@ def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
     assert lost_share(whole.imu, find_rests(whole.imu)) == (0.0, 0.0)
 
 
+def test_without_gyros_the_accelerometers_are_calibrated():
+    truth, recording = hand_turned(HandTurns(attitudes=24), np.random.default_rng(8))
+    recording.imu.rates[:] = 0.0
+    found = calibrate_static(check_streams(recording), only="accelerometer")
+    assert found.calibration.accepted, found.calibration.verdict
+    assert found.calibration.verdict.sensors == {"gyroscope": "not_observable", "accelerometer": "accepted"}
+    real = turned(truth, upper_triangular(truth.K_a)[0], np.zeros(3))
+    upper = np.triu_indices(3)
+    score = (found.calibration.sensors.K_a - real.K_a)[upper] / found.calibration.sensor_sd.K_a[upper]
+    assert np.abs(score).max() < 4.0
+
+
 def test_without_standstills_it_says_so():
     _, recording = hand_turned(HandTurns(attitudes=4), np.random.default_rng(4))
     with pytest.raises(RecordingError, match="4 standstills, expected 6 or more in different attitudes"):

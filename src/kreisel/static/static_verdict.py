@@ -45,7 +45,8 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
                 f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''};"
                 " lay the device on each of its faces and on edges, and turn it about all axes"
             )
-        reasons[sensor] += _device(found, sensor)
+            continue  # what is implausible beside that is a consequence
+        reasons[sensor] += _device(found, sensor) + _left_out(found, sensor)
         if halves is not None:
             far = [(abs(s), n) for s, n in zip(halves, names, strict=True) if n.startswith(sensor)]
             if far and max(far)[0] > MAX_HALVES:
@@ -57,8 +58,6 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
         reasons["accelerometer"].append(
             f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest; lay it down"
         )
-    reasons["accelerometer"] += _left_out(found, ("force",), found.problem.rests.count)
-    reasons["gyroscope"] += _left_out(found, ("rate", "turn"), found.linear.turn.node.size)
     asked = SENSORS if only is None else (only,)
     states = {s: "accepted" if not own else "not_observable" if all("observable" in r for r in own) else "rejected"
               for s, own in reasons.items()}  # fmt: skip
@@ -94,9 +93,12 @@ def _device(found: StaticEstimate, sensor: str) -> list[str]:
     return []
 
 
-def _left_out(found: StaticEstimate, kinds: tuple[str, ...], count: int) -> list[str]:
+def _left_out(found: StaticEstimate, sensor: str) -> list[str]:
+    kinds = ("force",) if sensor == "accelerometer" else ("rate", "turn")
     out = [node for kind, node in found.left_out if kind in kinds]
-    if len(out) <= MAX_LEFT_OUT * max(count, 1):
+    if len(out) <= MAX_LEFT_OUT * found.problem.rests.count:
         return []
-    what = "standstills" if kinds == ("force",) else "turns"
-    return [f"{len(out)} of {count} {what} do not fit the others: hold the device still, and turn it more gently"]
+    return [
+        f"{len(out)} of {found.problem.rests.count} standstills, or turns after them, do not fit the others: hold the "
+        "device still, and turn it more gently"
+    ]

@@ -32,7 +32,7 @@ class Turns:
     seconds, agitation : (M - 1,)
         Duration, s, and the integral of the squared rate, rad^2/s.
     whole : (M - 1,)
-        Whether no samples are missing.
+        Whether no samples are missing, and all three gyros work.
     """
 
     rotations: Array
@@ -71,6 +71,8 @@ def turns_between(imu: ImuSamples, raw: RawReadings, rests: Rests, sensors: Sens
         sums[m] = np.einsum("k,fk,kij->fij", weight, features[:, a : b + 1], C)
         agitation[m] = weight @ square[a : b + 1]
     whole = np.array([not np.any((broken >= a) & (broken < b)) for a, b in zip(begin, end, strict=True)], dtype=bool)
+    if not np.ptp(imu.rates, axis=0).all():
+        whole[:] = False  # a gyro that is dead, or not there
     derivatives = _derivatives(sums, sizes, sensors.K_omega)
     return Turns(matrix(multiply(conjugate(q[begin]), q[end])), derivatives, seconds, agitation, whole)
 
