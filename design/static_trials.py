@@ -72,14 +72,10 @@ def trial(name: str, number: int) -> list[str]:
 
 
 def _scores(true: CellParameters, found: StaticOutcome) -> Array:
-    problem, out = found.found.problem, []
-    p, deviation = found.found.parameters, np.sqrt(np.diag(found.calibration.covariance))
-    for part in problem.layout:
-        own = problem.layout.present(part.name)
-        value, real = (x.stored(part.name) for x in (p, true))
-        real = np.concatenate([real, np.zeros(max(value.size - real.size, 0))]) if real.size < value.size else real
-        out.append((value - real)[own])
-    return np.concatenate(out) / deviation
+    """Return the errors of the estimated parameters over their deviations."""
+    problem = found.found.problem
+    error = problem.values(found.found.parameters) - problem.values(problem.room(true))
+    return np.asarray(error / np.sqrt(np.diag(found.calibration.covariance)))
 
 
 COLUMNS = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.device_axes import device_triads
+from kreisel.calibration.recording_facts import recording_facts
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import (
     Alignment,
@@ -17,9 +18,7 @@ from kreisel.calibration.result_sections import (
     EstimatorFacts,
     FinalNoise,
     Measured,
-    RecordingFacts,
     RobotErrors,
-    StatedNoise,
     Timing,
     Verdict,
 )
@@ -35,11 +34,11 @@ from kreisel.model.parameters import (
     CellParameters,
     other_groups,
     parameter_names,
+    sensor_fields,
 )
 from kreisel.model.problem import Problem
 from kreisel.model.robot_model import NOT_SEPARABLE, RobotModel, expected_accuracy, shift
 from kreisel.model.site import earth_rate_r, gravity_r, north_r
-from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import imu_density
@@ -68,6 +67,8 @@ def assemble(
 ) -> Calibration:
     """Return the calibration of a recording."""
     problem, run = found.problem, found.run
+    reference = problem.reference
+    poses, kind = int(reference.stamps_ns.size), recording.settings.reference.kind or ""
     parts = CalibrationParts(
         sensors=run.parameters.sensors,
         sensor_sd=_sensor_deviations(found),
@@ -77,7 +78,7 @@ def assemble(
         derived=_derived(found),
         consistency=judged.consistency,
         verdict=judged.verdict,
-        recording=_recording_facts(recording, problem, warnings),
+        recording=recording_facts(recording, warnings, reference.name, poses, kind),
         estimator=_estimator_facts(found, judged),
         robot=None if problem.robot is None else _robot_errors(found, problem.robot),
         others=_others(found),
@@ -97,26 +98,6 @@ def assemble(
         robot_urdf=None
         if robot is None
         else calibrated_urdf(robot.arm, run.parameters.robot.placement, run.parameters.robot.zeros),
-    )
-
-
-def _recording_facts(recording: Recording, problem: Problem, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
-    imu, reference, stated = recording.imu, problem.reference, noise_stated(recording)
-    return RecordingFacts(
-        name=recording.name,
-        reference=reference.name,
-        imu_samples=int(imu.stamps_ns.size),
-        imu_rate_hz=1.0 / imu.interval,
-        reference_poses=int(reference.stamps_ns.size),
-        duration_s=float(imu.seconds[-1]),
-        warnings=tuple(str(warning) for warning in warnings),
-        temperature_c=imu.usual_temperature,
-        noise=None if stated is None else StatedNoise(stated[0], **stated[1]),
-        device=recording.settings.device.model_dump(exclude_none=True),
-        certificate=recording.settings.certificate.model_dump(exclude_none=True),
-        digest=recording.sha256,
-        begin_ns=int(imu.stamps_ns[0]),
-        reference_kind=recording.settings.reference.kind or "",
     )
 
 
@@ -159,14 +140,7 @@ def _deviation_of(found: Estimate, group: str) -> Array:
 
 
 def _sensor_deviations(found: Estimate) -> SensorParameters:
-    of = {group: _deviation_of(found, group) for group in SENSOR_GROUPS}
-    return SensorParameters(
-        K_omega=of["gyro_cross_coupling"].reshape(3, 3),
-        k_w=np.vstack([of["gyro_offset"], of["gyro_polynomial"].reshape(-1, 3)]),
-        K_a=of["accel_cross_coupling"].reshape(3, 3),
-        k_a=np.vstack([of["accel_offset"], of["accel_polynomial"].reshape(-1, 3)]),
-        lever_arms=of["lever_arms"].reshape(3, 3),
-    )
+    return sensor_fields({group: _deviation_of(found, group) for group in SENSOR_GROUPS})
 
 
 def _timing(recording: Recording, found: Estimate) -> Timing:

@@ -121,6 +121,9 @@ QUANTITIES: tuple[Quantity, ...] = (
 )  # fmt: skip
 """Derived quantities, in the order they are shown in."""
 
+OF_A_REFERENCE = ("mounting_rotation_deg", "accel_distances_mm")
+"""Quantities that only a reference shows: where the device sits, and its lever arms."""
+
 OF_SCHEMA_1: dict[str, tuple[str, float]] = {
     "gyro_scale_ppm": ("gyro_scale_error_ppm", 1.0),
     "accel_scale_ppm": ("accel_scale_error_ppm", 1.0),

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 
 import numpy as np
 
 from kreisel.calibration.result_sections import DeviceTriad, Measured
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation
+from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation, right_angle_turns
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import parameter_names
 from kreisel.units import DEG
@@ -96,17 +95,14 @@ def nearest_right_angles(K: Array) -> Array:
         If the nearest is further away than `MAX_FROM_NOMINAL`.
     """
     C = nearest_rotation(K)
-    turns = [
-        np.eye(3)[:, list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
-    ]
-    best = max((turn for turn in turns if np.linalg.det(turn) > 0.0), key=lambda turn: float(np.sum(turn * C)))
+    best = max(right_angle_turns(), key=lambda turn: float(np.sum(turn * C)))
     away = float(np.linalg.norm(log(from_matrix(best.T @ C))))
     if away > MAX_FROM_NOMINAL:
         raise SettingsError(
             f"--axes nominal: the device is mounted {away / DEG:.1f} deg away from the nearest right angles, expected "
             f"{MAX_FROM_NOMINAL / DEG:.0f} at most; use --axes imu, which needs no nominal mounting"
         )
-    return np.asarray(best)
+    return best
 
 
 def frame_of(p: SensorParameters, axes: str) -> tuple[Array, Array]:

@@ -54,11 +54,12 @@ def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
 
 def print_static(calibration: Calibration, warnings: Sequence[object]) -> None:
     """Print the errors of sensors that were calibrated without a reference, and the verdict."""
+    from kreisel.calibration.data_sheet import OF_A_REFERENCE
+
     console = wide_console()
-    left_out = ("mounting_rotation_deg", "accel_distances_mm")
     for warning in warnings:
         console.print(f"· {warning}", markup=False)
-    rows = _quantity_rows(calibration, left_out)
+    rows = _quantity_rows(calibration, OF_A_REFERENCE)
     facts = calibration.recording
     title = "" if facts is None else f"{facts.name}: standstills"
     console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))

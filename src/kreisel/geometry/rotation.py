@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import permutations, product
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -123,6 +125,14 @@ def nearest_rotation(M: ArrayLike) -> Array:
     """Return the rotation matrix nearest to M (3, 3) in the Frobenius norm."""
     U, _, Vt = np.linalg.svd(np.asarray(M, dtype=float))
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def right_angle_turns() -> list[Array]:
+    """Return the 24 rotation matrices (3, 3) that turn axes into axes."""
+    turns = [
+        np.eye(3)[:, list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
+    ]
+    return [turn for turn in turns if np.linalg.det(turn) > 0.0]
 
 
 def skew(v: ArrayLike) -> Array:

@@ -153,6 +153,17 @@ class SensorEffect:
         out[np.arange(count), np.arange(count) % 3] = np.arange(count)
         return out
 
+    def by_parameter(self, columns: Array, count: int) -> Array:
+        """Return derivatives (m, 3, count) by the parameters, from those by what each feature adds, (m, E, 3, 3).
+
+        Those are by the readings of the three axes, in columns; count: number of parameters.
+        """
+        out = np.zeros((len(columns), 3, count))
+        for feature, row in enumerate(self.places(count)):
+            for axis in np.flatnonzero(row >= 0):
+                out[:, :, row[axis]] += columns[:, feature, :, axis]
+        return out
+
 
 def _product(factors: tuple[Factor, ...], raw: RawReadings, sensor: Sensor) -> Array:
     """Return a product of factors, (3, n) or (1, n)."""

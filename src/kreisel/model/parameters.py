@@ -171,16 +171,9 @@ class CellParameters:
     @classmethod
     def from_stored(cls, values: dict[str, Array]) -> CellParameters:
         """Return the parameters from every group's stored numbers."""
-        sensors = SensorParameters(
-            K_omega=values["gyro_cross_coupling"].reshape(3, 3),
-            k_w=np.vstack([values["gyro_offset"], values["gyro_polynomial"].reshape(-1, 3)]),
-            K_a=values["accel_cross_coupling"].reshape(3, 3),
-            k_a=np.vstack([values["accel_offset"], values["accel_polynomial"].reshape(-1, 3)]),
-            lever_arms=values["lever_arms"].reshape(3, 3),
-            others={group: values[group] for group in SENSOR_GROUPS if group not in _OF_FIELDS},
-        )
+        others = {group: values[group] for group in SENSOR_GROUPS if group not in _OF_FIELDS}
         return cls(
-            sensors,
+            replace(sensor_fields(values), others=others),
             values["alignment"],
             values["north"],
             float(values["gravity"][0]),
@@ -195,6 +188,17 @@ class CellParameters:
             float(values["earth_down"][0]),
             {group: value for group, value in values.items() if group not in {*_OF_FIELDS, *SENSOR_GROUPS}},
         )
+
+
+def sensor_fields(values: Mapping[str, Array]) -> SensorParameters:
+    """Return the fields of the sensors' parameters, or of their deviations, from every group's numbers."""
+    return SensorParameters(
+        K_omega=values["gyro_cross_coupling"].reshape(3, 3),
+        k_w=np.vstack([values["gyro_offset"], values["gyro_polynomial"].reshape(-1, 3)]),
+        K_a=values["accel_cross_coupling"].reshape(3, 3),
+        k_a=np.vstack([values["accel_offset"], values["accel_polynomial"].reshape(-1, 3)]),
+        lever_arms=values["lever_arms"].reshape(3, 3),
+    )
 
 
 def parameter_names(group: str, order: int, joints: int = 0) -> tuple[str, ...]:

@@ -29,6 +29,11 @@ ROUNDED_SD = 1e-3
 CONTRADICTION = 4.0
 """Standard deviations by which a stated value may differ from the one by the latitude."""
 
+NO_LATITUDE = DataWarning(
+    "site", "no latitude is given: the Earth's rotation is estimated (site.latitude_deg states it)"
+)
+"""A warning about the Earth's rotation; all others are about gravity."""
+
 _TEXTBOOK = {"9.80665", "9.8066", "9.8067", "9.807", "9.806"}
 _FREE_AIR = 3.086e-6  # 1/s^2, change of gravity with height
 
@@ -38,9 +43,7 @@ def site_of(table: SiteTable) -> tuple[Site, list[DataWarning]]:
     rate = None if table.latitude_deg is None else earth_rate_n(math.radians(table.latitude_deg))
     value, sd, warnings = _gravity(table)
     if rate is None:
-        warnings.append(
-            DataWarning("site", "no latitude is given: the Earth's rotation is estimated (site.latitude_deg states it)")
-        )
+        warnings.append(NO_LATITUDE)
     return Site(value, sd, rate), warnings
 
 

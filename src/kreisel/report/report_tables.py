@@ -10,6 +10,7 @@ import numpy as np
 from kreisel.calibration.evidence import Injection, SplitHalves
 from kreisel.calibration.outcome import Outcome
 from kreisel.geometry.rotation import Array
+from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import REGISTRY, group_named
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
 from kreisel.recording.recording import DataWarning
@@ -161,23 +162,29 @@ def _cause_rows(title: str, unit: str, change: Change) -> Iterable[Row]:
 
 def considered_table(outcome: Outcome) -> Table | None:
     """Return every effect that was considered: its largest value, what it gains, and what it changes."""
-    rows = []
-    for effect in outcome.estimate.considered:
-        group = group_named(effect.group)
-        values, sd = effect.value / group.size, effect.deviation / group.size
-        worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
-        shift = f"{effect.shift:.1f} ({effect.shifted})" if effect.shifted else ""
-        name = group.meaning if values.size == 1 else f"{group.meaning} (of {values.size}, the clearest)"
-        cells = (name, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
-        rows.append(Row((*cells, "yes" if effect.included else "no", shift), weak=not effect.included))
+    rows = [considered_row(effect) for effect in outcome.estimate.considered]
     for walking, gain in outcome.estimate.walks.items():
         name = f"random walk during the recording: {group_named(walking).meaning.split(',')[0]}"
         density = number(outcome.problem.noise.offset_walk[walking])
         rows.insert(0, Row((name, "SI/√s", density, f"{gain:.1f}", "yes", "")))
     if not rows:
         return None
-    columns = ("Error term", "Unit", "Estimate", "Gain", "Estimated", "Largest shift")
-    return Table("Error terms beyond the usual model", columns, tuple(rows), 2, broad=True)
+    return Table("Error terms beyond the usual model", CONSIDERED, tuple(rows), 2, broad=True)
+
+
+CONSIDERED = ("Error term", "Unit", "Estimate", "Gain", "Estimated", "Largest shift")
+"""Columns of `considered_row`."""
+
+
+def considered_row(effect: Considered) -> Row:
+    """Return an effect that was considered: its clearest value, what it gains, and what it changes."""
+    group = group_named(effect.group)
+    values, sd = effect.value / group.size, effect.deviation / group.size
+    worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
+    shift = f"{effect.shift:.1f} ({effect.shifted})" if effect.shifted else ""
+    name = group.meaning if values.size == 1 else f"{group.meaning} (of {values.size}, the clearest)"
+    cells = (name, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
+    return Row((*cells, "yes" if effect.included else "no", shift), weak=not effect.included)
 
 
 def parameter_table(data: ReportData) -> Table:

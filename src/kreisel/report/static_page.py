@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.data_sheet import QUANTITIES
+from kreisel.calibration.data_sheet import OF_A_REFERENCE, QUANTITIES
 from kreisel.calibration.result_sections import CalibrationParts
-from kreisel.geometry.rotation import Array
-from kreisel.model.groups import group_named
+from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure
+from kreisel.report.report_tables import CONSIDERED, considered_row
 from kreisel.report.template import fill
 from kreisel.static.multi_position import StaticEstimate
 from kreisel.static.rest_noise import RestNoise
 from kreisel.static.static_result import StaticOutcome
 from kreisel.static.turns import turns_between
-
-_LEFT_OUT = ("mounting_rotation_deg", "accel_distances_mm")
-"""Quantities that there are none of without a reference."""
 
 
 def write_static(outcome: StaticOutcome, path: Path) -> None:
@@ -52,7 +50,7 @@ def write_static(outcome: StaticOutcome, path: Path) -> None:
 def _quantities(calibration: CalibrationParts) -> Table:
     rows = []
     for quantity in QUANTITIES:
-        if quantity.name in _LEFT_OUT:
+        if quantity.name in OF_A_REFERENCE:
             continue
         one = calibration.derived[quantity.name]
         cells = [pair(v, sd) for v, sd in zip(one.value.tolist(), one.deviation.tolist(), strict=True)]
@@ -63,8 +61,7 @@ def _quantities(calibration: CalibrationParts) -> Table:
 
 def _parameters(outcome: StaticOutcome) -> Table:
     found, calibration = outcome.found, outcome.calibration
-    layout, weak = found.problem.layout, calibration.verdict.unobservable
-    values = np.concatenate([found.parameters.stored(part.name)[layout.present(part.name)] for part in layout])
+    weak, values = calibration.verdict.unobservable, found.problem.values(found.parameters)
     deviations = np.sqrt(np.diag(calibration.covariance))
     halves = np.full(values.size, np.nan) if outcome.halves is None else outcome.halves
     rows = [
@@ -90,15 +87,8 @@ def _noise(noise: RestNoise) -> Table:
 
 
 def _considered(found: StaticEstimate) -> Table:
-    rows = []
-    for effect in found.considered:
-        group = group_named(effect.group)
-        values, sd = effect.value / group.size, effect.deviation / group.size
-        worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
-        cells = (group.meaning, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
-        rows.append(Row((*cells, "yes" if effect.included else "no"), weak=not effect.included))
-    columns = ("Error term", "Unit", "Estimate, the clearest", "Gain of evidence", "Estimated")
-    return Table("Error terms beyond the usual model", columns, tuple(rows), 2, broad=True)
+    rows = tuple(considered_row(effect) for effect in found.considered)
+    return Table("Error terms beyond the usual model", CONSIDERED, rows, 2, broad=True)
 
 
 def _time(seconds: Array) -> dict[str, Any]:
@@ -132,9 +122,9 @@ def _turns(found: StaticEstimate) -> Figure:
         seen = np.einsum("mji,mj->mi", rotations, up[:-1])
         return 1e3 * np.linalg.norm(np.cross(seen, up[1:]), axis=1)[at]
 
-    scale = np.cbrt(np.linalg.det(p.sensors.K_omega))  # of its own, nothing: only the mount is taken over
-    U, _, Vt = np.linalg.svd(p.sensors.K_omega / scale)
-    nominal = type(p.sensors)(U @ Vt, p.sensors.k_w[:1], p.sensors.K_a, p.sensors.k_a[:1], p.sensors.lever_arms)
+    K = p.sensors.K_omega
+    mount = nearest_rotation(np.sign(np.linalg.det(K)) * K)
+    nominal = replace(p.sensors, K_omega=mount, k_w=p.sensors.k_w[:1], k_a=p.sensors.k_a[:1], others={})
     raw = turns_between(problem.imu, problem.raw, problem.rests, nominal)
     time = problem.rests.seconds[at]
     traces = [
@@ -152,7 +142,7 @@ def _attitudes(found: StaticEstimate) -> Figure:
     azimuth, elevation = np.degrees(np.arctan2(up[:, 1], up[:, 0])), np.degrees(np.arcsin(np.clip(up[:, 2], -1.0, 1.0)))
     order = np.argsort(azimuth)
     traces = [plots.markers(azimuth[order], elevation[order], "up", "z", size=7)]
-    caption = "Gaps are attitudes to add: the more of the sphere is filled, the better scale and offset are told apart."
+    caption = "Gaps are attitudes to add: a filled sphere distinguishes scale factors from offsets."
     drawn = plots.plot(
         plots.axis("azimuth of up in the xy plane, deg", range=[-185.0, 185.0]),
         plots.panel(traces, plots.axis("elevation of up, deg", range=[-95.0, 95.0])),

@@ -165,11 +165,12 @@ def disturbed(
         values = filtered(readings[k], rate, bandwidths[k], averaged=imu.averaged) + drift[k]
         if imu.noise:
             values = np.clip(values + (noises[k].white + noises[k].slow), -ranges[k], ranges[k])
-        out.append(_rounded(values, steps[k]))
+        out.append(rounded(values, steps[k]))
     return out[0], out[1]
 
 
-def _rounded(values: Array, step: float) -> Array:
+def rounded(values: Array, step: float) -> Array:
+    """Return values rounded to multiples of a step; 0: as they are."""
     return np.asarray(np.round(values / step) * step) if step > 0.0 else values
 
 

@@ -15,7 +15,7 @@ from kreisel.recording.recording import ImuSamples, Recording, Stamps
 from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.simulation.cell_settings import Imu
 from kreisel.simulation.device_errors import DeviceEffects
-from kreisel.simulation.imu import draw_sensors, ideal_readings
+from kreisel.simulation.imu import draw_sensors, ideal_readings, rounded
 
 LATITUDE, GRAVITY, GRAVITY_SD = np.radians(48.0), 9.8089, 1e-4
 """Where it is, rad, and what is stated of gravity there, m/s^2: the true one differs by as much."""
@@ -104,7 +104,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     if how.range_share:
         largest = how.range_share * float(np.abs(w).max())
         w = np.clip(w, -largest, largest)
-    w, a = (np.round(x / s) * s if s else x for x, s in ((w, grade.gyro_step), (a, grade.accel_step)))
+    w, a = rounded(w, grade.gyro_step), rounded(a, grade.accel_step)
     keep = rng.random(n) >= how.lost
     stamps: Stamps = np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
     w, a = w[keep], a[keep]

@@ -24,8 +24,6 @@ def lost_share(imu: ImuSamples, rests: Rests) -> tuple[float, float]:
     Turns are then too small by as much: the gyros' scale factors err by it, and nothing else shows that.
     """
     w = imu.rates
-    if len(w) < 6:
-        return 0.0, 0.0
     step = w[3:-2] - w[2:-3]
     usual = 0.25 * (w[2:-3] - w[:-5] + w[5:] - w[3:-2])
     size = np.linalg.norm(usual, axis=1)

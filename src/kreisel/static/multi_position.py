@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import permutations, product
+from functools import cached_property
 
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, right_angle_turns
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
-from kreisel.static.rest_chain import Solution
 from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
@@ -24,8 +23,8 @@ MIN_ATTITUDES = 6
 """Fewest standstills. Chosen: scale factors and offsets of three axes need six; fewer show nothing of their own."""
 
 _ITERATIONS, _SEARCHES, _SETTLED = 20, 4, 0.01
-"""Steps of Gauss-Newton at most, steps at the beginning in each of which noise is searched (later every so many), and
-change of every parameter, in deviations, with which they end."""
+"""Steps of Gauss-Newton at most; noise is estimated in so many first steps, and then once in so many; change of every
+parameter, in deviations, with which the steps end."""
 
 KINDS = ("force", "rate", "turn")
 """Names of what is measured at standstills and between them, in the order of the equations."""
@@ -71,7 +70,7 @@ class StaticEstimate:
     log_evidence: float
     considered: tuple[Considered, ...] = ()
     inflated: Mapping[str, Array] = field(default_factory=dict)
-    undecided: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    undecided: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def deviation(self) -> Array:
@@ -87,27 +86,29 @@ class StaticEstimate:
     @property
     def walks(self) -> tuple[Array, Array]:
         """How far the offsets of gyros and accelerometers are from those in the middle, (M, 3) each."""
-        x = self._solution.nodes()[0]
-        return x[:, GYRO_WALK], x[:, ACCEL_WALK]
+        return self._nodes[:, GYRO_WALK], self._nodes[:, ACCEL_WALK]
 
     @property
     def residuals(self) -> tuple[Array, ...]:
         """What is left of force, rate and turn, (k, 3) each, in deviations of a row."""
-        x = self._solution.nodes()[0]
-        out = []
-        figures = as_row(self.noise)[0]
-        for k, one in enumerate(self.linear.all[:3]):
+        x, out = self._nodes, []
+        for one, variance in zip(self.linear.all[:3], self.variances, strict=False):
             left = one.residual + np.einsum("kia,ka->ki", one.of_node, x[one.node])
             if one.of_next is not None:
                 left += np.einsum("kia,ka->ki", one.of_next, x[one.node + 1])
-            variance = self.weighing.white[k] + figures[k] ** 2 * self.weighing.share[k]
             out.append(left / np.sqrt(variance))
         return tuple(out)
 
     @property
-    def _solution(self) -> Solution:
+    def variances(self) -> list[Array]:
+        """Variances of the rows of each kind, (k, 3)."""
+        return [variance[0] for variance in self.weighing.variances(as_row(self.noise))]
+
+    @cached_property
+    def _nodes(self) -> Array:
+        """What is left of every standstill's unknowns about the estimate, (M, NODE)."""
         zero = np.zeros(self.problem.layout.degrees)
-        return solution(self.problem, self.linear, self.weighing, as_row(self.noise), zero)
+        return solution(self.problem, self.linear, self.weighing, as_row(self.noise), zero).nodes()[0]
 
 
 def estimate_static(problem: RestProblem, progress: StepProgress | None = None) -> StaticEstimate:
@@ -144,19 +145,12 @@ def first_values(problem: RestProblem) -> CellParameters:
     for sign in (1.0, -1.0):
         own = replace(sensors, K_omega=sign * np.eye(3))
         turns = turns_between(problem.imu, problem.raw, problem.rests, own)
-        for Q in _right_angles():
+        for Q in right_angle_turns():
             seen = np.einsum("ij,mkj,kl,ml->mi", Q, turns.rotations, Q.T, up[:-1])
             misfit = float(np.median(np.linalg.norm(seen - up[1:], axis=1)))
             if misfit < least:
                 best, least = replace(sensors, K_omega=sign * Q), misfit
     return begun(best, problem.site)
-
-
-def _right_angles() -> list[Array]:
-    turns = [
-        np.eye(3)[:, list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
-    ]
-    return [turn for turn in turns if np.linalg.det(turn) > 0.0]
 
 
 def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
@@ -203,7 +197,7 @@ def fitted(
     for i in range(steps + 1):
         linear = linearised(problem, p, C)
         how = weighing(problem, linear, inflated)
-        about = _between(problem, p, prior)
+        about = problem.values(prior) - problem.values(p)
         if i < _SEARCHES or i % _SEARCHES == 0:
             figures = find_noise(problem, linear, how, about, figures)
         found = solution(problem, linear, how, as_row(figures), about)
@@ -218,15 +212,17 @@ def fitted(
             "m/s^2?", file=problem.imu.source,
         )  # fmt: skip
     return StaticEstimate(
-        problem, p, found.covariance[0], C, figures, linear, how, float(found.log_evidence[0]), inflated=inflated
+        problem,
+        p,
+        found.covariance[0],
+        C,
+        figures,
+        linear,
+        how,
+        float(found.log_evidence[0]),
+        inflated=inflated,
+        undecided=np.zeros((problem.layout.degrees, 0)),
     )
-
-
-def _between(problem: RestProblem, p: CellParameters, prior: CellParameters) -> Array:
-    """Return the change (P,) that leads from parameters to those of the prior."""
-    layout = problem.layout
-    parts = [(prior.stored(part.name) - p.stored(part.name))[layout.present(part.name)] for part in layout]
-    return np.concatenate(parts)
 
 
 def _robust(found: StaticEstimate) -> StaticEstimate:
@@ -242,17 +238,12 @@ def _robust(found: StaticEstimate) -> StaticEstimate:
             break
         inflated = {key: value.copy() for key, value in found.inflated.items()}
         own = inflated.setdefault(name, np.zeros(far[kind].size))
-        own[row] = _NOTHING * float(np.mean(_variance(found, kind)[row]))
+        own[row] = _NOTHING * float(np.mean(found.variances[kind][row]))
         again = fitted(found.problem, found.parameters, found.noise, inflated, found.attitudes)
         if again.log_evidence - found.log_evidence < _ODDS:
             break
         found = again
     return found
-
-
-def _variance(found: StaticEstimate, kind: int) -> Array:
-    """Return the variances of the rows of a kind, (k, 3)."""
-    return np.asarray(found.weighing.white[kind] + as_row(found.noise)[0, kind] ** 2 * found.weighing.share[kind])
 
 
 def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
@@ -286,7 +277,8 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
 def _undecided(found: StaticEstimate, trial: StaticEstimate) -> Array:
     """Return what an effect that is not estimated would do to the parameters, (P,), by the chance that there is one."""
     odds = USUAL_ODDS * np.exp(min(trial.log_evidence - found.log_evidence, MIN_GAIN))
-    change = _between(found.problem, found.parameters, found.problem.room(trial.parameters))
+    problem = found.problem
+    change = problem.values(problem.room(trial.parameters)) - problem.values(found.parameters)
     return np.asarray(np.sqrt(odds / (1.0 + odds)) * change)
 
 
@@ -295,9 +287,10 @@ def _considered(group: str, trial: StaticEstimate, without: StaticEstimate, fina
     best = final if included else trial
     layout = best.problem.layout
     d = layout[group]
-    shift = _between(without.problem, without.parameters, trial.parameters) / without.deviation
+    usual = without.problem
+    shift = (usual.values(trial.parameters) - usual.values(without.parameters)) / without.deviation
     place = int(np.argmax(np.abs(shift)))
     return Considered(
         group, best.parameters.stored(group), best.deviation[d], trial.log_evidence - without.log_evidence, included,
-        float(abs(shift[place])), without.problem.names[place],
+        float(abs(shift[place])), usual.names[place],
     )  # fmt: skip

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, log, matrix, skew
+from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, from_two_vectors, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_chain import NODE, Equations
 from kreisel.static.rest_problem import RestProblem
-from kreisel.static.turns import Turns, means_of, turns_between
+from kreisel.static.turns import Turns, turns_between
 
 ATTITUDE, GYRO_WALK, ACCEL_WALK = slice(0, 3), slice(3, 6), slice(6, 9)
 """Of the unknowns of a standstill."""
@@ -76,11 +76,7 @@ def attitudes_by(problem: RestProblem, p: CellParameters, turns: Turns) -> Array
     for m, force in enumerate(up):
         if m:
             C = out[m - 1] @ turns.rotations[m - 1]
-        seen = C @ force / np.linalg.norm(force)
-        axis = np.cross(seen, [0.0, 0.0, -1.0])
-        angle = np.arctan2(np.linalg.norm(axis), -seen[2])
-        across = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-12 else np.array([1.0, 0.0, 0.0])
-        out[m] = matrix(exp(angle * across)) @ C
+        out[m] = matrix(from_two_vectors(C @ force, [0.0, 0.0, -1.0])) @ C
     return out
 
 
@@ -106,19 +102,8 @@ def _added(problem: RestProblem, p: CellParameters, sensor: str) -> Array:
     out = np.zeros((problem.rests.count, 3))
     for group, value in p.sensors.effects.items():
         if EFFECTS[group].sensor == sensor and np.any(value):
-            out += np.einsum("mij,j->mi", _features(problem, group, value.size), value)
+            out += problem.additions(group) @ value
     return out
-
-
-def _features(problem: RestProblem, group: str, size: int) -> Array:
-    """Return derivatives of a group's mean addition by its parameters, (M, 3, size)."""
-    effect = EFFECTS[group]
-    means, places = means_of(effect.features(problem.raw, size), problem.rests), effect.places(size)
-    J = np.zeros((len(means), 3, size))
-    for feature, row in enumerate(places):
-        for axis in np.flatnonzero(row >= 0):
-            J[:, axis, row[axis]] += means[:, feature]
-    return J
 
 
 def _columns(problem: RestProblem, by_group: dict[str, Array], count: int) -> Array:
@@ -132,8 +117,8 @@ def _columns(problem: RestProblem, by_group: dict[str, Array], count: int) -> Ar
 
 
 def _effects(problem: RestProblem, p: CellParameters, sensor: str) -> dict[str, Array]:
-    own = {g: v.size for g, v in p.sensors.effects.items() if EFFECTS[g].sensor == sensor and g in problem.layout}
-    return {group: _features(problem, group, size) for group, size in own.items()}
+    own = [g for g in p.sensors.effects if EFFECTS[g].sensor == sensor and g in problem.layout]
+    return {group: problem.additions(group) for group in own}
 
 
 def _force(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> Equations:

@@ -71,25 +71,31 @@ class Weighing:
 
     @property
     def units(self) -> Array:
-        """Size of each figure that white noise just hides, (5,)."""
+        """Size of each figure but the walks that white noise just hides, (3,)."""
         hidden = [np.sqrt(np.median(w / np.maximum(s, 1e-300))) if w.size else 1.0 for w, s in
                   zip(self.white[:3], self.share[:3], strict=True)]  # fmt: skip
         return np.array(hidden)
 
+    def variances(self, figures: Array) -> list[Array]:
+        """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, 5)."""
+        return [
+            white + figures[:, k, None, None] ** 2 * share
+            for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))
+        ]
 
-def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array] | None = None) -> Weighing:
+
+def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]) -> Weighing:
     """Return how a problem's equations are weighed.
 
     inflated: further variances of rows (k,), by kind, of standstills and turns that do not fit.
     """
     rests, turns = problem.rests, linear.turns
-    more = inflated or {}
     T = rests.durations[:, None]
     at = linear.turn.node
-    force = rests.density_a**2 / T + (rests.creep**2 / 3.0)[:, None] + more.get("force", np.zeros(1))[:, None]
-    rate = rests.density_w**2 / T + more.get("rate", np.zeros(1))[:, None]
+    force = rests.density_a**2 / T + (rests.creep**2 / 3.0)[:, None] + inflated.get("force", np.zeros(1))[:, None]
+    rate = rests.density_w**2 / T + inflated.get("rate", np.zeros(1))[:, None]
     mean = np.mean(rests.density_w**2)
-    turn = np.repeat(mean * turns.seconds[at][:, None], 3, axis=1) + more.get("turn", np.zeros(1))[:, None]
+    turn = np.repeat(mean * turns.seconds[at][:, None], 3, axis=1) + inflated.get("turn", np.zeros(1))[:, None]
     between = np.repeat(np.diff(rests.seconds)[:, None], 3, axis=1)
     one = np.ones((rests.count, 3))
     return Weighing(
@@ -100,10 +106,7 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
 
 def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array, about: Array) -> Solution:
     """Return the solutions for noise figures (S, 5); about: change (P,) from the parameters to their prior."""
-    weights = [
-        1.0 / (w + figures[:, k, None, None] ** 2 * s)
-        for k, (w, s) in enumerate(zip(how.white, how.share, strict=True))
-    ]
+    weights = [1.0 / variance for variance in how.variances(figures)]
     S = len(figures)
     prior = np.diag(1.0 / problem.width**2)
     return solve(

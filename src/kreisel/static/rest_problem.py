@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -54,8 +55,6 @@ class RestProblem:
     effects
         Effects of sensors that are estimated. That of gravity on the gyros always is: where the device is tilted
         little, nothing distinguishes it from their offsets, however small it is.
-    fixed
-        Groups and parameters that are not estimated.
     constant_offsets
         Whether offsets are taken to be constant; otherwise they may walk.
     """
@@ -65,7 +64,6 @@ class RestProblem:
     rests: Rests
     site: Site
     effects: tuple[str, ...] = ("gyro_g_sensitivity",)
-    fixed: tuple[str, ...] = ()
     constant_offsets: bool = False
 
     @property
@@ -73,16 +71,13 @@ class RestProblem:
         """Order of the sensor polynomials."""
         return 2 if {"gyro_polynomial", "accel_polynomial"} & set(self.effects) else 1
 
-    @property
+    @cached_property
     def layout(self) -> StateLayout:
         """Parameters that are estimated."""
-        absent = {*self.fixed, *BELOW_DIAGONAL}
         groups = [g for g in (*SENSOR_GROUPS, "north", "earth_down", "gravity") if g in (*_ALWAYS, *self.effects)]
         if self.site.earth_rate_n is not None:
             groups.remove("earth_down")
-        kept = [g for g in groups if g not in absent]
-        parts = [group_part(g, self.order, 0, absent) for g in kept]
-        return StateLayout([part for part in parts if part.degrees > 0])
+        return StateLayout([group_part(g, self.order, 0, BELOW_DIAGONAL) for g in groups])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,7 +87,7 @@ class RestProblem:
             parameter_names(part.name, self.order)[i] for part in layout for i in layout.present(part.name).tolist()
         )
 
-    @property
+    @cached_property
     def width(self) -> Array:
         """Deviation of every parameter before any look at the data, (P,)."""
         own = {**_WIDTHS, "gravity": self.site.gravity_sd}
@@ -101,9 +96,26 @@ class RestProblem:
             [np.full(part.degrees, own.get(part.name) or group_named(part.name).usual_sd or 1.0) for part in layout]
         )
 
+    def values(self, parameters: CellParameters) -> Array:
+        """Return the estimated ones of parameters, (P,)."""
+        layout = self.layout
+        return np.concatenate([parameters.stored(part.name)[layout.present(part.name)] for part in layout])
+
     def with_effects(self, effects: tuple[str, ...]) -> RestProblem:
         """Return the problem with other effects."""
         return replace(self, effects=effects)
+
+    def additions(self, group: str) -> Array:
+        """Return what an effect adds to the mean readings at standstills, by its parameters, (M, 3, size)."""
+        if group not in self._additions:
+            effect, size = EFFECTS[group], group_named(group).degrees(self.order)
+            means = self.rests.means_of(effect.features(self.raw, size))
+            self._additions[group] = effect.by_parameter(means[:, :, None, None] * np.eye(3), size)
+        return self._additions[group]
+
+    @cached_property
+    def _additions(self) -> dict[str, Array]:
+        return {}
 
     def changed(self, parameters: CellParameters, change: Array) -> CellParameters:
         """Return parameters moved by changes (P,) of the estimated ones."""
@@ -121,7 +133,7 @@ class RestProblem:
         others = {
             g: sensors.others.get(g, np.zeros(group_named(g).degrees(self.order)))
             for g in self.effects
-            if g in EFFECTS and not g.endswith("_polynomial")
+            if not g.endswith("_polynomial")
         }
         k_w, k_a = (k[: self.order] for k in (sensors.k_w, sensors.k_a))
         return replace(parameters, sensors=replace(sensors, k_w=k_w, k_a=k_a, others=others)).with_order(self.order)

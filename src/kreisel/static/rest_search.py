@@ -94,7 +94,7 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
         noise = [np.diff(x, axis=0) for x in (rates, forces)]  # of which a slow change is no part
         half = parts // 2
         change = forces[-half:].mean(axis=0) - forces[:half].mean(axis=0)
-        chance = np.sqrt(noise[1].var(axis=0) / 2.0 * 2.0 / half)
+        chance = np.sqrt(noise[1].var(axis=0) / half)
         beyond = np.sqrt(np.sum(np.maximum(change**2 - chance**2, 0.0)))
         if beyond > _MOVED + 4.0 * np.linalg.norm(chance):
             continue

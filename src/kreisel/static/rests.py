@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from kreisel.geometry.rotation import Array, Indices, Mask
 
 
@@ -41,6 +43,11 @@ class Rests:
     def count(self) -> int:
         """Number of standstills."""
         return int(self.first.size)
+
+    def means_of(self, features: Array) -> Array:
+        """Return the mean of features (F, n) over every standstill, (M, F)."""
+        before = np.concatenate([np.zeros((len(features), 1)), np.cumsum(features, axis=1)], axis=1)
+        return np.asarray((before[:, self.last] - before[:, self.first]).T / (self.last - self.first)[:, None])
 
     def part(self, keep: Mask | Indices) -> Rests:
         """Return some of the standstills."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.recording_facts import recording_facts
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import (
     Alignment,
@@ -17,20 +18,18 @@ from kreisel.calibration.result_sections import (
     EstimatorFacts,
     FinalNoise,
     Measured,
-    RecordingFacts,
-    StatedNoise,
     Timing,
     Verdict,
 )
 from kreisel.errors import KreiselError
+from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.groups import group_named
-from kreisel.model.parameters import SENSOR_GROUPS, other_groups
-from kreisel.preparation.gravity import UNKNOWN_SD, site_of
-from kreisel.preparation.imu_noise import noise_stated
-from kreisel.progress import Progress
+from kreisel.model.parameters import SENSOR_GROUPS, other_groups, sensor_fields
+from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
+from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
@@ -56,8 +55,6 @@ axes, which do drift."""
 
 _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
-
-_NONE = np.full(6, np.nan)
 
 
 @dataclass(frozen=True)
@@ -106,40 +103,51 @@ def calibrate_static(
     table = recording.settings.site
     if gravity is not None:
         table = table.model_validate({**table.model_dump(), "gravity": gravity})
-    site, warnings = site_of(table)
+    site, of_site = site_of(table)
     rests = find_rests(recording.imu)
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
-    share = None if progress is None else lambda part: progress("fit", part)
-    found = estimate_static(problem, share)
-    least, lost = lost_share(recording.imu, rests)
-    covariance = _total(found, lost)
-    deviation = np.sqrt(np.diag(covariance))
-    halves = _halves(found)
+    found = estimate_static(problem, of_step(progress, "fit"))
+    least, most = lost_share(recording.imu, rests)
+    walked = _walked(found)
+    more = _contributions(found, walked, most)
+    covariance = np.asarray(found.covariance + sum(one.covariance for one in more))
+    halves = _halves(found, walked)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
-    stated = [w for w in warnings if not w.message.startswith("no latitude")]
-    said = (*recording.warnings, *(stated or known), *_remarks(found, least))
-    verdict = judge_static(found, deviation, halves, only)
-    parts = _parts(recording, found, covariance, lost, said)
-    parts = replace(parts, verdict=verdict, estimator=_estimator_facts(found, time.perf_counter() - began))
+    of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
+    warnings = (*recording.warnings, *(of_gravity or known), *_remarks(found, walked, least))
+    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
+    judged = _Judged(covariance, _budget(found, more), verdict, time.perf_counter() - began, warnings)
+    names = found.problem.names
     calibration = Calibration(
-        **vars(parts), names=found.problem.names, covariance=covariance, prior_deviation=found.problem.width,
-        estimates=np.zeros((0, 1 + 2 * len(deviation))),
+        **vars(_parts(recording, found, judged)), names=names, covariance=covariance,
+        prior_deviation=found.problem.width, estimates=np.zeros((0, 1 + 2 * len(names))),
     )  # fmt: skip
-    return StaticOutcome(found, halves, calibration, said)
+    return StaticOutcome(found, halves, calibration, warnings)
 
 
-def _total(found: StaticEstimate, lost: float) -> Array:
-    """Return the covariance of the result (P, P): the estimate's, and what it does not know."""
-    column = _of_lost(found, lost)
-    own = found.covariance + np.diag(_walked(found))
-    return np.asarray(own + found.undecided @ found.undecided.T + column[:, None] * column)
+@dataclass(frozen=True)
+class _Judged:
+    """What is known of a result besides the estimate: with its covariance, budget, verdict, seconds and warnings."""
+
+    covariance: Array
+    budget: Budget
+    verdict: Verdict
+    seconds: float
+    warnings: tuple[DataWarning, ...]
 
 
-def _of_lost(found: StaticEstimate, lost: float) -> Array:
-    """Return what a share of lost samples does to the parameters, (P,): turns are too small by as much."""
-    out = np.zeros(found.problem.layout.degrees)
-    out[found.problem.layout["gyro_cross_coupling"]] = lost * found.parameters.sensors.K_omega.ravel()
-    return out
+def _contributions(found: StaticEstimate, walked: Array, lost: float) -> list[Contribution]:
+    """Return what the estimate does not know.
+
+    walked: see `_walked`; lost: share of samples by which turns are too small.
+    """
+    scale = found.parameters.sensors.K_omega.ravel()
+    d = found.problem.layout["gyro_cross_coupling"]
+    return [
+        Contribution("offsets walk", Source.MISFIT, np.diag(np.sqrt(walked))),
+        Contribution("undecided error terms", Source.EFFECTS, found.undecided),
+        Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
+    ]
 
 
 def _walked(found: StaticEstimate) -> Array:
@@ -171,7 +179,7 @@ def _steady(found: StaticEstimate) -> tuple[Mask, Mask]:
     return out[0], out[1]
 
 
-def _halves(found: StaticEstimate) -> Array | None:
+def _halves(found: StaticEstimate, walked: Array) -> Array | None:
     """Return the difference of both halves over its deviation, (P,); None where they are too short."""
     rests = found.problem.rests
     middle = rests.count // 2
@@ -184,25 +192,19 @@ def _halves(found: StaticEstimate) -> Array | None:
         ]
     except KreiselError:
         return None
+    first, second = (found.problem.values(part.parameters) for part in parts)
+    variance = parts[0].deviation ** 2 + parts[1].deviation ** 2
+    # the middles of both halves are half a recording apart
+    return np.asarray((first - second) / np.sqrt(variance + 2.0 * walked))
+
+
+def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarning]:
     layout = found.problem.layout
-    difference = np.concatenate(
-        [
-            (parts[0].parameters.stored(part.name) - parts[1].parameters.stored(part.name))[layout.present(part.name)]
-            for part in layout
-        ]
-    )
-    walk = 2.0 * _walked(found)  # the middles of both halves are half a recording apart
-    return np.asarray(difference / np.sqrt(parts[0].deviation ** 2 + parts[1].deviation ** 2 + walk))
-
-
-def _remarks(found: StaticEstimate, lost: float) -> list[DataWarning]:
-    layout, walk = found.problem.layout, _walked(found)
     out: list[DataWarning] = []
     for group, unit in (("gyro_offset", "rad/s"), ("accel_offset", "m/s^2")):
-        d = layout[group]
-        if float(np.sqrt(walk[d].max())) > float(np.sqrt(np.diag(found.covariance)[d]).min()):
+        size = float(np.sqrt(walked[layout[group]].max()))
+        if size > float(found.deviation[layout[group]].min()):
             name = "gyro" if group.startswith("gyro") else "accelerometer"
-            size = float(np.sqrt(walk[d].max()))
             text = f"the {name} offsets walk by {size:.2g} {unit} (rms) from those in the middle of the recording"
             out.append(DataWarning("offsets", text))
     out += _warming(found)
@@ -233,14 +235,8 @@ def _warming(found: StaticEstimate) -> list[DataWarning]:
     return out
 
 
-def _parts(
-    recording: Recording,
-    found: StaticEstimate,
-    covariance: Array,
-    lost: float,
-    warnings: tuple[DataWarning, ...],
-) -> CalibrationParts:
-    problem, p = found.problem, found.parameters
+def _parts(recording: Recording, found: StaticEstimate, judged: _Judged) -> CalibrationParts:
+    problem, p, covariance = found.problem, found.parameters, judged.covariance
     deviation = np.sqrt(np.diag(covariance))
     layout, order = problem.layout, problem.order
     n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
@@ -254,52 +250,38 @@ def _parts(
             out[layout.present(group)] = deviation[layout[group]]
         return out
 
-    sd = SensorParameters(
-        whole("gyro_cross_coupling").reshape(3, 3),
-        np.vstack([whole("gyro_offset"), whole("gyro_polynomial").reshape(-1, 3)]),
-        whole("accel_cross_coupling").reshape(3, 3),
-        np.vstack([whole("accel_offset"), whole("accel_polynomial").reshape(-1, 3)]),
-        np.zeros((3, 3)),
-    )
     others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
     gravity = Measured(np.array([0.0, 0.0, p.gravity]), np.array([0.0, 0.0, float(whole("gravity")[0])]))
     return CalibrationParts(
         sensors=p.sensors,
-        sensor_sd=sd,
+        sensor_sd=sensor_fields({group: whole(group) for group in SENSOR_GROUPS}),
         size_effect=SizeEffect.COMPLETED,
         timing=Timing(),
         alignment=Alignment(gravity),
         derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
         consistency=_consistency(found),
-        verdict=Verdict(False, ()),
-        recording=_recording_facts(recording, warnings),
+        verdict=judged.verdict,
+        recording=recording_facts(recording, judged.warnings, "gravity", 0),
+        estimator=_estimator_facts(found, judged.seconds),
         others=others,
         considered=found.considered,
-        budget=_budget(found, lost),
+        budget=judged.budget,
         axes="imu",
     )
 
 
-def _budget(found: StaticEstimate, lost: float) -> Budget:
-    """Return what comes from gravity's uncertainty, from walks, and from noise and errors of standstills."""
-    names, layout = found.problem.names, found.problem.layout
-    P, walk = found.covariance, _walked(found)
-    prior = np.zeros(len(names))
-    if "gravity" in layout:
-        k = layout["gravity"].start
-        prior = P[:, k] ** 2 / found.problem.site.gravity_sd**2
-        prior = np.minimum(prior, np.diag(P))
-    causes: Mapping[str, Source] = {
-        "noise and errors of standstills and turns": Source.SENSOR,
-        "gravity": Source.PRIOR,
-        "offsets walk": Source.MISFIT,
-        "undecided error terms": Source.EFFECTS,
-        "lost samples": Source.CLOCKS,
-    }
-    undecided = np.sum(found.undecided**2, axis=1) * np.ones(len(names))
-    return Budget.of(
-        names, causes, np.column_stack([np.diag(P) - prior, prior, walk, undecided, _of_lost(found, lost) ** 2])
-    )
+def _budget(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
+    """Return what comes from gravity's uncertainty, from noise and errors of standstills, and from contributions."""
+    layout, own = found.problem.layout, np.diag(found.covariance)
+    gravity = found.covariance[:, layout["gravity"].start] ** 2 / found.problem.site.gravity_sd**2
+    gravity = np.minimum(gravity, own)
+    rows: list[tuple[str, Source, Array]] = [
+        ("noise and errors of standstills and turns", Source.SENSOR, own - gravity),
+        ("gravity", Source.PRIOR, gravity),
+        *((one.cause, one.source, one.variance) for one in more),
+    ]
+    causes = {cause: source for cause, source, _ in rows}
+    return Budget.of(found.problem.names, causes, np.column_stack([variance for _, _, variance in rows]))
 
 
 def _consistency(found: StaticEstimate) -> Consistency:
@@ -310,28 +292,9 @@ def _consistency(found: StaticEstimate) -> Consistency:
         nis_standstill=float((np.sum(force**2) + np.sum(rate**2)) / (force.size / 3 + rate.size)),
         updates=updates,
         rejected=len(found.left_out),
-        lag_one=_NONE,
+        lag_one=np.full(6, np.nan),
         correlation_factor=1.0,
         synchronisation=float("nan"),
-    )
-
-
-def _recording_facts(recording: Recording, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
-    imu, stated = recording.imu, noise_stated(recording)
-    return RecordingFacts(
-        name=recording.name,
-        reference="gravity",
-        imu_samples=int(imu.stamps_ns.size),
-        imu_rate_hz=1.0 / imu.interval,
-        reference_poses=0,
-        duration_s=float(imu.seconds[-1]),
-        warnings=tuple(str(warning) for warning in warnings),
-        temperature_c=imu.usual_temperature,
-        noise=None if stated is None else StatedNoise(stated[0], **stated[1]),
-        device=recording.settings.device.model_dump(exclude_none=True),
-        certificate=recording.settings.certificate.model_dump(exclude_none=True),
-        digest=recording.sha256,
-        begin_ns=int(imu.stamps_ns[0]),
     )
 
 

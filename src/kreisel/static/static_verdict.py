@@ -38,13 +38,15 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
     judged = [(name, _weakness(name, sd)) for name, sd in zip(names, deviation, strict=True)]
     weak = [(name, narrowed) for name, narrowed in judged if narrowed is not None]
     reasons: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
+    hidden: dict[str, str] = {}
     for sensor in SENSORS:
         lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
         if lost:
-            reasons[sensor].append(
+            hidden[sensor] = (
                 f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''};"
                 " lay the device on each of its faces and on edges, and turn it about all axes"
             )
+            reasons[sensor].append(hidden[sensor])
             continue  # what is implausible beside that is a consequence
         reasons[sensor] += _device(found, sensor) + _left_out(found, sensor)
         if halves is not None:
@@ -59,8 +61,10 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
             f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest; lay it down"
         )
     asked = SENSORS if only is None else (only,)
-    states = {s: "accepted" if not own else "not_observable" if all("observable" in r for r in own) else "rejected"
-              for s, own in reasons.items()}  # fmt: skip
+    states = {
+        s: "accepted" if not own else "not_observable" if own == [hidden.get(s)] else "rejected"
+        for s, own in reasons.items()
+    }
     against = [r for s in asked for r in reasons[s]]
     unasked = [r for s in SENSORS if s not in asked for r in reasons[s]]
     return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, matrix, multiply
+from kreisel.geometry.rotation import Array, Mask, conjugate, matrix, multiply
 from kreisel.inertial.effects import EFFECTS, RawReadings, added
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import integrate_attitude, prepare, rate_coefficients
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 from kreisel.validation.stamp_checks import LONG_GAP, gaps
-
-GYRO_GROUPS = ("gyro_cross_coupling", "gyro_offset", "gyro_polynomial", "gyro_g_sensitivity", "gyro_asymmetry",
-               "gyro_temperature")  # fmt: skip
-"""Groups that rotations depend on."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,7 @@ def turns_between(imu: ImuSamples, raw: RawReadings, rests: Rests, sensors: Sens
     y = imu.rates + added(raw, own)[0] + sensors.k_w[0]
     begin, end = rests.last[:-1] - 1, rests.first[1:]
     broken = gaps(imu.stamps_ns, LONG_GAP)
-    sizes = {group: value.size for group, value in sensors.effects.items() if group in GYRO_GROUPS}
+    sizes = {group: value.size for group, value in own.items()}
     features = np.vstack([np.ones(len(y)), y.T, *(EFFECTS[g].features(raw, n) for g, n in sizes.items())])
     seconds, agitation = imu.seconds[end] - imu.seconds[begin], np.empty(end.size)
     sums = np.empty((end.size, len(features), 3, 3))
@@ -87,18 +83,8 @@ def _derivatives(sums: Array, sizes: dict[str, int], K: Array) -> dict[str, Arra
     }
     at = 4
     for group, size in sizes.items():
-        places = EFFECTS[group].places(size)
-        J = np.zeros((count, 3, size))
-        for feature, row in enumerate(places):
-            columns = sums[:, at + feature] @ K
-            for axis in np.flatnonzero(row >= 0):
-                J[:, :, row[axis]] += columns[:, :, axis]
-        out[group] = J
-        at += len(places)
+        effect = EFFECTS[group]
+        until = at + len(effect.places(size))
+        out[group] = effect.by_parameter(sums[:, at:until] @ K, size)
+        at = until
     return out
-
-
-def means_of(features: Array, rests: Rests) -> Array:
-    """Return the mean of features (F, n) over every standstill, (M, F)."""
-    before: Indices = np.concatenate([np.zeros((len(features), 1)), np.cumsum(features, axis=1)], axis=1)
-    return np.asarray((before[:, rests.last] - before[:, rests.first]).T / (rests.last - rests.first)[:, None])
