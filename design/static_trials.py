@@ -45,6 +45,11 @@ SITUATIONS = {
     "clipped rates": HandTurns(range_share=0.6),
     "fast turns": HandTurns(turn=0.7),
     "short standstills": HandTurns(rest=1.8),
+    **{
+        f"{laid}, {grade}": HandTurns(grade, attitudes=12, laid=laid)
+        for laid in ("faces", "whole turns", "turntable")
+        for grade in GRADES
+    },
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }
@@ -75,7 +80,8 @@ def _scores(true: CellParameters, found: StaticOutcome) -> Array:
     """Return the errors of the estimated parameters over their deviations."""
     problem = found.found.problem
     error = problem.values(found.found.parameters) - problem.values(problem.room(true))
-    return np.asarray(error / np.sqrt(np.diag(found.calibration.covariance)))
+    deviation = np.sqrt(np.diag(found.calibration.covariance))
+    return np.asarray(error[: deviation.size] / deviation)
 
 
 COLUMNS = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]

@@ -224,7 +224,9 @@ def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refus
     assert "Static calibration by gravity" in page
     assert "gravity is not known well" in " ".join(run("static", tmp_path / "unsaid").stdout.split())
     refused("`kreisel static` does without", "calibrate", tmp_path / "hand")
-    refused("unknown method 'ferraris'", "static", tmp_path / "hand", "--method", "ferraris")
+    refused("unknown method 'guesswork'", "static", tmp_path / "hand", "--method", "guesswork")
+    refused("no table0/data.csv", "static", tmp_path / "hand", "--method", "turntable")
+    refused("six-position needs all six faces", "static", tmp_path / "hand", "--method", "six-position")
 
 
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):

@@ -13,7 +13,15 @@ def static(
     gravity: float | None = typer.Option(
         None, min=9.7, max=9.9, help="Local gravity, m/s^2; else that of recording.toml ([site])."
     ),
-    method: str = typer.Option("multi-position", help="multi-position, the only one there is."),
+    method: str | None = typer.Option(
+        None, help="multi-position, six-position, ferraris or turntable; by default the one that the data show."
+    ),
+    squareness: float = typer.Option(
+        1.0,
+        min=0.0,
+        max=100.0,
+        help="Standard deviation of the angles between the case's faces, mrad (six-position, ferraris).",
+    ),
     constant_offsets: bool = typer.Option(
         False, "--constant-offsets", help="Take offsets to be constant, as other programs do; by default they may walk."
     ),
@@ -26,7 +34,8 @@ def static(
 ) -> None:
     """Calibrate an IMU that was laid down, or held still, in many attitudes: no robot, no poses.
 
-    A dozen attitudes or more, two seconds each, turned by hand in between. Exit status 3 if the result is rejected.
+    A dozen attitudes or more, two seconds each, turned by hand in between; or the six faces of its case; or on a
+    turntable (table0/data.csv). Exit status 3 if the result is rejected.
     """
     import json as json_module
 
@@ -40,18 +49,23 @@ def static(
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import SENSORS
     from kreisel.report.static_page import write_static
-    from kreisel.static.static_result import METHOD, calibrate_static
+    from kreisel.static.static_methods import METHODS
+    from kreisel.static.static_result import calibrate_static
+    from kreisel.units import MRAD
     from kreisel.validation.checks import check_streams
 
-    if method != METHOD:
-        raise SettingsError(unknown_name("method", method, (METHOD,)))
+    if method is not None and method not in METHODS:
+        raise SettingsError(unknown_name("method", method, METHODS))
     if only is not None and only not in SENSORS:
         raise SettingsError(unknown_name("sensor after --only", only, SENSORS))
     if output is not None:
         check_output(output)
     with progress_bar() as show:
         read = check_streams(load(recording, imu=imu, columns=columns, progress=show))
-        outcome = calibrate_static(read, gravity=gravity, constant_offsets=constant_offsets, only=only, progress=show)
+        outcome = calibrate_static(
+            read, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
+            squareness=squareness * MRAD, progress=show,
+        )  # fmt: skip
     if output is not None:
         with replaced_together(output, RESULT_FILES) as writing:
             outcome.calibration.write(writing)

@@ -61,7 +61,8 @@ def print_static(calibration: Calibration, warnings: Sequence[object]) -> None:
         console.print(f"· {warning}", markup=False)
     rows = _quantity_rows(calibration, OF_A_REFERENCE)
     facts = calibration.recording
-    title = "" if facts is None else f"{facts.name}: standstills"
+    method = "" if calibration.estimator is None else f", {calibration.estimator.name}"
+    title = "" if facts is None else f"{facts.name}: standstills{method}"
     console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))
     console.print(
         "errors of the sensors, in the accelerometers' frame; calibration.yaml holds corrections: offset = -bias"

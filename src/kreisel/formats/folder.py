@@ -16,7 +16,15 @@ from kreisel.formats.csv_table import Column, Table, read_table
 from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, HeaderUnits
-from kreisel.recording.recording import Datasheet, DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses
+from kreisel.recording.recording import (
+    Datasheet,
+    DataWarning,
+    ImuSamples,
+    JointAngles,
+    Recording,
+    ReferencePoses,
+    TableAngles,
+)
 from kreisel.recording.recording_settings import RecordingSettings, read_settings
 from kreisel.tasks import Executor, sequential
 from kreisel.units import ZERO_CELSIUS
@@ -54,18 +62,19 @@ def load_folder(
     """
     root = path if (path / "imu0").is_dir() else path / "mav0"
     settings = read_settings(path / "recording.toml") if is_there(path / "recording.toml") else RecordingSettings()
-    own: list[list[DataWarning]] = [[], [], []]
-    samples, poses, joints = executor(
+    own: list[list[DataWarning]] = [[], [], [], []]
+    samples, poses, joints, turned = executor(
         [
             lambda: _read_imu(_imu_folder(root, imu), own[0]),
             lambda: _read_poses(root, reference, own[1]),
             lambda: _read_joints(root / "joint0" / "data.csv", own[2]),
+            lambda: _read_turntable(root / "table0" / "data.csv", own[3]),
         ]
     )
     datasheet = _read_datasheet(root / imu / "sensor.yaml", own[0])
-    warnings = [*own[0], *own[1], *own[2]]
+    warnings = [one for part in own for one in part]
     urdf = _read_urdf(path, settings, warnings, needed=joints is not None)
-    return Recording(path, samples, poses, joints, settings, tuple(warnings), datasheet, urdf)
+    return Recording(path, samples, poses, joints, settings, tuple(warnings), datasheet, urdf, table=turned)
 
 
 def _imu_folder(root: Path, name: str) -> Path:
@@ -163,7 +172,7 @@ def _short_name(table: Table) -> str:
 
 
 def _reference_folders(root: Path) -> dict[str, Path]:
-    taken = ("imu", "cam", "joint")
+    taken = ("imu", "cam", "joint", "table")
     folders = [f for f in sorted(root.iterdir()) if is_there(f / "data.csv") and not f.name.startswith(taken)]
     return {folder.name: folder for folder in folders}
 
@@ -242,6 +251,38 @@ def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:
     angles = table.take(columns, "angle")
     _note_conversion(table, {"angle": columns}, warnings)
     return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
+
+
+_ONE_TURN = 2.01 * np.pi
+"""rad: range of angles that begin anew after a turn; those of a larger range count turns."""
+
+_TURNTABLE_HEADER = "#timestamp [ns],angle [rad], or rate [rad s^-1]"
+
+
+def _read_turntable(path: Path, warnings: list[DataWarning]) -> TableAngles | None:
+    if not is_there(path):
+        return None
+    table = read_table(path, "angles of the turntable")
+    warnings.extend(table.warnings)
+    own = [c for c in table.columns[1:] if re.match(r"angle|position|rate|speed", c.name.lower())]
+    if len(own) != 1:
+        names = ", ".join(column.name for column in table.columns[1:]) or "only stamps"
+        raise RecordingError(f"columns are {names}; expected {_TURNTABLE_HEADER}", file=path, line=1)
+    by_rate = own[0].name.lower().startswith(("rate", "speed"))
+    quantity = "rate" if by_rate else "angle"
+    values = table.take(own, quantity)[:, 0]
+    _note_conversion(table, {quantity: own}, warnings)
+    kept = np.isfinite(values)
+    stamps, values = table.stamps_ns[kept], values[kept]
+    if stamps.size < 2 or np.any(np.diff(stamps) <= 0):
+        what = "fewer than two rows" if stamps.size < 2 else "stamps do not increase"
+        raise RecordingError(f"{what}; expected the table's angle or rate from beginning to end", file=path)
+    if by_rate:
+        steps = 0.5 * (values[1:] + values[:-1]) * np.diff(stamps) * 1e-9
+        values = np.concatenate([np.zeros(1), np.cumsum(steps)])
+    elif np.ptp(values) < _ONE_TURN:
+        values = np.unwrap(values)
+    return TableAngles(stamps, values, path, by_rate)
 
 
 def _read_urdf(path: Path, settings: RecordingSettings, warnings: list[DataWarning], *, needed: bool) -> str | None:

@@ -131,6 +131,9 @@ def _write_streams(recording: Recording, path: Path) -> None:
         header, readings = f"{header},temperature [degC]", np.column_stack([readings, imu.temperature])
     _write_table(path / "imu0", header, imu.stamps_ns, readings)
     _write_reference(path, recording.reference, recording.joints)
+    if recording.table is not None:
+        table = recording.table
+        _write_table(path / "table0", "#timestamp [ns],angle [rad]", table.stamps_ns, table.angles[:, None])
 
 
 def _write_reference(path: Path, reference: ReferencePoses | None, joints: JointAngles | None) -> None:
@@ -158,7 +161,7 @@ def _folder_name(name: str) -> str:
     if name in ("/robot/pose", "/robot/position", "/robot/orientation"):
         return "pose0"
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", name.strip("/")) or "pose0"
-    return f"pose_{name}" if name.startswith(("imu", "cam", "joint")) else name
+    return f"pose_{name}" if name.startswith(("imu", "cam", "joint", "table")) else name
 
 
 def write_imu_table(path: Path, stamps: Stamps, rates: Array, accelerations: Array) -> None:

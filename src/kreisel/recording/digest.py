@@ -17,7 +17,8 @@ def digest(recording: Recording) -> str:
     Notes
     -----
     Of these arrays, row by row, little-endian, stamps as int64 (ns) and all else as float64, with what is missing left
-    out: IMU stamps, rates, accelerations, temperature; reference stamps, positions, quaternions; joint stamps, angles.
+    out: IMU stamps, rates, accelerations, temperature; reference stamps, positions, quaternions; joint stamps, angles;
+    stamps and angles of a turntable.
     """
     imu, reference, joints = recording.imu, recording.reference, recording.joints
     arrays = [imu.stamps_ns, imu.rates, imu.accelerations, imu.temperature]
@@ -25,6 +26,8 @@ def digest(recording: Recording) -> str:
         arrays += [reference.stamps_ns, reference.positions, reference.quaternions]
     if joints is not None:
         arrays += [joints.stamps_ns, joints.angles]
+    if recording.table is not None:
+        arrays += [recording.table.stamps_ns, recording.table.angles]
     out = hashlib.sha256()
     for array in arrays:
         if array is not None:

@@ -214,6 +214,24 @@ class JointAngles:
 
 
 @dataclass(frozen=True)
+class TableAngles:
+    """Angles of a turntable (m,) in rad, over whole turns, on its own clock.
+
+    `by_rate` says whether they were integrated from rates.
+    """
+
+    stamps_ns: Stamps
+    angles: Array
+    source: Path
+    by_rate: bool = False
+
+    @cached_property
+    def seconds(self) -> Array:
+        """Seconds since the first one, (m,)."""
+        return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
+
+
+@dataclass(frozen=True)
 class Datasheet:
     """Noise figures that a recording contains but its user did not state (EuRoC's sensor.yaml), SI.
 
@@ -235,7 +253,7 @@ class Recording:
     """All data of one run of the cell.
 
     `urdf` is the text of the robot's description, `sha256` the fingerprint of the data as they were read; see
-    `recording.digest`.
+    `recording.digest`. `table` is a turntable's motion.
     """
 
     path: Path
@@ -247,6 +265,7 @@ class Recording:
     datasheet: Datasheet | None = None
     urdf: str | None = None
     sha256: str | None = None
+    table: TableAngles | None = None
 
     @property
     def name(self) -> str:

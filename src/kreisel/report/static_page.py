@@ -17,7 +17,7 @@ from kreisel.report.plots import Figure
 from kreisel.report.report_tables import CONSIDERED, considered_row
 from kreisel.report.template import fill
 from kreisel.static.multi_position import StaticEstimate
-from kreisel.static.rest_noise import RestNoise
+from kreisel.static.rest_noise import FIGURES, as_row
 from kreisel.static.static_result import StaticOutcome
 from kreisel.static.turns import turns_between
 
@@ -34,12 +34,12 @@ def write_static(outcome: StaticOutcome, path: Path) -> None:
             "study.html",
             figures,
             title="Calibration without a reference" if facts is None else facts.title,
-            kind="calibration from standstills",
+            kind=f"calibration from standstills, {outcome.method}",
             heading=calibration.verdict.headline,
             lead=f"{rests.count} standstills, {found.linear.turn.node.size} turns, "
             f"{rests.seconds[-1] - rests.seconds[0]:.0f} s. {verdict}",
             table_of_groups=_quantities(calibration),
-            further_tables=[_parameters(outcome), _noise(found.noise), _considered(found)],
+            further_tables=[_parameters(outcome), _noise(found), _considered(found)],
             facts=[f"{warning}." for warning in outcome.warnings],
             figures=figures,
         ),
@@ -61,7 +61,8 @@ def _quantities(calibration: CalibrationParts) -> Table:
 
 def _parameters(outcome: StaticOutcome) -> Table:
     found, calibration = outcome.found, outcome.calibration
-    weak, values = calibration.verdict.unobservable, found.problem.values(found.parameters)
+    weak = calibration.verdict.unobservable
+    values = found.problem.values(found.parameters)[: len(calibration.names)]
     deviations = np.sqrt(np.diag(calibration.covariance))
     halves = np.full(values.size, np.nan) if outcome.halves is None else outcome.halves
     rows = [
@@ -78,11 +79,16 @@ _TITLES = {
     "turn": ("Turn, over the root of the integral of the squared rate", "√s"),
     "gyro_walk": ("Walk of the gyro offsets", "rad/s/√s"),
     "accel_walk": ("Walk of the accelerometer offsets", "m/s²/√s"),
+    "face": ("Vertical at a standstill on a face, against its normal", "rad"),
+    "whole turn": ("Heading after a whole turn", "rad"),
+    "table": ("Turn by the turntable", "rad"),
 }
 
 
-def _noise(noise: RestNoise) -> Table:
-    rows = [Row((title, unit, number(getattr(noise, name)))) for name, (title, unit) in _TITLES.items()]
+def _noise(found: StaticEstimate) -> Table:
+    kinds = (*FIGURES, *(known.kind for known in found.problem.known))
+    sizes = as_row(found.noise)[0]
+    rows = [Row((*_TITLES[kind], number(float(size)))) for kind, size in zip(kinds, sizes, strict=True)]
     return Table("Errors that the standstills show", ("Error", "Unit", "Size"), tuple(rows), 2)
 
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, from_two_vectors, log, multiply
 from kreisel.inertial.earth import earth_rate_n
 from kreisel.inertial.noise_figures import GRADES, noise
 from kreisel.inertial.sensor_model import SensorParameters
-from kreisel.recording.recording import ImuSamples, Recording, Stamps
+from kreisel.recording.recording import ImuSamples, Recording, Stamps, TableAngles
 from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.simulation.cell_settings import Imu
 from kreisel.simulation.device_errors import DeviceEffects
 from kreisel.simulation.imu import draw_sensors, ideal_readings, rounded
+
+_TABLE_LATE = 40_000_000
+"""ns: by how much a turntable's clock is ahead."""
 
 LATITUDE, GRAVITY, GRAVITY_SD = np.radians(48.0), 9.8089, 1e-4
 """Where it is, rad, and what is stated of gravity there, m/s^2: the true one differs by as much."""
@@ -51,6 +55,15 @@ class HandTurns:
         Share of samples that are lost, while stamps are counted.
     range_share
         Largest rate that is read, over that of the turns.
+    laid
+        Anyhow; on the six faces of a case in turn, `attitudes` in all; the same with a whole turn on three of them; or
+        on a turntable, in three mountings.
+    laid_error, heading_error
+        rad: of each standstill on a face, and of the heading after a whole turn.
+    squareness
+        Of the angles between faces, rad.
+    table_tilt, table_error
+        Of a turntable's axis against the vertical, and of each of its turns, rad.
     """
 
     grade: str = "consumer-mems"
@@ -67,6 +80,20 @@ class HandTurns:
     jitter: float = 0.0
     lost: float = 0.0
     range_share: float = 0.0
+    laid: Literal["anyhow", "faces", "whole turns", "turntable"] = "anyhow"
+    laid_error: float = 3e-3
+    heading_error: float = 5e-3
+    squareness: float = 1e-3
+    table_tilt: float = 0.02
+    table_error: float = 1e-4
+
+
+@dataclass(frozen=True)
+class _Move:
+    """From an attitude (4,) to the next: first by a rotation vector in the local level (3,), nothing for a hand's."""
+
+    there: Array
+    vector: Array | None = None
 
 
 def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParameters, Recording]:
@@ -84,7 +111,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
         k_a = np.vstack([truth.k_a[:1], rng.normal(0.0, how.quadratic, (1, 3))])
         truth = replace(truth, k_a=k_a, k_w=np.vstack([truth.k_w[:1], np.zeros((1, 3))]))
     rate = grade.rate
-    q, omega, moving = _motion(how, rate, rng)
+    q, omega, moving, angle = _motion(how, rate, rng)
     n = len(q)
     earth = apply(conjugate(q), np.broadcast_to(earth_rate_n(float(LATITUDE)), (n, 3)))
     gravity = GRAVITY + rng.normal(0.0, GRAVITY_SD)
@@ -109,43 +136,99 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     stamps: Stamps = np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
     w, a = w[keep], a[keep]
     truth = replace(truth, others={"gyro_g_sensitivity": effects.g_sensitivity.ravel()})
-    return truth, _recording(how, stamps[: len(w)], w, a)
+    table = None
+    if how.laid == "turntable":
+        every = max(1, round(0.02 * rate))
+        table = TableAngles(stamps[::every] + _TABLE_LATE, angle[::every], Path("table0"))
+    return truth, _recording(how, stamps[: len(w)], w, a, table)
 
 
-def _recording(how: HandTurns, stamps: Stamps, w: Array, a: Array) -> Recording:
+def _recording(how: HandTurns, stamps: Stamps, w: Array, a: Array, table: TableAngles | None) -> Recording:
     path = Path(f"hand-turned-{how.grade}")
     site = {"site": {"latitude_deg": float(np.degrees(LATITUDE)), "gravity": GRAVITY, "gravity_sd": GRAVITY_SD}}
-    return Recording(path, ImuSamples(stamps, w, a, path), None, settings=RecordingSettings.model_validate(site))
+    settings = RecordingSettings.model_validate(site)
+    return Recording(path, ImuSamples(stamps, w, a, path), None, settings=settings, table=table)
 
 
-def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return attitudes (n, 4) from b to the local level, rates (n, 3) and a pulse of acceleration in each turn (n,)."""
-    attitudes = _attitudes(how, rng)
-    q, omega, pulse = [], [], []
-    for k, here in enumerate(attitudes):
+def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+    """Return attitudes (n, 4) from b to the local level, rates (n, 3), and what else happens.
+
+    That is a pulse of acceleration in each turn by hand (n,), and the angle by which a table has turned (n,).
+    """
+    moves = _moves(how, rng)
+    q, omega, pulse, angle = [], [], [], []
+    turned = 0.0
+    for k, move in enumerate(moves):
         rested = int(rate * how.rest * rng.uniform(0.7, 1.3))
         wobble, wobble_rate = _unrest(how, rested, rate, rng)
-        q.append(multiply(here, exp(wobble)))
+        q.append(multiply(move.there, exp(wobble)))
         omega.append(wobble_rate)
         pulse.append(np.zeros(rested))
-        if k + 1 == len(attitudes):
+        angle.append(np.full(rested, turned))
+        if k + 1 == len(moves):
             break
         # the standstill ends where it has crept to
-        there, begin = attitudes[k + 1], q[-1][-1]
+        there, vector, begin = moves[k + 1].there, moves[k + 1].vector, q[-1][-1]
         seconds = how.turn * rng.uniform(0.7, 1.4)
+        if vector is not None:
+            seconds *= 1.0 + float(np.linalg.norm(vector))
         t = np.arange(int(rate * seconds)) / rate / seconds
-        first = rng.normal(0.0, 0.5, 3)
+        first = rng.normal(0.0, 0.5, 3) if vector is None else apply(conjugate(begin), vector)
         second = log(multiply(conjugate(multiply(begin, exp(first))), there))
-        s1, v1 = _smooth(t / 0.75)
-        s2, v2 = _smooth((t - 0.25) / 0.75)
+        share = 0.75 if vector is None else 1.0  # of the time each rotation takes
+        s1, v1 = _smooth(t / share)
+        s2, v2 = _smooth((t - 1.0 + share) / share)
         after = exp(second * s2[:, None])
         q.append(multiply(multiply(begin, exp(first * s1[:, None])), after))
-        speed = apply(conjugate(after), first * v1[:, None] / (0.75 * seconds)) + second * v2[:, None] / (
-            0.75 * seconds
-        )
-        omega.append(speed)
-        pulse.append(np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
-    return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse)
+        omega.append((apply(conjugate(after), first * v1[:, None]) + second * v2[:, None]) / (share * seconds))
+        by_hand = vector is None or how.laid != "turntable"
+        pulse.append(by_hand * np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
+        way = 0.0 if vector is None or by_hand else np.sign(vector[2]) * float(np.linalg.norm(vector))
+        angle.append(turned + way * s1)
+        turned += way
+    return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse), np.concatenate(angle)
+
+
+def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
+    """Return the standstills, and how each is reached."""
+    if how.laid == "anyhow":
+        return [_Move(q) for q in _attitudes(how, rng)]
+    if how.laid == "turntable":
+        return _on_table(how, rng)
+    angles = rng.normal(0.0, how.squareness, 3)
+    normals = np.eye(3)
+    for (i, j), a in zip(((0, 1), (0, 2), (1, 2)), angles, strict=True):
+        normals[i, j] = normals[j, i] = 0.5 * a
+    order = [k % 6 for k in range(how.attitudes)]
+    out: list[_Move] = []
+    for k in order:
+        axis, sign = k // 2, 1.0 - 2.0 * (k % 2)
+        up = sign * normals[axis]
+        q = from_two_vectors(up / np.linalg.norm(up), [0.0, 0.0, -1.0])
+        q = multiply(exp([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), multiply(q, exp(rng.normal(0.0, how.laid_error, 3))))
+        out.append(_Move(q))
+        if how.laid == "whole turns" and sign > 0.0:
+            tilt = rng.normal(0.0, 0.3 * how.laid_error, 3)
+            tilt[2] = rng.normal(0.0, how.heading_error)
+            turn = rng.choice([-1.0, 1.0]) * np.array([0.0, 0.0, 2.0 * np.pi])
+            out.append(_Move(multiply(exp(tilt), q), turn))
+    return out
+
+
+def _on_table(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
+    """Return standstills in three mountings on a turntable, the axes x, y and z up, and turned by it each time."""
+    tilt = rng.normal(0.0, how.table_tilt, 2)
+    axis = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    out: list[_Move] = []
+    for mounting in range(3):
+        q = from_two_vectors(np.eye(3)[mounting], -axis)
+        q = multiply(q, exp(rng.normal(0.0, 0.02, 3)))
+        out.append(_Move(q))
+        for _ in range(how.attitudes // 3 - 1):
+            vector = rng.uniform(0.5, 12.0) * rng.choice([-1.0, 1.0]) * axis
+            q = multiply(multiply(exp(vector), q), exp(rng.normal(0.0, how.table_error, 3)))
+            out.append(_Move(q, vector))
+    return out
 
 
 def _attitudes(how: HandTurns, rng: np.random.Generator) -> Array:

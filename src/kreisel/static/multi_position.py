@@ -9,25 +9,22 @@ from functools import cached_property
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, right_angle_turns
-from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
-from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear, attitudes_by, linearised, moved
+from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, Equations
+from kreisel.static.rest_equations import Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
 from kreisel.static.turns import turns_between
-
-MIN_ATTITUDES = 6
-"""Fewest standstills. Chosen: scale factors and offsets of three axes need six; fewer show nothing of their own."""
 
 _ITERATIONS, _SEARCHES, _SETTLED = 20, 4, 0.01
 """Steps of Gauss-Newton at most; noise is estimated in so many first steps, and then once in so many; change of every
 parameter, in deviations, with which the steps end."""
 
 KINDS = ("force", "rate", "turn")
-"""Names of what is measured at standstills and between them, in the order of the equations."""
+"""Names of what is measured at standstills and between them, in the order of the equations; what is known follows."""
 
 _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 """Deviations of a row beyond which a standstill or a turn is suspected, gain of evidence with which it is left out, and
@@ -80,8 +77,15 @@ class StaticEstimate:
     @property
     def left_out(self) -> tuple[tuple[str, int], ...]:
         """What does not fit: kinds and numbers of standstills."""
-        rows = dict(zip(KINDS, self.linear.all, strict=False))
+        rows = self.rows
         return tuple((k, int(n)) for k, v in self.inflated.items() for n in rows[k].node[v > 0.0])
+
+    @property
+    def rows(self) -> dict[str, Equations]:
+        """Equations by kind, without those of walks."""
+        linear = self.linear
+        own = zip(KINDS, linear.all, strict=False)
+        return {**dict(own), **{k.kind: e for k, e in zip(self.problem.known, linear.known, strict=True)}}
 
     @property
     def walks(self) -> tuple[Array, Array]:
@@ -89,20 +93,21 @@ class StaticEstimate:
         return self._nodes[:, GYRO_WALK], self._nodes[:, ACCEL_WALK]
 
     @property
-    def residuals(self) -> tuple[Array, ...]:
-        """What is left of force, rate and turn, (k, 3) each, in deviations of a row."""
-        x, out = self._nodes, []
-        for one, variance in zip(self.linear.all[:3], self.variances, strict=False):
+    def residuals(self) -> dict[str, Array]:
+        """What is left by kind, (k, 3) each, in deviations of a row."""
+        x, out = self._nodes, {}
+        for kind, one in self.rows.items():
             left = one.residual + np.einsum("kia,ka->ki", one.of_node, x[one.node])
             if one.of_next is not None:
                 left += np.einsum("kia,ka->ki", one.of_next, x[one.node + 1])
-            out.append(left / np.sqrt(variance))
-        return tuple(out)
+            out[kind] = left / np.sqrt(self.variances[kind])
+        return out
 
     @property
-    def variances(self) -> list[Array]:
-        """Variances of the rows of each kind, (k, 3)."""
-        return [variance[0] for variance in self.weighing.variances(as_row(self.noise))]
+    def variances(self) -> dict[str, Array]:
+        """Variances of the rows of each kind but walks, (k, 3)."""
+        own = [variance[0] for variance in self.weighing.variances(as_row(self.noise))]
+        return dict(zip(self.rows, [*own[:3], *own[5:]], strict=True))
 
     @cached_property
     def _nodes(self) -> Array:
@@ -111,64 +116,36 @@ class StaticEstimate:
         return solution(self.problem, self.linear, self.weighing, as_row(self.noise), zero).nodes()[0]
 
 
-def estimate_static(problem: RestProblem, progress: StepProgress | None = None) -> StaticEstimate:
-    """Return the estimate: usual parameters, then what does not fit is left out, then effects the data show.
+def estimate_static(
+    problem: RestProblem, start: CellParameters, progress: StepProgress | None = None
+) -> StaticEstimate:
+    """Return the estimate: usual parameters from `start`, then what does not fit is left out, then effects.
 
     Raises
     ------
     RecordingError
-        If there are too few attitudes, or nothing fits.
+        If nothing fits.
     """
-    if problem.rests.count < MIN_ATTITUDES:
-        raise RecordingError(
-            f"{problem.rests.count} standstills, expected {MIN_ATTITUDES} or more in different attitudes, a dozen if "
-            "possible", file=problem.imu.source,
-        )  # fmt: skip
     tell = progress or (lambda _: None)
-    start = first_values(problem)
     tell(0.1)
-    found = _robust(fitted(problem, start, NO_NOISE, {}))
+    found = fitted(problem, start, NO_NOISE, {})
+    if problem.own_frame and (np.diag(found.parameters.sensors.K_a) < 0.0).any():
+        found = fitted(problem, _mirrored(found.parameters), found.noise, {})
+    found = _robust(found)
     tell(0.4)
     found = _with_effects(found, tell)
     tell(1.0)
     return found
 
 
-def first_values(problem: RestProblem) -> CellParameters:
-    """Return parameters by which all forces are about as long as gravity, and the gyros turned as the forces say."""
-    K, k = _by_length(problem.rests.forces, problem.site.gravity)
-    sensors = SensorParameters(np.eye(3), np.zeros((1, 3)), K, k[None], np.zeros((3, 3)))
-    sensors = replace(sensors, k_w=-np.median(problem.rests.rates, axis=0)[None])
-    up = (problem.rests.forces + k) @ K.T
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    best, least = sensors, np.inf
-    for sign in (1.0, -1.0):
-        own = replace(sensors, K_omega=sign * np.eye(3))
-        turns = turns_between(problem.imu, problem.raw, problem.rests, own)
-        for Q in right_angle_turns():
-            seen = np.einsum("ij,mkj,kl,ml->mi", Q, turns.rotations, Q.T, up[:-1])
-            misfit = float(np.median(np.linalg.norm(seen - up[1:], axis=1)))
-            if misfit < least:
-                best, least = replace(sensors, K_omega=sign * Q), misfit
-    return begun(best, problem.site)
+def _mirrored(p: CellParameters) -> CellParameters:
+    """Return parameters that explain all readings as well, with accelerometers that read positive along their axes.
 
-
-def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
-    """Return an upper triangular K (3, 3) and k (3,) with |K (a + k)| = g, from no errors on, by Gauss-Newton."""
-    places = np.triu_indices(3)
-    x = np.concatenate([np.eye(3)[places], np.zeros(3)])
-    damping = np.diag([1e-3] * 6 + [1e-5] * 3)  # of what few attitudes do not show
-    for _ in range(_ITERATIONS):
-        K = np.zeros((3, 3))
-        K[places] = x[:6]
-        y = forces + x[6:]
-        f = y @ K.T
-        length = np.linalg.norm(f, axis=1)
-        u = f / length[:, None]
-        J = np.column_stack([*(u[:, i] * y[:, j] for i, j in zip(*places, strict=True)), u @ K])
-        step = np.linalg.solve(J.T @ J + damping, J.T @ (gravity - length))
-        x = x + step
-    return K, x[6:]
+    In a mirror forces are reflected, and rates, which are axial vectors, by the negative reflection.
+    """
+    S = np.diag(np.sign(np.diag(p.sensors.K_a)))
+    sensors = replace(p.sensors, K_a=S @ p.sensors.K_a, K_omega=np.linalg.det(S) * S @ p.sensors.K_omega)
+    return replace(p, sensors=sensors)
 
 
 def fitted(
@@ -231,14 +208,14 @@ def _robust(found: StaticEstimate) -> StaticEstimate:
     A row that is left out has a variance so large that it says nothing; the evidence pays for it.
     """
     for _ in range(found.problem.rests.count // 4):
-        far = [np.abs(r).max(axis=1) if r.size else np.zeros(1) for r in found.residuals]
-        kind = int(np.argmax([f.max() for f in far]))
-        row, name = int(np.argmax(far[kind])), KINDS[kind]
-        if far[kind][row] < _MISFIT:
+        far = {kind: np.abs(r).max(axis=1) for kind, r in found.residuals.items() if r.size}
+        name = max(far, key=lambda kind: float(far[kind].max()))
+        row = int(np.argmax(far[name]))
+        if far[name][row] < _MISFIT:
             break
         inflated = {key: value.copy() for key, value in found.inflated.items()}
-        own = inflated.setdefault(name, np.zeros(far[kind].size))
-        own[row] = _NOTHING * float(np.mean(found.variances[kind][row]))
+        own = inflated.setdefault(name, np.zeros(far[name].size))
+        own[row] = _NOTHING * float(np.mean(found.variances[name][row]))
         again = fitted(found.problem, found.parameters, found.noise, inflated, found.attitudes)
         if again.log_evidence - found.log_evidence < _ODDS:
             break

@@ -17,6 +17,9 @@ NODE = 9
 """Unknowns of a standstill: its attitude (a rotation vector in b), and how far the offsets of gyros and accelerometers
 are from their values in the middle of the recording."""
 
+ATTITUDE, GYRO_WALK, ACCEL_WALK = slice(0, 3), slice(3, 6), slice(6, 9)
+"""Of the unknowns of a standstill."""
+
 
 @dataclass(frozen=True)
 class Equations:

@@ -19,12 +19,9 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, from_two_vectors, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters
-from kreisel.static.rest_chain import NODE, Equations
+from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, NODE, Equations
 from kreisel.static.rest_problem import RestProblem
 from kreisel.static.turns import Turns, turns_between
-
-ATTITUDE, GYRO_WALK, ACCEL_WALK = slice(0, 3), slice(3, 6), slice(6, 9)
-"""Of the unknowns of a standstill."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +36,13 @@ class Linear:
     turn: Equations
     gyro_walk: Equations
     accel_walk: Equations
+    known: tuple[Equations, ...]
     turns: Turns
 
     @property
     def all(self) -> tuple[Equations, ...]:
         """Every kind of equations, in the order of weights."""
-        return self.force, self.rate, self.turn, self.gyro_walk, self.accel_walk
+        return self.force, self.rate, self.turn, self.gyro_walk, self.accel_walk, *self.known
 
 
 def linearised(problem: RestProblem, p: CellParameters, C: Array) -> Linear:
@@ -64,6 +62,7 @@ def linearised(problem: RestProblem, p: CellParameters, C: Array) -> Linear:
         _turn(problem, p, C, turns),
         _walk(M, GYRO_WALK, P),
         _walk(M, ACCEL_WALK, P),
+        tuple(one.equations(problem, p, C) for one in problem.known),
         turns,
     )
 
@@ -106,16 +105,6 @@ def _added(problem: RestProblem, p: CellParameters, sensor: str) -> Array:
     return out
 
 
-def _columns(problem: RestProblem, by_group: dict[str, Array], count: int) -> Array:
-    """Return derivatives by all parameters, (count, 3, P), from those by groups."""
-    layout = problem.layout
-    J = np.zeros((count, 3, layout.degrees))
-    for group, columns in by_group.items():
-        if group in layout:
-            J[:, :, layout[group]] = columns[:, :, layout.present(group)]
-    return J
-
-
 def _effects(problem: RestProblem, p: CellParameters, sensor: str) -> dict[str, Array]:
     own = [g for g in p.sensors.effects if EFFECTS[g].sensor == sensor and g in problem.layout]
     return {group: problem.additions(group) for group in own}
@@ -135,7 +124,7 @@ def _force(problem: RestProblem, p: CellParameters, C: Array, every: Indices) ->
     J[..., ATTITUDE] = -inverse @ skew(p.gravity * up)
     J[..., ACCEL_WALK] = np.eye(3)
     r = problem.rests.forces + p.sensors.k_a[0] + _added(problem, p, "accelerometer") - seen
-    return Equations(r, every, J, None, _columns(problem, by_group, len(C)))
+    return Equations(r, every, J, None, problem.columns(by_group, len(C)))
 
 
 def _rate(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> Equations:
@@ -155,7 +144,7 @@ def _rate(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> 
     J[..., ATTITUDE] = -inverse @ skew(rate)
     J[..., GYRO_WALK] = np.eye(3)
     r = problem.rests.rates + p.sensors.k_w[0] + _added(problem, p, "gyroscope") - seen
-    return Equations(r, every, J, None, _columns(problem, by_group, len(C)))
+    return Equations(r, every, J, None, problem.columns(by_group, len(C)))
 
 
 def _turn(problem: RestProblem, p: CellParameters, C: Array, turns: Turns) -> Equations:
@@ -172,7 +161,7 @@ def _turn(problem: RestProblem, p: CellParameters, C: Array, turns: Turns) -> Eq
     own[..., ATTITUDE] = -np.swapaxes(R, 1, 2)
     following[..., ATTITUDE] = np.eye(3)
     own[..., GYRO_WALK] = following[..., GYRO_WALK] = 0.5 * by_group["gyro_offset"]
-    return Equations(r, at, own, following, _columns(problem, by_group, at.size))
+    return Equations(r, at, own, following, problem.columns(by_group, at.size))
 
 
 def _walk(M: int, part: slice, P: int) -> Equations:

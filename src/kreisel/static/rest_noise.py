@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.static.rest_chain import NODE, Solution, solve
-from kreisel.static.rest_equations import ACCEL_WALK, ATTITUDE, GYRO_WALK, Linear
+from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, NODE, Solution, solve
+from kreisel.static.rest_equations import Linear
 from kreisel.static.rest_problem import RestProblem
 
 _YAW, _ANY = 1e-4, 10.0
@@ -40,6 +40,8 @@ class RestNoise:
         Of the offsets, per second and root hertz.
     turn
         Error of a turn over the root of the integral of the squared rate, sqrt(s).
+    known
+        Of what is known of the attitudes besides, in its order.
     """
 
     force: float
@@ -47,6 +49,7 @@ class RestNoise:
     turn: float
     gyro_walk: float
     accel_walk: float
+    known: tuple[float, ...] = ()
 
 
 NO_NOISE = RestNoise(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -71,13 +74,15 @@ class Weighing:
 
     @property
     def units(self) -> Array:
-        """Size of each figure but the walks that white noise just hides, (3,)."""
-        hidden = [np.sqrt(np.median(w / np.maximum(s, 1e-300))) if w.size else 1.0 for w, s in
-                  zip(self.white[:3], self.share[:3], strict=True)]  # fmt: skip
+        """Size of each figure that white noise just hides, nothing where there is none, (K,)."""
+        hidden = [
+            np.sqrt(np.median(w[s > 0.0] / s[s > 0.0])) if np.any(s > 0.0) else 1.0
+            for w, s in zip(self.white, self.share, strict=True)
+        ]
         return np.array(hidden)
 
     def variances(self, figures: Array) -> list[Array]:
-        """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, 5)."""
+        """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, K)."""
         return [
             white + figures[:, k, None, None] ** 2 * share
             for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))
@@ -98,14 +103,16 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
     turn = np.repeat(mean * turns.seconds[at][:, None], 3, axis=1) + inflated.get("turn", np.zeros(1))[:, None]
     between = np.repeat(np.diff(rests.seconds)[:, None], 3, axis=1)
     one = np.ones((rests.count, 3))
+    known = [k.white + inflated.get(k.kind, np.zeros(1))[:, None] for k in problem.known]
     return Weighing(
-        (force, rate, turn, np.zeros_like(between), np.zeros_like(between)),
-        (one, one, np.repeat(turns.agitation[at][:, None], 3, axis=1), between, between),
-    )
+        (force, rate, turn, np.zeros_like(between), np.zeros_like(between), *known),
+        (one, one, np.repeat(turns.agitation[at][:, None], 3, axis=1), between, between,
+         *(k.share for k in problem.known)),
+    )  # fmt: skip
 
 
 def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array, about: Array) -> Solution:
-    """Return the solutions for noise figures (S, 5); about: change (P,) from the parameters to their prior."""
+    """Return the solutions for noise figures (S, K); about: change (P,) from the parameters to their prior."""
     weights = [1.0 / variance for variance in how.variances(figures)]
     S = len(figures)
     prior = np.diag(1.0 / problem.width**2)
@@ -127,7 +134,8 @@ def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:
     out[:, ATTITUDE, ATTITUDE] = np.eye(3) / _ANY**2
     up = linear.force.of_node[0, :, ATTITUDE]  # the heading turns nothing that the force shows
     axis = np.linalg.svd(up)[2][2]
-    out[0, ATTITUDE, ATTITUDE] += np.outer(axis, axis) / _YAW**2
+    if not any(one.gives_heading for one in problem.known):
+        out[0, ATTITUDE, ATTITUDE] += np.outer(axis, axis) / _YAW**2
     for part, white in ((GYRO_WALK, how.white[1]), (ACCEL_WALK, how.white[0])):
         held = 1e4 / float(np.median(white))
         out[M // 2, part, part] += held * np.eye(3)
@@ -145,11 +153,13 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
     """
     rests = problem.rests
     span = max(float(rests.seconds[-1] - rests.seconds[0]), 1.0)
-    hidden = np.array([*how.units, *(how.units[[1, 0]] / np.sqrt(span))])
-    looked = range(3) if problem.constant_offsets else range(5)
-    figures = np.maximum(as_row(first)[0], hidden * _GRID[0])
+    hidden = how.units
+    hidden[3:5] = hidden[[1, 0]] / np.sqrt(span)
+    looked = [k for k in range(hidden.size) if not (problem.constant_offsets and k in (3, 4))]
+    before = as_row(first)[0]
+    figures = np.maximum(np.pad(before, (0, hidden.size - before.size)), hidden * _GRID[0])
     if problem.constant_offsets:
-        figures[3:] = 1e-3 * hidden[3:]
+        figures[3:5] = 1e-3 * hidden[3:5]
     for _ in range(_SWEEPS):
         before = figures.copy()
         for k in looked:
@@ -160,9 +170,10 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
             figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())
         if np.all(np.abs(figures - before) <= _SETTLED * before):
             break
-    return RestNoise(*figures)
+    own = dict(zip(FIGURES, figures.tolist(), strict=False))
+    return RestNoise(**own, known=tuple(figures[len(FIGURES) :].tolist()))
 
 
 def as_row(noise: RestNoise) -> Array:
-    """Return the figures as a row (1, 5)."""
-    return np.array([[getattr(noise, name) for name in FIGURES]])
+    """Return the figures as a row (1, K)."""
+    return np.array([[*(getattr(noise, name) for name in FIGURES), *noise.known]])

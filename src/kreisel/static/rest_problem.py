@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 
-from kreisel.estimation.state import StateLayout
-from kreisel.geometry.rotation import Array
+from kreisel.estimation.state import Part, StateLayout
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, RawReadings
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import raw_readings
@@ -17,6 +18,7 @@ from kreisel.model.layout import group_part
 from kreisel.model.parameters import GROUPS, SENSOR_GROUPS, CellParameters, parameter_names
 from kreisel.model.site import Site
 from kreisel.recording.recording import ImuSamples
+from kreisel.static.rest_chain import Equations
 from kreisel.static.rests import Rests
 
 BELOW_DIAGONAL = ("accelerometer.cross_coupling[1,0]", "accelerometer.cross_coupling[2,0]",
@@ -41,6 +43,53 @@ devices say."""
 
 
 @dataclass(frozen=True)
+class Nuisance:
+    """Parameters that only some knowledge brings, zero at first, and no part of the result.
+
+    Attributes
+    ----------
+    name, labels
+        Of the group, and of each parameter.
+    width : (n,)
+        Deviations before any look at the data, SI.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    width: Array
+
+
+class Knowledge(Protocol):
+    """What is known of the attitudes besides gravity and the turns by the gyros."""
+
+    @property
+    def kind(self) -> str:
+        """Name of its equations, and of the noise figure that belongs to them."""
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Parameters it brings."""
+
+    @property
+    def gives_heading(self) -> bool:
+        """Whether the heading of the first standstill is no choice any more."""
+
+    @property
+    def white(self) -> Array:
+        """Variances of its rows, (k, 3), that are known."""
+
+    @property
+    def share(self) -> Array:
+        """What a unit of its noise figure adds to them, (k, 3)."""
+
+    def equations(self, problem: RestProblem, p: CellParameters, C: Array, /) -> Equations:
+        """Return the equations about parameters and attitudes C (M, 3, 3)."""
+
+    def part(self, keep: Indices) -> Self:
+        """Return what concerns some standstills in a row."""
+
+
+@dataclass(frozen=True)
 class RestProblem:
     """A problem of standstills and the turns between them.
 
@@ -57,6 +106,10 @@ class RestProblem:
         little, nothing distinguishes it from their offsets, however small it is.
     constant_offsets
         Whether offsets are taken to be constant; otherwise they may walk.
+    known
+        What is known of the attitudes besides.
+    own_frame
+        Whether b is the accelerometers' own frame; otherwise it is given by what is known of the attitudes.
     """
 
     imu: ImuSamples
@@ -65,6 +118,8 @@ class RestProblem:
     site: Site
     effects: tuple[str, ...] = ("gyro_g_sensitivity",)
     constant_offsets: bool = False
+    known: tuple[Knowledge, ...] = ()
+    own_frame: bool = True
 
     @property
     def order(self) -> int:
@@ -77,29 +132,52 @@ class RestProblem:
         groups = [g for g in (*SENSOR_GROUPS, "north", "earth_down", "gravity") if g in (*_ALWAYS, *self.effects)]
         if self.site.earth_rate_n is not None:
             groups.remove("earth_down")
-        return StateLayout([group_part(g, self.order, 0, BELOW_DIAGONAL) for g in groups])
+        fixed = BELOW_DIAGONAL if self.own_frame else ()
+        own = [group_part(g, self.order, 0, fixed) for g in groups]
+        return StateLayout([*own, *(Part(one.name, one.width.size) for one in self.nuisances)])
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Parameters that are estimated beside, last in the layout."""
+        return tuple(one for known in self.known for one in known.nuisances)
+
+    @property
+    def reported(self) -> int:
+        """Number of estimated parameters that are no nuisances."""
+        return self.layout.degrees - sum(one.width.size for one in self.nuisances)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters that are estimated."""
-        layout = self.layout
+        layout, beside = self.layout, {one.name: one.labels for one in self.nuisances}
         return tuple(
-            parameter_names(part.name, self.order)[i] for part in layout for i in layout.present(part.name).tolist()
+            (beside.get(part.name) or parameter_names(part.name, self.order))[i]
+            for part in layout
+            for i in layout.present(part.name).tolist()
         )
 
     @cached_property
     def width(self) -> Array:
         """Deviation of every parameter before any look at the data, (P,)."""
         own = {**_WIDTHS, "gravity": self.site.gravity_sd}
-        layout = self.layout
-        return np.concatenate(
-            [np.full(part.degrees, own.get(part.name) or group_named(part.name).usual_sd or 1.0) for part in layout]
-        )
+        beside = {one.name: one.width for one in self.nuisances}
+
+        def of(part: Part) -> Array:
+            if part.name in beside:
+                return beside[part.name]
+            return np.full(part.degrees, own.get(part.name) or group_named(part.name).usual_sd or 1.0)
+
+        return np.concatenate([of(part) for part in self.layout])
 
     def values(self, parameters: CellParameters) -> Array:
         """Return the estimated ones of parameters, (P,)."""
-        layout = self.layout
-        return np.concatenate([parameters.stored(part.name)[layout.present(part.name)] for part in layout])
+        layout, beside = self.layout, {one.name for one in self.nuisances}
+        return np.concatenate([
+            nuisance(parameters, part.name, part.degrees)
+            if part.name in beside
+            else parameters.stored(part.name)[layout.present(part.name)]
+            for part in layout
+        ])  # fmt: skip
 
     def with_effects(self, effects: tuple[str, ...]) -> RestProblem:
         """Return the problem with other effects."""
@@ -117,10 +195,24 @@ class RestProblem:
     def _additions(self) -> dict[str, Array]:
         return {}
 
+    def columns(self, by_group: dict[str, Array], count: int) -> Array:
+        """Return derivatives by all parameters, (count, 3, P), from those by groups."""
+        layout = self.layout
+        J = np.zeros((count, 3, layout.degrees))
+        for group, columns in by_group.items():
+            if group in layout:
+                J[:, :, layout[group]] = columns[:, :, layout.present(group)]
+        return J
+
+    def part(self, keep: Indices) -> RestProblem:
+        """Return the problem of some standstills in a row."""
+        return replace(self, rests=self.rests.part(keep), known=tuple(one.part(keep) for one in self.known))
+
     def changed(self, parameters: CellParameters, change: Array) -> CellParameters:
         """Return parameters moved by changes (P,) of the estimated ones."""
         layout = self.layout
         values = {group: parameters.stored(group) for group in GROUPS}
+        values |= {one.name: nuisance(parameters, one.name, one.width.size) for one in self.nuisances}
         for part in layout:
             whole = values[part.name].copy()
             whole[layout.present(part.name)] += change[layout[part.name]]
@@ -137,6 +229,11 @@ class RestProblem:
         }
         k_w, k_a = (k[: self.order] for k in (sensors.k_w, sensors.k_a))
         return replace(parameters, sensors=replace(sensors, k_w=k_w, k_a=k_a, others=others)).with_order(self.order)
+
+
+def nuisance(parameters: CellParameters, name: str, size: int) -> Array:
+    """Return the values of nuisances, (size,)."""
+    return np.asarray(parameters.others.get(name, np.zeros(size)), dtype=float)
 
 
 def begun(sensors: SensorParameters, site: Site) -> CellParameters:

@@ -32,18 +32,24 @@ from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.lost_share import lost_share
-from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
+from kreisel.static.multi_position import KINDS, StaticEstimate, estimate_static, fitted
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
+from kreisel.static.static_methods import SQUARENESS, with_method
 from kreisel.static.static_verdict import judge_static
-
-METHOD = "multi-position"
-"""Name of the method in the result file."""
 
 _NO_GRAVITY = (
     "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
     "site.latitude_deg and site.height_m, state it)"
 )
+
+_DETECTED = {
+    "six-position": "six-position: all standstills are on the six faces of a case, taken to be at right angles "
+    "(--squareness); --method multi-position does without that",
+    "ferraris": "ferraris: all standstills are on the six faces of a case, taken to be at right angles (--squareness), "
+    "with whole turns in between; --method multi-position does without that",
+}
+"""What is said where the data showed the method."""
 
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
@@ -71,17 +77,20 @@ class StaticOutcome:
         The result, in axes of the accelerometers.
     warnings
         What to know about it.
+    method
+        The one that was used, of `static_methods.METHODS`.
     """
 
     found: StaticEstimate
     halves: Array | None
     calibration: Calibration
     warnings: tuple[DataWarning, ...]
+    method: str
 
 
 def calibrate_static(
     recording: Recording, *, gravity: float | None = None, constant_offsets: bool = False, only: str | None = None,
-    progress: Progress | None = None,
+    method: str | None = None, squareness: float = SQUARENESS, progress: Progress | None = None,
 ) -> StaticOutcome:  # fmt: skip
     """Return the calibration of a recording without a reference.
 
@@ -93,11 +102,17 @@ def calibrate_static(
         Whether offsets are taken to be constant, as other programs do; otherwise they may walk.
     only
         The sensor that the verdict is for.
+    method
+        One of `static_methods.METHODS`; None for the one that the data show.
+    squareness
+        Standard deviation of the angles between a case's faces, rad, where they are used.
 
     Raises
     ------
     RecordingError
-        If there are no standstills, or too few.
+        If there are no standstills, too few, or not those of the method.
+    SettingsError
+        For an unknown method.
     """
     began = time.perf_counter()
     table = recording.settings.site
@@ -106,29 +121,36 @@ def calibrate_static(
     site, of_site = site_of(table)
     rests = find_rests(recording.imu)
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
-    found = estimate_static(problem, of_step(progress, "fit"))
+    name, problem, start = with_method(problem, method, recording.table, squareness)
+    rests = problem.rests
+    found = estimate_static(problem, start, of_step(progress, "fit"))
     least, most = lost_share(recording.imu, rests)
     walked = _walked(found)
-    more = _contributions(found, walked, most)
-    covariance = np.asarray(found.covariance + sum(one.covariance for one in more))
+    own = found.problem.reported
+    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most)]
+    covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
     halves = _halves(found, walked)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
-    warnings = (*recording.warnings, *(of_gravity or known), *_remarks(found, walked, least))
+    by_itself = [DataWarning("method", _DETECTED[name])] if method is None and name in _DETECTED else []
+    remarks = _remarks(found, walked, least)
+    warnings = (*recording.warnings, *by_itself, *(of_gravity or known), *remarks)
+    halves = None if halves is None else halves[:own]
     verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
-    judged = _Judged(covariance, _budget(found, more), verdict, time.perf_counter() - began, warnings)
-    names = found.problem.names
+    judged = _Judged(name, covariance, _budget(found, more), verdict, time.perf_counter() - began, warnings)
+    names = found.problem.names[:own]
     calibration = Calibration(
         **vars(_parts(recording, found, judged)), names=names, covariance=covariance,
-        prior_deviation=found.problem.width, estimates=np.zeros((0, 1 + 2 * len(names))),
+        prior_deviation=found.problem.width[:own], estimates=np.zeros((0, 1 + 2 * len(names))),
     )  # fmt: skip
-    return StaticOutcome(found, halves, calibration, warnings)
+    return StaticOutcome(found, halves, calibration, warnings, name)
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """What is known of a result besides the estimate: with its covariance, budget, verdict, seconds and warnings."""
+    """What is known of a result besides the estimate: method, covariance, budget, verdict, seconds and warnings."""
 
+    method: str
     covariance: Array
     budget: Budget
     verdict: Verdict
@@ -187,7 +209,7 @@ def _halves(found: StaticEstimate, walked: Array) -> Array | None:
         return None
     try:
         parts = [
-            fitted(replace(found.problem, rests=rests.part(own)), found.parameters, found.noise, {})
+            fitted(found.problem.part(own), found.parameters, found.noise, {})
             for own in (np.arange(middle), np.arange(middle, rests.count))
         ]
     except KreiselError:
@@ -242,7 +264,7 @@ def _parts(recording: Recording, found: StaticEstimate, judged: _Judged) -> Cali
     n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
 
     def moved(change: Array) -> SensorParameters:
-        return problem.changed(p, np.concatenate([change, np.zeros(layout.degrees - n)])).sensors
+        return problem.changed(p, np.pad(change, (0, layout.degrees - n))).sensors
 
     def whole(group: str) -> Array:
         out = np.zeros(group_named(group).degrees(order))
@@ -262,7 +284,7 @@ def _parts(recording: Recording, found: StaticEstimate, judged: _Judged) -> Cali
         consistency=_consistency(found),
         verdict=judged.verdict,
         recording=recording_facts(recording, judged.warnings, "gravity", 0),
-        estimator=_estimator_facts(found, judged.seconds),
+        estimator=_estimator_facts(found, judged),
         others=others,
         considered=found.considered,
         budget=judged.budget,
@@ -272,8 +294,9 @@ def _parts(recording: Recording, found: StaticEstimate, judged: _Judged) -> Cali
 
 def _budget(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
     """Return what comes from gravity's uncertainty, from noise and errors of standstills, and from contributions."""
-    layout, own = found.problem.layout, np.diag(found.covariance)
-    gravity = found.covariance[:, layout["gravity"].start] ** 2 / found.problem.site.gravity_sd**2
+    layout, n = found.problem.layout, found.problem.reported
+    own = np.diag(found.covariance)[:n]
+    gravity = found.covariance[:n, layout["gravity"].start] ** 2 / found.problem.site.gravity_sd**2
     gravity = np.minimum(gravity, own)
     rows: list[tuple[str, Source, Array]] = [
         ("noise and errors of standstills and turns", Source.SENSOR, own - gravity),
@@ -281,11 +304,11 @@ def _budget(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
         *((one.cause, one.source, one.variance) for one in more),
     ]
     causes = {cause: source for cause, source, _ in rows}
-    return Budget.of(found.problem.names, causes, np.column_stack([variance for _, _, variance in rows]))
+    return Budget.of(found.problem.names[:n], causes, np.column_stack([variance for _, _, variance in rows]))
 
 
 def _consistency(found: StaticEstimate) -> Consistency:
-    force, rate, turn = found.residuals
+    force, rate, turn = (found.residuals[kind] for kind in KINDS)
     updates = len(force) + len(turn)
     return Consistency(
         nis_path=float(np.sum(turn**2) / max(2 * len(turn), 1)),  # their heading is free
@@ -298,17 +321,17 @@ def _consistency(found: StaticEstimate) -> Consistency:
     )
 
 
-def _estimator_facts(found: StaticEstimate, seconds: float) -> EstimatorFacts:
+def _estimator_facts(found: StaticEstimate, judged: _Judged) -> EstimatorFacts:
     rests = found.problem.rests
     nothing = float("nan")
     return EstimatorFacts(
-        name=METHOD,
+        name=judged.method,
         sigma_points="linear",
         states=found.problem.layout.degrees,
         update_interval=0.0,
         updates=rests.count + found.linear.turn.node.size,
         passes=1,
-        filter_seconds=seconds,
+        filter_seconds=judged.seconds,
         polynomial_order=found.problem.order,
         fixed=("lever_arms", "time_offset"),
         noise=FinalNoise(*(float(np.sqrt(np.mean(d**2))) for d in (rests.density_w, rests.density_a)), *[nothing] * 4),

@@ -34,7 +34,7 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
     only
         The sensor that is asked for.
     """
-    names = found.problem.names
+    names = found.problem.names[: deviation.size]
     judged = [(name, _weakness(name, sd)) for name, sd in zip(names, deviation, strict=True)]
     weak = [(name, narrowed) for name, narrowed in judged if narrowed is not None]
     reasons: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
@@ -98,7 +98,7 @@ def _device(found: StaticEstimate, sensor: str) -> list[str]:
 
 
 def _left_out(found: StaticEstimate, sensor: str) -> list[str]:
-    kinds = ("force",) if sensor == "accelerometer" else ("rate", "turn")
+    kinds = ("force", "face") if sensor == "accelerometer" else ("rate", "turn", "whole turn", "table")
     out = [node for kind, node in found.left_out if kind in kinds]
     if len(out) <= MAX_LEFT_OUT * found.problem.rests.count:
         return []

@@ -10,8 +10,10 @@ from kreisel.geometry.rotation import exp, matrix
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.preparation.gravity import site_of
 from kreisel.simulation import standstills
-from kreisel.static.multi_position import first_values, fitted
-from kreisel.static.rest_equations import ATTITUDE, attitudes_by, linearised
+from kreisel.static.first_values import first_values
+from kreisel.static.multi_position import fitted
+from kreisel.static.rest_chain import ATTITUDE
+from kreisel.static.rest_equations import attitudes_by, linearised
 from kreisel.static.rest_noise import NO_NOISE
 from kreisel.static.rest_problem import RestProblem, begun, raw_of
 from kreisel.static.rest_search import find_rests

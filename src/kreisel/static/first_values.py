@@ -1,0 +1,75 @@
+"""First values from standstills, from no knowledge of the device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array, right_angle_turns
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.parameters import CellParameters
+from kreisel.static.rest_problem import RestProblem, begun
+from kreisel.static.turns import turns_between
+
+MIN_ATTITUDES = 6
+"""Fewest standstills. Chosen: scale factors and offsets of three axes need six; fewer show nothing of their own."""
+
+_ITERATIONS = 20
+"""Steps of Gauss-Newton for the lengths of forces. Chosen: they settle in six."""
+
+_MISFIT, _USUAL_K, _USUAL_OFFSET = 0.02, 0.05, 1.0
+"""m/s^2, 1 and m/s^2: what is left of a force by first values, and usual deviations of K from one and of offsets."""
+
+_FAR = 0.5
+"""Distance of two unit vectors from which on it counts no more. Chosen: a turn that is read wrong must not decide, and
+turns by half a circle, which fit four of the choices, may be more than half of all."""
+
+
+def first_values(problem: RestProblem) -> CellParameters:
+    """Return parameters by which all forces are about as long as gravity, and the gyros turned as the forces say.
+
+    Raises
+    ------
+    RecordingError
+        If there are too few standstills.
+    """
+    if problem.rests.count < MIN_ATTITUDES:
+        raise RecordingError(
+            f"{problem.rests.count} standstills, expected {MIN_ATTITUDES} or more in different attitudes, a dozen if "
+            "possible", file=problem.imu.source,
+        )  # fmt: skip
+    K, k = _by_length(problem.rests.forces, problem.site.gravity)
+    sensors = SensorParameters(np.eye(3), np.zeros((1, 3)), K, k[None], np.zeros((3, 3)))
+    sensors = replace(sensors, k_w=-np.median(problem.rests.rates, axis=0)[None])
+    up = (problem.rests.forces + k) @ K.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    best, least = sensors, np.inf
+    for sign in (1.0, -1.0):
+        own = replace(sensors, K_omega=sign * np.eye(3))
+        turns = turns_between(problem.imu, problem.raw, problem.rests, own)
+        for Q in right_angle_turns():
+            seen = np.einsum("ij,mkj,kl,ml->mi", Q, turns.rotations, Q.T, up[:-1])
+            misfit = float(np.mean(np.minimum(np.linalg.norm(seen - up[1:], axis=1), _FAR)))
+            if misfit < least:
+                best, least = replace(sensors, K_omega=sign * Q), misfit
+    return begun(best, problem.site)
+
+
+def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
+    """Return an upper triangular K (3, 3) and k (3,) with |K (a + k)| = g, from no errors on, by Gauss-Newton."""
+    places = np.triu_indices(3)
+    x = np.concatenate([np.eye(3)[places], np.zeros(3)])
+    nominal = x.copy()
+    held = np.diag((_MISFIT / np.repeat([_USUAL_K, _USUAL_OFFSET], [6, 3])) ** 2)  # what few attitudes do not show
+    for _ in range(_ITERATIONS):
+        K = np.zeros((3, 3))
+        K[places] = x[:6]
+        y = forces + x[6:]
+        f = y @ K.T
+        length = np.linalg.norm(f, axis=1)
+        u = f / length[:, None]
+        J = np.column_stack([*(u[:, i] * y[:, j] for i, j in zip(*places, strict=True)), u @ K])
+        x = x + np.linalg.solve(J.T @ J + held, J.T @ (gravity - length) - held @ (x - nominal))
+    return K, x[6:]

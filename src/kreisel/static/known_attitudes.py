@@ -1,0 +1,210 @@
+"""What is known of attitudes besides gravity: faces of a case, whole turns on a table, turns by a turntable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices, Mask, exp, from_matrix, from_two_vectors, log, matrix, skew
+from kreisel.model.parameters import CellParameters
+from kreisel.static.rest_chain import ATTITUDE, NODE, Equations
+from kreisel.static.rest_problem import Nuisance, RestProblem, nuisance
+
+_CASE_TURNED = 0.3
+"""rad: deviation of the accelerometers' axes from those of their case, and of a table's axis from the first one found.
+Chosen: nobody mounts them worse, and data decide soon."""
+
+_FACE, _HEADING, _TABLE = 1e-4, 1e-4, 1e-6
+"""rad: what is always uncertain of a face's vertical, of the heading after a whole turn, and of a turntable's turn. The
+noise figure of each, found by evidence, begins at an eighth of it."""
+
+_SKEWED = np.array([
+    [[0.0, 0.5, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
+    [[0.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0]],
+    [[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.5, 0.0]],
+])  # fmt: skip
+"""How much the normals of faces x, y, z (rows) move by a unit of the angles between x and y, x and z, y and z."""
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Standstills on the faces of a case, opposite faces parallel, their normals at right angles within some deviation.
+
+    Attributes
+    ----------
+    node : (k,)
+        Standstills.
+    axis, sign : (k,)
+        Axis of the case, 0 to 2, that points up, or down if the sign is -1.
+    squareness
+        Standard deviation of the angles between faces, rad.
+    """
+
+    node: Indices
+    axis: Indices
+    sign: Array
+    squareness: float
+
+    kind = "face"
+    gives_heading = False
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """The case's rotation against the accelerometers' axes, and the angles between its faces."""
+        labels = (*(f"case.rotation[{i}]" for i in range(3)), *(f"case.angles[{i}]" for i in range(3)))
+        return (Nuisance("case", labels, np.repeat([_CASE_TURNED, self.squareness], 3)),)
+
+    @property
+    def white(self) -> Array:
+        """See `rest_problem.Knowledge`."""
+        return np.full((self.node.size, 3), _FACE**2)
+
+    @property
+    def share(self) -> Array:
+        """See `rest_problem.Knowledge`: nothing along the normal, where no row says anything."""
+        return 1.0 - np.eye(3)[self.axis]
+
+    def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
+        """Return that the normal of a face is up, by equation (35) of docs/explanation/model.md."""
+        rotation, angles = np.split(nuisance(p, "case", 6), 2)
+        R = matrix(exp(rotation))
+        normals = np.eye(3) + np.einsum("kij,k->ij", _SKEWED, angles)
+        n = self.sign[:, None] * normals[self.axis]
+        up = -C[self.node, 2]
+        seen = up @ R.T
+        across = self.share[:, :, None]
+        of_node = np.zeros((self.node.size, 3, NODE))
+        of_node[..., ATTITUDE] = across * (skew(n) @ R @ skew(up))
+        by_rotation = -skew(n) @ skew(seen) @ _left_jacobian(rotation)
+        by_angles = -skew(seen) @ np.moveaxis(self.sign[:, None, None] * _SKEWED[:, self.axis].swapaxes(0, 1), 1, 2)
+        columns = {"case": across * np.concatenate([by_rotation, by_angles], axis=2)}
+        r = self.share * np.cross(n, seen)
+        return Equations(r, self.node, of_node, None, problem.columns(columns, self.node.size))
+
+    def part(self, keep: Indices) -> Self:
+        """See `rest_problem.Knowledge`."""
+        own = np.isin(self.node, keep)
+        return replace(self, node=self.node[own] - keep[0], axis=self.axis[own], sign=self.sign[own])
+
+
+@dataclass(frozen=True)
+class WholeTurns:
+    """Turns on a table, after which the heading is that from before, (k,): from these standstills to the next ones."""
+
+    node: Indices
+
+    kind = "whole turn"
+    gives_heading = False
+    nuisances: tuple[Nuisance, ...] = ()
+
+    @property
+    def white(self) -> Array:
+        """See `rest_problem.Knowledge`."""
+        return np.full((self.node.size, 3), _HEADING**2)
+
+    @property
+    def share(self) -> Array:
+        """See `rest_problem.Knowledge`: only the last row says anything."""
+        return np.tile([0.0, 0.0, 1.0], (self.node.size, 1))
+
+    def equations(self, problem: RestProblem, _: CellParameters, C: Array) -> Equations:
+        """Return that the heading is the same; of the tilt gravity says more."""
+        r, own, following = _relative(C[self.node], C[self.node + 1])
+        level = C[self.node + 1] * np.array([0.0, 0.0, 1.0])[:, None]
+        none = np.zeros((self.node.size, 3, problem.layout.degrees))
+        return Equations(np.einsum("kij,kj->ki", level, r), self.node, level @ own, level @ following, none)
+
+    def part(self, keep: Indices) -> Self:
+        """See `rest_problem.Knowledge`."""
+        return replace(self, node=self.node[_inside(self.node, keep)] - keep[0])
+
+
+@dataclass(frozen=True)
+class TableTurns:
+    """Turns by a turntable about an axis that is nearly known.
+
+    Attributes
+    ----------
+    node : (k,)
+        From these standstills to the next ones.
+    angle : (k,)
+        rad.
+    axis : (3,)
+        Of the table, in the local level, as first found; of unit length.
+    """
+
+    node: Indices
+    angle: Array
+    axis: Array
+
+    kind = "table"
+
+    @property
+    def gives_heading(self) -> bool:
+        """A level axis is where its heading is known."""
+        return bool(abs(self.axis[2]) < np.sqrt(0.5))
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """The axis's misalignment against the first one, about the two axes across."""
+        return (Nuisance("table", ("table.axis[0]", "table.axis[1]"), np.full(2, _CASE_TURNED)),)
+
+    @property
+    def white(self) -> Array:
+        """See `rest_problem.Knowledge`."""
+        return np.full((self.node.size, 3), _TABLE**2)
+
+    @property
+    def share(self) -> Array:
+        """See `rest_problem.Knowledge`."""
+        return np.ones((self.node.size, 3))
+
+    def axis_by(self, p: CellParameters) -> tuple[Array, Array]:
+        """Return the axis (3,), and its derivative by both nuisances (3, 2)."""
+        across = matrix(from_two_vectors([0.0, 0.0, 1.0], self.axis))[:, :2]
+        n = self.axis + across @ nuisance(p, "table", 2)
+        length = np.linalg.norm(n)
+        n = n / length
+        return n, (np.eye(3) - np.outer(n, n)) @ across / length
+
+    def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
+        """Return that a turn is one about the axis by the angle, by equation (36) of docs/explanation/model.md."""
+        n, J = self.axis_by(p)
+        vector = self.angle[:, None] * n
+        T = matrix(exp(vector))
+        before, after = T @ C[self.node], C[self.node + 1]
+        r, own, following = _relative(before, after)
+        # exp(v + dv) = exp(J_l dv) exp(v); seen from the next b
+        turned = -np.swapaxes(after, 1, 2) @ np.stack([_left_jacobian(v) for v in vector]) @ J
+        columns = {"table": self.angle[:, None, None] * turned}
+        return Equations(r, self.node, own, following, problem.columns(columns, self.node.size))
+
+    def part(self, keep: Indices) -> Self:
+        """See `rest_problem.Knowledge`."""
+        own = _inside(self.node, keep)
+        return replace(self, node=self.node[own] - keep[0], angle=self.angle[own])
+
+
+def _inside(node: Indices, keep: Indices) -> Mask:
+    """Return which turns from standstills (k,) to the next ones lie within some in a row."""
+    return np.asarray((node >= keep[0]) & (node < keep[-1]))
+
+
+def _relative(before: Array, after: Array) -> tuple[Array, Array, Array]:
+    """Return log(before^T after) (k, 3), and its derivatives by the unknowns of both standstills, (k, 3, NODE)."""
+    A = np.swapaxes(before, 1, 2) @ after
+    own, following = np.zeros((len(A), 3, NODE)), np.zeros((len(A), 3, NODE))
+    own[..., ATTITUDE] = -np.swapaxes(A, 1, 2)
+    following[..., ATTITUDE] = np.eye(3)
+    return log(from_matrix(A)), own, following
+
+
+def _left_jacobian(v: Array) -> Array:
+    """Return J (3, 3) with exp(v + dv) = exp(J dv) exp(v)."""
+    angle = float(np.linalg.norm(v))
+    S = skew(v)
+    if angle < 1e-6:
+        return np.eye(3) + 0.5 * S
+    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * S + (angle - np.sin(angle)) / angle**3 * S @ S)

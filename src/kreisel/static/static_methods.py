@@ -1,0 +1,181 @@
+"""Which static method the data allow: what is known of the attitudes, and the first values that follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.errors import RecordingError, SettingsError, SynchronizationError, unknown_name
+from kreisel.geometry.rotation import Array, Indices, Mask, exp
+from kreisel.model.parameters import CellParameters
+from kreisel.recording.recording import ImuSamples, ReferencePoses, TableAngles
+from kreisel.static.first_values import first_values
+from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
+from kreisel.static.rest_equations import attitudes_by
+from kreisel.static.rest_problem import RestProblem
+from kreisel.static.turns import turns_between
+from kreisel.synchronization.correlation import correlate
+
+METHODS = ("multi-position", "six-position", "ferraris", "turntable")
+"""Names of the static methods, by what is known of the attitudes besides gravity: nothing, faces of a case, faces and
+whole turns, turns of a table."""
+
+SQUARENESS = 1e-3
+"""rad; standard deviation of the angles between a case's faces. Chosen: a milled case has less, a moulded one more."""
+
+_ON_A_FACE, _NEAR = 0.26, 0.09
+"""rad: largest tilt of a standstill that counts as one on a face if the method is stated, and if it is not."""
+
+_FULL = 0.12
+"""Share by which a whole turn by uncalibrated gyros may differ from one. Chosen: no device errs by more."""
+
+_TURNED, _STILL = 0.02, 2e-3
+"""rad: least turn of a table that is used, and most that it may move at a standstill. Chosen: below the first its
+encoder and its bearing count too much; the second is beyond the noise of any encoder."""
+
+_SAME = 0.15
+"""Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
+
+
+def with_method(problem: RestProblem, stated: str | None, table: TableAngles | None,
+                squareness: float) -> tuple[str, RestProblem, CellParameters]:  # fmt: skip
+    """Return the method, the problem with what is known by it, and first values.
+
+    Parameters
+    ----------
+    stated
+        One of `METHODS`; None for the one that the data show.
+    squareness
+        See `SQUARENESS`.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown method.
+    RecordingError
+        If the recording is not one for the stated method.
+    """
+    if stated is not None and stated not in METHODS:
+        raise SettingsError(unknown_name("method", stated, METHODS))
+    if stated == "turntable" and table is None:
+        raise RecordingError("no table0/data.csv; the turntable's angle or rate is needed", file=problem.imu.source)
+    if table is not None and stated in (None, "turntable"):
+        return "turntable", *_on_turntable(problem, table)
+    start = first_values(problem)
+    if stated == "multi-position":
+        return stated, problem, start
+    faces = _faces(problem, start, _NEAR if stated is None else _ON_A_FACE, squareness)
+    found = {(int(a), float(s)) for a, s in zip(faces.axis, faces.sign, strict=True)}
+    if stated is None and (len(found) < 6 or faces.node.size < problem.rests.count):
+        return "multi-position", problem, start
+    if len(found) < 6:
+        missing = ", ".join(f"{s}{'xyz'[a]}" for a in range(3) for s in "+-" if (a, float(f"{s}1")) not in found)
+        raise RecordingError(
+            f"no standstill has the axis {missing} up; {stated} needs all six faces, laid down one after the other",
+            file=problem.imu.source,
+        )
+    turns = _whole_turns(problem, start, faces)
+    about = set(faces.axis[np.isin(faces.node, turns.node)].tolist())
+    if stated == "six-position" or (stated is None and len(about) < 3):
+        return "six-position", replace(problem, known=(faces,)), start
+    if len(about) < 3:
+        missing = ", ".join("xyz"[a] for a in range(3) if a not in about)
+        raise RecordingError(
+            f"no whole turn about the axis {missing} is found between two standstills on one face; ferraris needs one "
+            "about each axis: lay the device down, turn it on the table by 360 deg, and leave it again",
+            file=problem.imu.source,
+        )
+    return "ferraris", replace(problem, known=(faces, turns)), start
+
+
+def _faces(problem: RestProblem, start: CellParameters, near: float, squareness: float) -> Faces:
+    """Return the standstills on a face, its normal within an angle of the vertical."""
+    up = (problem.rests.forces + start.sensors.k_a[0]) @ start.sensors.K_a.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    axis: Indices = np.argmax(np.abs(up), axis=1)
+    largest = np.take_along_axis(up, axis[:, None], axis=1)[:, 0]
+    node = np.flatnonzero(np.abs(largest) > np.cos(near))
+    return Faces(node, axis[node], np.sign(largest[node]), squareness)
+
+
+def _whole_turns(problem: RestProblem, start: CellParameters, faces: Faces) -> WholeTurns:
+    """Return the turns that leave a face up and go round about it, once or several times."""
+    way = _sums(problem, start)
+    face = np.zeros((problem.rests.count, 3))
+    face[faces.node, faces.axis] = faces.sign
+    same = np.einsum("mi,mi->m", face[:-1], face[1:]) > 0.5
+    about = np.einsum("mi,mi->m", way, face[:-1]) / (2.0 * np.pi)
+    size = np.linalg.norm(way, axis=1) / (2.0 * np.pi)
+    number = np.round(np.abs(about))
+    whole = (number >= 1.0) & (np.abs(np.abs(about) - number) < _FULL * number) & (np.abs(about) > 0.95 * size)
+    return WholeTurns(np.flatnonzero(same & whole))
+
+
+def _sums(problem: RestProblem, start: CellParameters) -> Array:
+    """Return the integral of the rates between standstills by first values, (M - 1, 3), rad."""
+    imu, rests, sensors = problem.imu, problem.rests, start.sensors
+    rate = (imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(imu.seconds)[:, None]
+    whole = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return np.asarray(whole[rests.first[1:]] - whole[rests.last[:-1] - 1])
+
+
+def _on_turntable(problem: RestProblem, table: TableAngles) -> tuple[RestProblem, CellParameters]:
+    """Return the problem with the turns of a table, and first values.
+
+    Notes
+    -----
+    An integral of readings about a fixed axis gives the first gyro matrix linearly, over any number of turns.
+    """
+    rests = problem.rests
+    seconds = _table_seconds(problem.imu, table)
+    begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
+    still: Mask = np.abs(end - begin) < _STILL
+    if np.count_nonzero(still) < 2:
+        raise RecordingError(
+            "the turntable never stands still long enough: let it rest for two seconds between two rates, or angles",
+            file=table.source,
+        )
+    problem = replace(problem, rests=rests.part(still))
+    angle = begin[still][1:] - end[still][:-1]
+    start = first_values(problem)
+    way = _sums(problem, start)
+    size = np.linalg.norm(way, axis=1)
+    by_table = (np.abs(angle) > _TURNED) & (np.abs(size - np.abs(angle)) < _SAME * np.abs(angle))
+    node = np.flatnonzero(by_table)
+    if not node.size:
+        raise RecordingError(
+            "no turn of the table agrees with the gyros: are its angle in rad or deg as its header says, and its "
+            "stamps those of the same motion?", file=table.source,
+        )  # fmt: skip
+    C = attitudes_by(problem, start, turns_between(problem.imu, problem.raw, problem.rests, start.sensors))
+    axes = np.einsum("kij,kj->ki", C[node], way[node] / angle[node, None])
+    axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
+    axis /= np.linalg.norm(axis)
+    turns = TableTurns(node, angle[node], axis)
+    return replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node])
+
+
+def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:
+    """Return first values with a gyro matrix by which integrals of rates (k, 3) are the table's turns."""
+    meant = turns.angle[:, None] * np.einsum("kji,j->ki", C, turns.axis)
+    held = 1e-4 * float(np.sum(turns.angle**2)) * np.eye(3)
+    change = np.linalg.solve(way.T @ way + held, way.T @ meant + held).T
+    return replace(start, sensors=replace(start.sensors, K_omega=change @ start.sensors.K_omega))
+
+
+def _table_seconds(imu: ImuSamples, table: TableAngles) -> Array:
+    """Return the table's seconds at every sample of the IMU, (n,)."""
+    turned = exp(table.angles[:, None] * np.array([0.0, 0.0, 1.0]))
+    try:
+        found = correlate(imu, ReferencePoses("table0", table.stamps_ns, None, turned, table.source))
+    except SynchronizationError as error:
+        t = (imu.stamps_ns - table.stamps_ns[0]) * 1e-9
+        if t[-1] < 0.0 or t[0] > table.seconds[-1]:
+            raise RecordingError(
+                f"the turntable's stamps are not those of the IMU, and its motion is another one: {error}",
+                file=table.source,
+            ) from error
+        return np.asarray(t)
+    return found.clock.reference_time(imu.seconds)

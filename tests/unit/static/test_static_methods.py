@@ -1,0 +1,125 @@
+"""Which static method is used: what the data show, what is stated, and what is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.formats.loading import load
+from kreisel.formats.write import write_folder
+from kreisel.preparation.gravity import site_of
+from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
+from kreisel.static.rest_problem import RestProblem, raw_of
+from kreisel.static.rest_search import find_rests
+from kreisel.static.static_methods import SQUARENESS, with_method
+from kreisel.validation.checks import check_streams
+
+
+def case(seed=1, **how):
+    _, recording = hand_turned(HandTurns("fog-mems", rest=3.0, **how), np.random.default_rng(seed))
+    recording = check_streams(recording)
+    imu = recording.imu
+    return RestProblem(imu, raw_of(imu), find_rests(imu), site_of(recording.settings.site)[0]), recording.table
+
+
+def chosen(stated, problem, table=None):
+    return with_method(problem, stated, table, SQUARENESS)
+
+
+@pytest.mark.parametrize(
+    ("laid", "method", "kinds"),
+    [("anyhow", "multi-position", ()), ("faces", "six-position", (Faces,)),
+     ("whole turns", "ferraris", (Faces, WholeTurns)), ("turntable", "turntable", (TableTurns,))],
+)  # fmt: skip
+def test_the_data_show_the_method(laid, method, kinds):
+    problem, table = case(laid=laid, attitudes=12)
+    name, found, _ = chosen(None, problem, table)
+    assert name == method
+    assert tuple(type(one) for one in found.known) == kinds
+
+
+def test_what_is_known_is_what_was_done():
+    problem, _ = case(laid="whole turns", attitudes=6)
+    faces, turns = chosen("ferraris", problem)[1].known
+    assert faces.axis.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]  # the first face of each axis twice, with a turn between
+    assert faces.sign.tolist() == [1, 1, -1] * 3
+    assert turns.node.tolist() == [0, 3, 6]
+    assert chosen("six-position", problem)[0] == "six-position"
+    assert chosen("multi-position", problem)[1].known == ()
+
+
+def test_table_turns_have_the_angle_of_the_table_whatever_its_clock():
+    problem, table = case(laid="turntable", attitudes=12)
+    later = replace(table, stamps_ns=table.stamps_ns + 5_000_000_000)
+    for one in (table, later):
+        (turns,) = chosen(None, problem, one)[1].known
+        assert turns.node.size == 9
+        assert np.abs(turns.angle).max() > 2.0 * np.pi
+        np.testing.assert_allclose(np.abs(turns.axis), [0.0, 0.0, 1.0], atol=0.1)
+    angles = np.interp(problem.rests.seconds, table.seconds - 0.04, table.angles)
+    np.testing.assert_allclose(turns.angle, np.diff(angles)[turns.node], atol=1e-3)
+
+
+def test_what_is_missing_is_said():
+    problem, table = case(laid="faces", attitudes=12)
+    for stated, text in (
+        ("ferraris", "no whole turn about the axis x, y, z is found"),
+        ("turntable", "no table0/data.csv"),
+    ):
+        with pytest.raises(RecordingError, match=text):
+            chosen(stated, problem, table)
+    with pytest.raises(SettingsError, match="unknown method"):
+        chosen("guess", problem)
+    some = replace(problem, rests=problem.rests.part(np.arange(10)[np.arange(10) % 6 != 1]))
+    with pytest.raises(RecordingError, match="no standstill has the axis -x up"):
+        chosen("six-position", some)
+
+
+def test_a_table_of_another_motion_is_refused():
+    problem, table = case(laid="turntable", attitudes=12)
+    for wrong, text in (
+        (replace(table, angles=3.0 * table.angles), "agrees with the gyros"),
+        (replace(table, angles=np.linspace(0.0, 100.0, table.angles.size)), "never stands still"),
+        (
+            replace(table, angles=np.zeros(table.angles.size), stamps_ns=table.stamps_ns + 10**13),
+            "not those of the IMU",
+        ),
+    ):
+        with pytest.raises(RecordingError, match=text):
+            chosen(None, problem, wrong)
+
+
+def test_a_table_is_read_by_angle_and_by_rate(tmp_path):
+    _, recording = hand_turned(HandTurns("fog-mems", laid="turntable", attitudes=6, rest=2.0), np.random.default_rng(2))
+    write_folder(recording, tmp_path / "angle")
+    read = load(tmp_path / "angle")
+    assert read.reference is None
+    np.testing.assert_allclose(read.table.angles, recording.table.angles, atol=1e-9)
+    assert np.array_equal(read.table.stamps_ns, recording.table.stamps_ns)
+    write_folder(recording, tmp_path / "rate")
+    rate = np.degrees(np.gradient(recording.table.angles, recording.table.seconds))
+    rows = "\n".join(f"{t},{w:.9f}" for t, w in zip(recording.table.stamps_ns, rate, strict=True))
+    (tmp_path / "rate" / "table0" / "data.csv").write_text(f"#timestamp [ns],rate [deg/s]\n{rows}\n")
+    by_rate = load(tmp_path / "rate").table
+    assert by_rate.by_rate
+    np.testing.assert_allclose(by_rate.angles - by_rate.angles[0], recording.table.angles, atol=2e-3)
+    wrapped = np.angle(np.exp(1j * recording.table.angles))
+    rows = "\n".join(f"{t},{a:.9f}" for t, a in zip(recording.table.stamps_ns, wrapped, strict=True))
+    (tmp_path / "rate" / "table0" / "data.csv").write_text(f"#timestamp [ns],angle [rad]\n{rows}\n")
+    np.testing.assert_allclose(load(tmp_path / "rate").table.angles, recording.table.angles, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("#timestamp [ns],height [m]\n0,1\n1,2\n", "expected #timestamp"),
+     ("#timestamp [ns],angle [rad]\n0,1\n", "two rows"),
+     ("#timestamp [ns],angle [rad]\n5,1\n5,2\n7,3\n", "do not increase")],
+)  # fmt: skip
+def test_a_table_that_cannot_be_read_is_refused(tmp_path, text, message):
+    _, recording = hand_turned(HandTurns("fog-mems", laid="turntable", attitudes=3, rest=2.0), np.random.default_rng(2))
+    write_folder(recording, tmp_path / "own")
+    (tmp_path / "own" / "table0" / "data.csv").write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        load(tmp_path / "own")
