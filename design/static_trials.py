@@ -50,19 +50,34 @@ SITUATIONS = {
         for laid in ("faces", "whole turns", "turntable")
         for grade in GRADES
     },
+    "faces, case skewed by 5 mrad": HandTurns(attitudes=12, laid="faces", squareness=5e-3),
+    "faces, laid down to 30 mrad": HandTurns(attitudes=12, laid="faces", laid_error=0.03),
+    "faces, held to 0.1 rad": HandTurns(attitudes=12, laid="faces", laid_error=0.1, tremor=2e-3),
+    "whole turns, to 50 mrad": HandTurns(attitudes=12, laid="whole turns", heading_error=0.05),
+    "whole turns, all short by 0.1 rad": HandTurns(attitudes=12, laid="whole turns", heading_bias=0.1),
+    "whole turns, fog, short by 0.1 rad": HandTurns("fog", attitudes=12, laid="whole turns", heading_bias=0.1),
+    "turntable, axis off by 0.2 rad": HandTurns(attitudes=12, laid="turntable", table_tilt=0.2),
+    "turntable, level axis": HandTurns(attitudes=18, laid="turntable", table_axis=(1.0, 0.0, 0.0)),
+    "turntable, wobbling by 3 mrad": HandTurns(attitudes=12, laid="turntable", table_error=3e-3),
+    "turntable, angle wrong by 1 %": HandTurns(attitudes=12, laid="turntable", table_scale=0.01),
+    "turntable, fog, angle wrong by 1 %": HandTurns("fog", attitudes=12, laid="turntable", table_scale=0.01),
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }
 
 
 def trial(name: str, number: int) -> list[str]:
-    """Return situation, number, verdict, worst score, its parameter, and error over deviation of both sensors."""
+    """Return situation, number, verdict, worst score, its parameter, and error over deviation.
+
+    That is of the gyros and of the accelerometers without offsets, and of the offsets, whose deviations hold for any
+    moment of the recording.
+    """
     how = SITUATIONS[name]
     truth, recording = hand_turned(how, np.random.default_rng([number, *name.encode()]))
     try:
         found = calibrate_static(check_streams(recording))
     except KreiselError as error:
-        return [name, str(number), "refused", "", str(error)[:80], "", ""]
+        return [name, str(number), "refused", "", str(error)[:80], "", "", ""]
     C, _ = upper_triangular(truth.K_a)
     true = begun(turned(truth, C, np.zeros(3)), found.found.problem.site)
     scores = _scores(true, found)
@@ -70,7 +85,9 @@ def trial(name: str, number: int) -> list[str]:
     usual = [k for k in ok if found.calibration.names[k].startswith(("gyroscope.", "accelerometer."))]
     worst = max(usual, key=lambda k: abs(scores[k])) if usual else 0
     names = found.calibration.names
-    squares = [[scores[k] ** 2 for k in usual if names[k].startswith(s)] for s in ("gyroscope", "accelerometer")]
+    groups = ["offsets" if ".offset[" in names[k] else names[k].partition(".")[0] for k in usual]
+    squares = [[scores[k] ** 2 for k, g in zip(usual, groups, strict=True) if g == own]
+               for own in ("gyroscope", "accelerometer", "offsets")]  # fmt: skip
     rms = [float(np.sqrt(np.mean(own or [np.nan]))) for own in squares]
     verdict = "accepted" if found.calibration.accepted else "rejected"
     return [name, str(number), verdict, f"{abs(scores[worst]):.2f}", names[worst], *(f"{r:.3f}" for r in rms)]
@@ -84,9 +101,9 @@ def _scores(true: CellParameters, found: StaticOutcome) -> Array:
     return np.asarray(error[: deviation.size] / deviation)
 
 
-COLUMNS = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers"]
+COLUMNS = ["situation", "number", "verdict", "worst", "parameter", "gyros", "accelerometers", "offsets"]
 HEADER = ["situation", "runs", "accepted", "wrong", "rejected", "refused", "worst accepted", "gyros: error / sd",
-          "accelerometers: error / sd"]  # fmt: skip
+          "accelerometers: error / sd", "offsets: error / sd"]  # fmt: skip
 
 
 def main() -> None:
@@ -116,8 +133,8 @@ def summary(name: str, own: list[list[str]]) -> list[str]:
     counts = [sum(row[2] == verdict for row in own) for verdict in ("accepted", "rejected", "refused")]
     wrong = sum(float(row[3]) > WRONG for row in accepted)
     if not accepted:
-        return [name, str(len(own)), "0", "0", *map(str, counts[1:]), "", "", ""]
-    ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) for k in (5, 6)]
+        return [name, str(len(own)), "0", "0", *map(str, counts[1:]), "", "", "", ""]
+    ratios = [np.sqrt(np.nanmean([float(row[k]) ** 2 for row in accepted])) for k in (5, 6, 7)]
     worst = max(float(row[3]) for row in accepted)
     return [name, str(len(own)), str(counts[0]), str(wrong), *map(str, counts[1:]), f"{worst:.1f}",
             *(f"{ratio:.2f}" for ratio in ratios)]  # fmt: skip

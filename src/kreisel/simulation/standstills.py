@@ -58,12 +58,14 @@ class HandTurns:
     laid
         Anyhow; on the six faces of a case in turn, `attitudes` in all; the same with a whole turn on three of them; or
         on a turntable, in three mountings.
-    laid_error, heading_error
-        rad: of each standstill on a face, and of the heading after a whole turn.
+    laid_error, heading_error, heading_bias
+        rad: of each standstill on a face, and of the heading after a whole turn; by what all of these turn too little.
     squareness
         Of the angles between faces, rad.
-    table_tilt, table_error
-        Of a turntable's axis against the vertical, and of each of its turns, rad.
+    table_axis, table_tilt, table_error
+        Of a turntable: its axis in the local level, how far that is off, and the error of each of its turns, rad.
+    table_scale
+        Error of its angle's scale.
     """
 
     grade: str = "consumer-mems"
@@ -83,9 +85,12 @@ class HandTurns:
     laid: Literal["anyhow", "faces", "whole turns", "turntable"] = "anyhow"
     laid_error: float = 3e-3
     heading_error: float = 5e-3
+    heading_bias: float = 0.0
     squareness: float = 1e-3
+    table_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     table_tilt: float = 0.02
     table_error: float = 1e-4
+    table_scale: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,7 @@ def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Arra
         omega.append((apply(conjugate(after), first * v1[:, None]) + second * v2[:, None]) / (share * seconds))
         by_hand = vector is None or how.laid != "turntable"
         pulse.append(by_hand * np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
-        way = 0.0 if vector is None or by_hand else np.sign(vector[2]) * float(np.linalg.norm(vector))
+        way = 0.0 if vector is None or by_hand else (1.0 + how.table_scale) * float(vector @ how.table_axis)
         angle.append(turned + way * s1)
         turned += way
     return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse), np.concatenate(angle)
@@ -209,16 +214,17 @@ def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
         out.append(_Move(q))
         if how.laid == "whole turns" and sign > 0.0:
             tilt = rng.normal(0.0, 0.3 * how.laid_error, 3)
-            tilt[2] = rng.normal(0.0, how.heading_error)
-            turn = rng.choice([-1.0, 1.0]) * np.array([0.0, 0.0, 2.0 * np.pi])
+            sense = rng.choice([-1.0, 1.0])
+            tilt[2] = rng.normal(0.0, how.heading_error) - sense * how.heading_bias
+            turn = sense * np.array([0.0, 0.0, 2.0 * np.pi])
             out.append(_Move(multiply(exp(tilt), q), turn))
     return out
 
 
 def _on_table(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
-    """Return standstills in three mountings on a turntable, the axes x, y and z up, and turned by it each time."""
-    tilt = rng.normal(0.0, how.table_tilt, 2)
-    axis = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    """Return standstills in three mountings on a turntable, the axes x, y and z along its own, and turned each time."""
+    axis = np.array(how.table_axis) + rng.normal(0.0, how.table_tilt, 3)
+    axis /= np.linalg.norm(axis)
     out: list[_Move] = []
     for mounting in range(3):
         q = from_two_vectors(np.eye(3)[mounting], -axis)

@@ -117,9 +117,11 @@ class StaticEstimate:
 
 
 def estimate_static(
-    problem: RestProblem, start: CellParameters, progress: StepProgress | None = None
+    problem: RestProblem, start: CellParameters, progress: StepProgress | None = None, attitudes: Array | None = None
 ) -> StaticEstimate:
     """Return the estimate: usual parameters from `start`, then what does not fit is left out, then effects.
+
+    attitudes: first ones (M, 3, 3), if something gives them.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def estimate_static(
     """
     tell = progress or (lambda _: None)
     tell(0.1)
-    found = fitted(problem, start, NO_NOISE, {})
+    found = fitted(problem, start, NO_NOISE, {}, attitudes)
     if problem.own_frame and (np.diag(found.parameters.sensors.K_a) < 0.0).any():
         found = fitted(problem, _mirrored(found.parameters), found.noise, {})
     found = _robust(found)

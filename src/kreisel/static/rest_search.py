@@ -26,6 +26,12 @@ _ALWAYS_STILL = (2e-3, 0.02)
 _NEVER_STILL = (0.06, 0.5)
 """rad/s and m/s^2: scatter of the means of blocks that always counts as standstill, and that never does."""
 
+_TURNING = 4.0
+"""Deviations of a block's mean rate from which on the device turns at either end of a standstill."""
+
+_NOTHING = 1e-9
+"""rad/s; rates that count as the same, where there is no noise."""
+
 _MOVED = 0.05
 """m/s^2; change of the force within a standstill, from its first half to its second, beyond the noise, with which it is
 none: 5 mrad. Smaller changes count as an error of this standstill."""
@@ -74,6 +80,22 @@ def _still(means: list[Array], broken: Mask) -> Mask:
     return still
 
 
+def _trimmed(rates: Array, first: int, step: int) -> tuple[int, int]:
+    """Return the first sample and the number of blocks of a standstill without the ends at which it already turns.
+
+    A turn about the vertical that begins gently shows in nothing but the rates.
+
+    rates: means of its blocks, (k, 3).
+    """
+    middle = rates[len(rates) // 4 : -(len(rates) // 4)]
+    noise = np.sqrt(np.mean(np.diff(middle, axis=0) ** 2, axis=0) / 2.0)
+    away = np.abs(rates - np.median(middle, axis=0))
+    at = np.flatnonzero((away <= _TURNING * noise + _NOTHING).all(axis=1))
+    if not at.size:
+        return first, 0
+    return first + int(at[0]) * step, int(at[-1] - at[0]) + 1
+
+
 def _broken(imu: ImuSamples, step: int, blocks: int) -> Mask:
     """Return which blocks contain a gap."""
     out = np.zeros(blocks, dtype=bool)
@@ -87,6 +109,10 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
     t, kept, rows, scatters = imu.seconds, [], [], []
     for a, b in zip(first.tolist(), last.tolist(), strict=True):
         parts = (b - a) // step
+        if parts < 4:
+            continue
+        a, parts = _trimmed(imu.rates[a : a + parts * step].reshape(parts, step, 3).mean(axis=1), a, step)
+        b = min(b, a + parts * step)
         if parts < 4:
             continue
         forces = imu.accelerations[a : a + parts * step].reshape(parts, step, 3).mean(axis=1)

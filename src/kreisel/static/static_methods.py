@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kreisel.errors import RecordingError, SettingsError, SynchronizationError, unknown_name
 from kreisel.geometry.rotation import Array, Indices, Mask, exp
 from kreisel.model.parameters import CellParameters
-from kreisel.recording.recording import ImuSamples, ReferencePoses, TableAngles
+from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, TableAngles
 from kreisel.static.first_values import first_values
 from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
@@ -38,9 +38,42 @@ _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
 
 
-def with_method(problem: RestProblem, stated: str | None, table: TableAngles | None,
-                squareness: float) -> tuple[str, RestProblem, CellParameters]:  # fmt: skip
-    """Return the method, the problem with what is known by it, and first values.
+@dataclass(frozen=True)
+class Chosen:
+    """A method, with what is known by it.
+
+    Attributes
+    ----------
+    name
+        Of the method.
+    problem, start
+        With what is known of the attitudes, and first values.
+    attitudes
+        First ones, (M, 3, 3), where something gives them.
+    warnings
+        What was found on the way.
+    """
+
+    name: str
+    problem: RestProblem
+    start: CellParameters
+    attitudes: Array | None = None
+    warnings: tuple[DataWarning, ...] = ()
+
+
+_DETECTED = {
+    "six-position": "six-position: all standstills are on the six faces of a case, taken to be at right angles "
+    "(--squareness); --method multi-position does without that",
+    "ferraris": "ferraris: all standstills are on the six faces of a case, taken to be at right angles (--squareness), "
+    "with whole turns in between; --method multi-position does without that",
+}
+"""What is said where the data showed the method."""
+
+
+def with_method(
+    problem: RestProblem, stated: str | None, table: TableAngles | None, squareness: float = SQUARENESS
+) -> Chosen:
+    """Return the method with what is known by it.
 
     Parameters
     ----------
@@ -61,14 +94,14 @@ def with_method(problem: RestProblem, stated: str | None, table: TableAngles | N
     if stated == "turntable" and table is None:
         raise RecordingError("no table0/data.csv; the turntable's angle or rate is needed", file=problem.imu.source)
     if table is not None and stated in (None, "turntable"):
-        return "turntable", *_on_turntable(problem, table)
+        return _on_turntable(problem, table)
     start = first_values(problem)
     if stated == "multi-position":
-        return stated, problem, start
+        return Chosen(stated, problem, start)
     faces = _faces(problem, start, _NEAR if stated is None else _ON_A_FACE, squareness)
     found = {(int(a), float(s)) for a, s in zip(faces.axis, faces.sign, strict=True)}
     if stated is None and (len(found) < 6 or faces.node.size < problem.rests.count):
-        return "multi-position", problem, start
+        return Chosen("multi-position", problem, start)
     if len(found) < 6:
         missing = ", ".join(f"{s}{'xyz'[a]}" for a in range(3) for s in "+-" if (a, float(f"{s}1")) not in found)
         raise RecordingError(
@@ -78,7 +111,7 @@ def with_method(problem: RestProblem, stated: str | None, table: TableAngles | N
     turns = _whole_turns(problem, start, faces)
     about = set(faces.axis[np.isin(faces.node, turns.node)].tolist())
     if stated == "six-position" or (stated is None and len(about) < 3):
-        return "six-position", replace(problem, known=(faces,)), start
+        return _chosen("six-position", replace(problem, known=(faces,)), start, stated)
     if len(about) < 3:
         missing = ", ".join("xyz"[a] for a in range(3) if a not in about)
         raise RecordingError(
@@ -86,7 +119,12 @@ def with_method(problem: RestProblem, stated: str | None, table: TableAngles | N
             "about each axis: lay the device down, turn it on the table by 360 deg, and leave it again",
             file=problem.imu.source,
         )
-    return "ferraris", replace(problem, known=(faces, turns)), start
+    return _chosen("ferraris", replace(problem, known=(faces, turns)), start, stated)
+
+
+def _chosen(name: str, problem: RestProblem, start: CellParameters, stated: str | None) -> Chosen:
+    said = () if stated else (DataWarning("method", _DETECTED[name]),)
+    return Chosen(name, problem, start, warnings=said)
 
 
 def _faces(problem: RestProblem, start: CellParameters, near: float, squareness: float) -> Faces:
@@ -121,8 +159,8 @@ def _sums(problem: RestProblem, start: CellParameters) -> Array:
     return np.asarray(whole[rests.first[1:]] - whole[rests.last[:-1] - 1])
 
 
-def _on_turntable(problem: RestProblem, table: TableAngles) -> tuple[RestProblem, CellParameters]:
-    """Return the problem with the turns of a table, and first values.
+def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
+    """Return the method with the turns of a table.
 
     Notes
     -----
@@ -154,7 +192,7 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> tuple[RestProblem
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
     axis /= np.linalg.norm(axis)
     turns = TableTurns(node, angle[node], axis)
-    return replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node])
+    return Chosen("turntable", replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node]))
 
 
 def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:

@@ -3,53 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.data_sheet import derive
-from kreisel.calibration.recording_facts import recording_facts
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.result_sections import (
-    Alignment,
-    CalibrationParts,
-    Consistency,
-    EstimatorFacts,
-    FinalNoise,
-    Measured,
-    Timing,
-    Verdict,
-)
 from kreisel.errors import KreiselError
 from kreisel.estimation.uncertainty import Contribution, along
-from kreisel.estimation.uncertainty_budget import Budget, Source
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array, Mask
-from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.model.groups import group_named
-from kreisel.model.parameters import SENSOR_GROUPS, other_groups, sensor_fields
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.lost_share import lost_share
-from kreisel.static.multi_position import KINDS, StaticEstimate, estimate_static, fitted
+from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
-from kreisel.static.static_methods import SQUARENESS, with_method
+from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
+from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
 
 _NO_GRAVITY = (
     "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
     "site.latitude_deg and site.height_m, state it)"
 )
-
-_DETECTED = {
-    "six-position": "six-position: all standstills are on the six faces of a case, taken to be at right angles "
-    "(--squareness); --method multi-position does without that",
-    "ferraris": "ferraris: all standstills are on the six faces of a case, taken to be at right angles (--squareness), "
-    "with whole turns in between; --method multi-position does without that",
-}
-"""What is said where the data showed the method."""
 
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
@@ -121,41 +98,38 @@ def calibrate_static(
     site, of_site = site_of(table)
     rests = find_rests(recording.imu)
     problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
-    name, problem, start = with_method(problem, method, recording.table, squareness)
-    rests = problem.rests
-    found = estimate_static(problem, start, of_step(progress, "fit"))
-    least, most = lost_share(recording.imu, rests)
+    chosen = with_method(problem, method, recording.table, squareness)
+    known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
+    of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
+    said = (*recording.warnings, *chosen.warnings, *(of_gravity or known))
+    return concluded(recording, replace(chosen, warnings=said), only, progress, began)
+
+
+def concluded(
+    recording: Recording, chosen: Chosen, only: str | None, progress: Progress | None, began: float
+) -> StaticOutcome:
+    """Return the estimate by a method, with account of uncertainty, verdict and result.
+
+    began: `time.perf_counter()` at the beginning.
+    """
+    found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+    rests = found.problem.rests
+    least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
     own = found.problem.reported
     more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most)]
     covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
     halves = _halves(found, walked)
-    known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
-    of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
-    by_itself = [DataWarning("method", _DETECTED[name])] if method is None and name in _DETECTED else []
-    remarks = _remarks(found, walked, least)
-    warnings = (*recording.warnings, *by_itself, *(of_gravity or known), *remarks)
     halves = None if halves is None else halves[:own]
+    warnings = (*chosen.warnings, *_remarks(found, walked, least))
     verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
-    judged = _Judged(name, covariance, _budget(found, more), verdict, time.perf_counter() - began, warnings)
+    judged = Judged(chosen.name, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]
     calibration = Calibration(
-        **vars(_parts(recording, found, judged)), names=names, covariance=covariance,
+        **vars(parts_of(recording, found, judged)), names=names, covariance=covariance,
         prior_deviation=found.problem.width[:own], estimates=np.zeros((0, 1 + 2 * len(names))),
     )  # fmt: skip
-    return StaticOutcome(found, halves, calibration, warnings, name)
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """What is known of a result besides the estimate: method, covariance, budget, verdict, seconds and warnings."""
-
-    method: str
-    covariance: Array
-    budget: Budget
-    verdict: Verdict
-    seconds: float
-    warnings: tuple[DataWarning, ...]
+    return StaticOutcome(found, halves, calibration, warnings, chosen.name)
 
 
 def _contributions(found: StaticEstimate, walked: Array, lost: float) -> list[Contribution]:
@@ -255,84 +229,3 @@ def _warming(found: StaticEstimate) -> list[DataWarning]:
                 DataWarning("offsets", f"{text}: the unit warms up, or its temperature changes; warm it up first")
             )
     return out
-
-
-def _parts(recording: Recording, found: StaticEstimate, judged: _Judged) -> CalibrationParts:
-    problem, p, covariance = found.problem, found.parameters, judged.covariance
-    deviation = np.sqrt(np.diag(covariance))
-    layout, order = problem.layout, problem.order
-    n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
-
-    def moved(change: Array) -> SensorParameters:
-        return problem.changed(p, np.pad(change, (0, layout.degrees - n))).sensors
-
-    def whole(group: str) -> Array:
-        out = np.zeros(group_named(group).degrees(order))
-        if group in layout:
-            out[layout.present(group)] = deviation[layout[group]]
-        return out
-
-    others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
-    gravity = Measured(np.array([0.0, 0.0, p.gravity]), np.array([0.0, 0.0, float(whole("gravity")[0])]))
-    return CalibrationParts(
-        sensors=p.sensors,
-        sensor_sd=sensor_fields({group: whole(group) for group in SENSOR_GROUPS}),
-        size_effect=SizeEffect.COMPLETED,
-        timing=Timing(),
-        alignment=Alignment(gravity),
-        derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
-        consistency=_consistency(found),
-        verdict=judged.verdict,
-        recording=recording_facts(recording, judged.warnings, "gravity", 0),
-        estimator=_estimator_facts(found, judged),
-        others=others,
-        considered=found.considered,
-        budget=judged.budget,
-        axes="imu",
-    )
-
-
-def _budget(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
-    """Return what comes from gravity's uncertainty, from noise and errors of standstills, and from contributions."""
-    layout, n = found.problem.layout, found.problem.reported
-    own = np.diag(found.covariance)[:n]
-    gravity = found.covariance[:n, layout["gravity"].start] ** 2 / found.problem.site.gravity_sd**2
-    gravity = np.minimum(gravity, own)
-    rows: list[tuple[str, Source, Array]] = [
-        ("noise and errors of standstills and turns", Source.SENSOR, own - gravity),
-        ("gravity", Source.PRIOR, gravity),
-        *((one.cause, one.source, one.variance) for one in more),
-    ]
-    causes = {cause: source for cause, source, _ in rows}
-    return Budget.of(found.problem.names[:n], causes, np.column_stack([variance for _, _, variance in rows]))
-
-
-def _consistency(found: StaticEstimate) -> Consistency:
-    force, rate, turn = (found.residuals[kind] for kind in KINDS)
-    updates = len(force) + len(turn)
-    return Consistency(
-        nis_path=float(np.sum(turn**2) / max(2 * len(turn), 1)),  # their heading is free
-        nis_standstill=float((np.sum(force**2) + np.sum(rate**2)) / (force.size / 3 + rate.size)),
-        updates=updates,
-        rejected=len(found.left_out),
-        lag_one=np.full(6, np.nan),
-        correlation_factor=1.0,
-        synchronisation=float("nan"),
-    )
-
-
-def _estimator_facts(found: StaticEstimate, judged: _Judged) -> EstimatorFacts:
-    rests = found.problem.rests
-    nothing = float("nan")
-    return EstimatorFacts(
-        name=judged.method,
-        sigma_points="linear",
-        states=found.problem.layout.degrees,
-        update_interval=0.0,
-        updates=rests.count + found.linear.turn.node.size,
-        passes=1,
-        filter_seconds=judged.seconds,
-        polynomial_order=found.problem.order,
-        fixed=("lever_arms", "time_offset"),
-        noise=FinalNoise(*(float(np.sqrt(np.mean(d**2))) for d in (rests.density_w, rests.density_a)), *[nothing] * 4),
-    )

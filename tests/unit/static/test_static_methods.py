@@ -13,7 +13,7 @@ from kreisel.simulation.standstills import HandTurns, hand_turned
 from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
-from kreisel.static.static_methods import SQUARENESS, with_method
+from kreisel.static.static_methods import with_method
 from kreisel.validation.checks import check_streams
 
 
@@ -25,7 +25,7 @@ def case(seed=1, **how):
 
 
 def chosen(stated, problem, table=None):
-    return with_method(problem, stated, table, SQUARENESS)
+    return with_method(problem, stated, table)
 
 
 @pytest.mark.parametrize(
@@ -35,26 +35,27 @@ def chosen(stated, problem, table=None):
 )  # fmt: skip
 def test_the_data_show_the_method(laid, method, kinds):
     problem, table = case(laid=laid, attitudes=12)
-    name, found, _ = chosen(None, problem, table)
-    assert name == method
-    assert tuple(type(one) for one in found.known) == kinds
+    found = chosen(None, problem, table)
+    assert found.name == method
+    assert tuple(type(one) for one in found.problem.known) == kinds
+    assert bool(found.warnings) == (method in ("six-position", "ferraris"))
 
 
 def test_what_is_known_is_what_was_done():
     problem, _ = case(laid="whole turns", attitudes=6)
-    faces, turns = chosen("ferraris", problem)[1].known
+    faces, turns = chosen("ferraris", problem).problem.known
     assert faces.axis.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]  # the first face of each axis twice, with a turn between
     assert faces.sign.tolist() == [1, 1, -1] * 3
     assert turns.node.tolist() == [0, 3, 6]
-    assert chosen("six-position", problem)[0] == "six-position"
-    assert chosen("multi-position", problem)[1].known == ()
+    assert chosen("six-position", problem).name == "six-position"
+    assert chosen("multi-position", problem).problem.known == ()
 
 
 def test_table_turns_have_the_angle_of_the_table_whatever_its_clock():
     problem, table = case(laid="turntable", attitudes=12)
     later = replace(table, stamps_ns=table.stamps_ns + 5_000_000_000)
     for one in (table, later):
-        (turns,) = chosen(None, problem, one)[1].known
+        (turns,) = chosen(None, problem, one).problem.known
         assert turns.node.size == 9
         assert np.abs(turns.angle).max() > 2.0 * np.pi
         np.testing.assert_allclose(np.abs(turns.axis), [0.0, 0.0, 1.0], atol=0.1)

@@ -1,0 +1,156 @@
+"""The content of the result file of a calibration from standstills."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.calibration.data_sheet import derive
+from kreisel.calibration.device_axes import device_triads
+from kreisel.calibration.recording_facts import recording_facts
+from kreisel.calibration.result_sections import (
+    Alignment,
+    CalibrationParts,
+    Consistency,
+    DeviceTriad,
+    EstimatorFacts,
+    FinalNoise,
+    Measured,
+    RecordingFacts,
+    Timing,
+    Verdict,
+)
+from kreisel.estimation.uncertainty import Contribution
+from kreisel.estimation.uncertainty_budget import Budget, Source
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import SENSOR_GROUPS, other_groups, sensor_fields
+from kreisel.recording.recording import DataWarning, Recording
+from kreisel.static.multi_position import KINDS, StaticEstimate
+from kreisel.static.pose_attitudes import PoseAttitudes
+from kreisel.static.rest_problem import RestProblem
+
+_ANYWHERE = 1.0
+"""m; deviation of lever arms, of which standstills show nothing. Chosen: no tool is larger."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is known of a result besides the estimate: method, covariance, budget, verdict, seconds and warnings."""
+
+    method: str
+    covariance: Array
+    budget: Budget
+    verdict: Verdict
+    seconds: float
+    warnings: tuple[DataWarning, ...]
+
+
+def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> CalibrationParts:
+    """Return the content of the result file."""
+    problem, p, covariance = found.problem, found.parameters, judged.covariance
+    deviation = np.sqrt(np.diag(covariance))
+    layout, order = problem.layout, problem.order
+    n = sum(part.degrees for part in layout if part.name in SENSOR_GROUPS)
+
+    def moved(change: Array) -> SensorParameters:
+        return problem.changed(p, np.pad(change, (0, layout.degrees - n))).sensors
+
+    def whole(group: str) -> Array:
+        out = np.zeros(group_named(group).degrees(order))
+        if group in layout:
+            out[layout.present(group)] = deviation[layout[group]]
+        return out
+
+    others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
+    down = np.array([0.0, 0.0, 1.0]) if problem.own_frame else _down(found)
+    gravity = Measured(p.gravity * down, float(whole("gravity")[0]) * np.abs(down))
+    return CalibrationParts(
+        sensors=p.sensors,
+        sensor_sd=sensor_fields({group: whole(group) for group in SENSOR_GROUPS}),
+        size_effect=SizeEffect.COMPLETED,
+        timing=Timing(),
+        alignment=Alignment(gravity),
+        derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
+        consistency=_consistency(found),
+        verdict=judged.verdict,
+        recording=_facts(recording, found.problem, judged.warnings),
+        estimator=_estimator_facts(found, judged),
+        others=others,
+        considered=found.considered,
+        budget=judged.budget,
+        axes="imu" if problem.own_frame else "tool",
+        triads={} if problem.own_frame else _triads(found, judged),
+    )
+
+
+def _down(found: StaticEstimate) -> Array:
+    """Return down in the reference frame, (3,)."""
+    known = next(one for one in found.problem.known if isinstance(one, PoseAttitudes))
+    return np.asarray(known.frame(found.parameters)[:, 2])
+
+
+def _facts(recording: Recording, problem: RestProblem, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
+    reference = recording.reference
+    if problem.own_frame or reference is None:
+        return recording_facts(recording, warnings, "gravity", 0)
+    kind = recording.settings.reference.kind or ""
+    return recording_facts(recording, warnings, reference.name, reference.stamps_ns.size, kind)
+
+
+def _triads(found: StaticEstimate, judged: Judged) -> dict[str, DeviceTriad]:
+    """Return the device's own part, with the mounting on the tool split off."""
+    names, deviation = found.problem.names[: judged.covariance.shape[0]], np.sqrt(np.diag(judged.covariance))
+    order, layout = found.problem.order, found.problem.layout
+    none = {g: np.full(group_named(g).degrees(order), _ANYWHERE if g == "lever_arms" else 0.0) for g in SENSOR_GROUPS}
+    own = {p.name: deviation[layout[p.name]] for p in layout if p.name in SENSOR_GROUPS}
+    return device_triads(found.parameters.sensors, sensor_fields({**none, **own}), names, judged.covariance)
+
+
+def budget_of(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
+    """Return what comes from gravity's uncertainty, from noise and errors of standstills, and from contributions."""
+    layout, n = found.problem.layout, found.problem.reported
+    own = np.diag(found.covariance)[:n]
+    gravity = found.covariance[:n, layout["gravity"].start] ** 2 / found.problem.site.gravity_sd**2
+    gravity = np.minimum(gravity, own)
+    rows: list[tuple[str, Source, Array]] = [
+        ("noise and errors of standstills and turns", Source.SENSOR, own - gravity),
+        ("gravity", Source.PRIOR, gravity),
+        *((one.cause, one.source, one.variance) for one in more),
+    ]
+    causes = {cause: source for cause, source, _ in rows}
+    return Budget.of(found.problem.names[:n], causes, np.column_stack([variance for _, _, variance in rows]))
+
+
+def _consistency(found: StaticEstimate) -> Consistency:
+    force, rate, turn = (found.residuals[kind] for kind in KINDS)
+    updates = len(force) + len(turn)
+    return Consistency(
+        nis_path=float(np.sum(turn**2) / max(2 * len(turn), 1)),  # their heading is free
+        nis_standstill=float((np.sum(force**2) + np.sum(rate**2)) / (force.size / 3 + rate.size)),
+        updates=updates,
+        rejected=len(found.left_out),
+        lag_one=np.full(6, np.nan),
+        correlation_factor=1.0,
+        synchronisation=float("nan"),
+    )
+
+
+def _estimator_facts(found: StaticEstimate, judged: Judged) -> EstimatorFacts:
+    rests = found.problem.rests
+    nothing = float("nan")
+    return EstimatorFacts(
+        name=judged.method,
+        sigma_points="linear",
+        states=found.problem.layout.degrees,
+        update_interval=0.0,
+        updates=rests.count + found.linear.turn.node.size,
+        passes=1,
+        filter_seconds=judged.seconds,
+        polynomial_order=found.problem.order,
+        fixed=("lever_arms", "time_offset"),
+        noise=FinalNoise(*(float(np.sqrt(np.mean(d**2))) for d in (rests.density_w, rests.density_a)), *[nothing] * 4),
+    )
