@@ -59,8 +59,8 @@ SITUATIONS = {
     "turntable, axis off by 0.2 rad": HandTurns(attitudes=12, laid="turntable", table_tilt=0.2),
     "turntable, level axis": HandTurns(attitudes=18, laid="turntable", table_axis=(1.0, 0.0, 0.0)),
     "turntable, wobbling by 3 mrad": HandTurns(attitudes=12, laid="turntable", table_error=3e-3),
-    "turntable, angle wrong by 1 %": HandTurns(attitudes=12, laid="turntable", table_scale=0.01),
-    "turntable, fog, angle wrong by 1 %": HandTurns("fog", attitudes=12, laid="turntable", table_scale=0.01),
+    "turntable, rate wrong by 0.1 %": HandTurns(attitudes=12, laid="turntable", table_scale=1e-3),
+    "turntable, fog, rate wrong by 0.1 %": HandTurns("fog", attitudes=12, laid="turntable", table_scale=1e-3),
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }

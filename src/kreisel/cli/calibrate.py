@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from kreisel.calibration.limits import Limits
     from kreisel.calibration.outcome import Outcome
     from kreisel.calibration.result import Calibration
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.recording.recording import Recording
 
 
 def calibrate(
@@ -26,6 +28,10 @@ def calibrate(
     imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
     columns: list[str] = typer.Option(
         [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+    ),
+    method: str = typer.Option(
+        "dynamic",
+        help="dynamic, or static: the older method, by standstills at poses alone (no lever arms).",
     ),
     estimator: str | None = typer.Option(
         None,
@@ -78,7 +84,7 @@ def calibrate(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
-    from kreisel.errors import SettingsError
+    from kreisel.errors import SettingsError, unknown_name
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.model.stated_parameters import parse_fixed, parse_priors
@@ -101,9 +107,12 @@ def calibrate(
     if output is not None:
         check_output(output)
     read_one = partial(load, reference=reference, imu=imu, columns=columns, executor=in_threads)
+    if method not in ("dynamic", "static"):
+        raise SettingsError(unknown_name("method", method, ("dynamic", "static")))
     if joint:
-        if inject:
-            raise SettingsError("--inject is for one recording; leave out --joint")
+        if inject or method == "static":
+            option = "--inject" if inject else "--method static"
+            raise SettingsError(f"{option} is for one recording; leave out --joint")
         from kreisel.cli.joint import calibrate_together, say_joint
 
         found = calibrate_together(recordings, read_one, settings, _in_common(same, own), output)
@@ -119,6 +128,11 @@ def calibrate(
             if len(recordings) > 1
             else "--same and --own are for several recordings with --joint"
         )
+    if method == "static":
+        if inject:
+            raise SettingsError("--inject is for the dynamic method; leave out --method static")
+        _statically(read_one, recordings[0], settings, output, within, as_json=json)
+        return
     injection: Injection | None = None
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
@@ -131,6 +145,25 @@ def calibrate(
             _save(outcome, output, injection)
     document = _document(outcome, output, injection)
     _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, as_json=json)
+
+
+def _statically(
+    read_one: Callable[..., Recording], path: Path, settings: CalibrationSettings, output: Path | None,
+    within: Limits | None, *, as_json: bool,
+) -> None:  # fmt: skip
+    """Calibrate by standstills at poses alone; end with the exit status for the verdict."""
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.cli.static import say_static, write_static_result
+    from kreisel.cli.threads import in_threads
+    from kreisel.static.by_robot import calibrate_by_robot
+    from kreisel.validation.checks import check_streams
+
+    with progress_bar() as show:
+        read = check_streams(read_one(path, progress=show))
+        outcome = calibrate_by_robot(read, settings, show, in_threads)
+    write_static_result(outcome, output)
+    document = _with_output(outcome.calibration.document, output)
+    _end(outcome.calibration, document, partial(say_static, outcome, output), within, as_json=as_json)
 
 
 def _end(

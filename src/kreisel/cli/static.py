@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from kreisel.static.static_result import StaticOutcome
 
 
 def static(
@@ -39,16 +43,12 @@ def static(
     """
     import json as json_module
 
-    from kreisel.calibration.result import RESULT_FILES
     from kreisel.cli.conformity import REJECTED
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
-    from kreisel.cli.terminal_tables import print_static
     from kreisel.errors import SettingsError, unknown_name
-    from kreisel.files import replaced_together
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import SENSORS
-    from kreisel.report.static_page import write_static
     from kreisel.static.static_methods import METHODS
     from kreisel.static.static_result import calibrate_static
     from kreisel.units import MRAD
@@ -66,16 +66,32 @@ def static(
             read, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
             squareness=squareness * MRAD, progress=show,
         )  # fmt: skip
-    if output is not None:
-        with replaced_together(output, RESULT_FILES) as writing:
-            outcome.calibration.write(writing)
-            write_static(outcome, writing / "report.html")
+    write_static_result(outcome, output)
     if json:
         document = outcome.calibration.document
         typer.echo(json_module.dumps(document if output is None else {**document, "output": str(output)}))
     else:
-        print_static(outcome.calibration, outcome.warnings)
-        where = f"{output}/calibration.yaml, report.html, covariance.npz"
-        typer.echo("nothing written; -o OUT writes the result and a report" if output is None else f"written: {where}")
+        say_static(outcome, output)
     if not outcome.calibration.accepted:
         raise typer.Exit(REJECTED)
+
+
+def write_static_result(outcome: StaticOutcome, output: Path | None) -> None:
+    """Write the result and its report into a folder, if one is given."""
+    from kreisel.calibration.result import RESULT_FILES
+    from kreisel.files import replaced_together
+    from kreisel.report.static_page import write_static
+
+    if output is not None:
+        with replaced_together(output, RESULT_FILES) as writing:
+            outcome.calibration.write(writing)
+            write_static(outcome, writing / "report.html")
+
+
+def say_static(outcome: StaticOutcome, output: Path | None) -> None:
+    """Print the result, and where it was written."""
+    from kreisel.cli.terminal_tables import print_static
+
+    print_static(outcome.calibration, outcome.warnings)
+    where = f"{output}/calibration.yaml, report.html, covariance.npz"
+    typer.echo("nothing written; -o OUT writes the result and a report" if output is None else f"written: {where}")

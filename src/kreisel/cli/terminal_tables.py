@@ -64,9 +64,8 @@ def print_static(calibration: Calibration, warnings: Sequence[object]) -> None:
     method = "" if calibration.estimator is None else f", {calibration.estimator.name}"
     title = "" if facts is None else f"{facts.name}: standstills{method}"
     console.print(_narrow(title, rows) if console.width < _WIDE else _wide(title, rows))
-    console.print(
-        "errors of the sensors, in the accelerometers' frame; calibration.yaml holds corrections: offset = -bias"
-    )
+    frame = "the accelerometers' frame" if calibration.axes == "imu" else "b, the axes of the tool"
+    console.print(f"errors of the sensors, in {frame}; calibration.yaml holds corrections: offset = -bias")
     _print_verdict(console, calibration)
 
 

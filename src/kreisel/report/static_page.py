@@ -55,7 +55,8 @@ def _quantities(calibration: CalibrationParts) -> Table:
         one = calibration.derived[quantity.name]
         cells = [pair(v, sd) for v, sd in zip(one.value.tolist(), one.deviation.tolist(), strict=True)]
         rows.append(Row((quantity.title, quantity.unit, *cells)))
-    return Table("Errors of the sensors, in the accelerometers' frame", ("Error", "Unit", "x / xy", "y / xz", "z / yz"),
+    frame = "the accelerometers' frame" if calibration.axes == "imu" else "axes of the tool"
+    return Table(f"Errors of the sensors, in {frame}", ("Error", "Unit", "x / xy", "y / xz", "z / yz"),
                  tuple(rows), 2, broad=True)  # fmt: skip
 
 
@@ -82,6 +83,7 @@ _TITLES = {
     "face": ("Vertical at a standstill on a face, against its normal", "rad"),
     "whole turn": ("Heading after a whole turn", "rad"),
     "table": ("Turn by the turntable", "rad"),
+    "pose": ("Reported attitude at a standstill", "rad"),
 }
 
 

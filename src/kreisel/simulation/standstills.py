@@ -65,7 +65,7 @@ class HandTurns:
     table_axis, table_tilt, table_error
         Of a turntable: its axis in the local level, how far that is off, and the error of each of its turns, rad.
     table_scale
-        Error of its angle's scale.
+        Error of its scale: of rates then, which are recorded instead of angles.
     """
 
     grade: str = "consumer-mems"
@@ -144,7 +144,9 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     table = None
     if how.laid == "turntable":
         every = max(1, round(0.02 * rate))
-        table = TableAngles(stamps[::every] + _TABLE_LATE, angle[::every], Path("table0"))
+        table = TableAngles(
+            stamps[::every] + _TABLE_LATE, angle[::every], Path("table0"), by_rate=bool(how.table_scale)
+        )
     return truth, _recording(how, stamps[: len(w)], w, a, table)
 
 
@@ -188,10 +190,15 @@ def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Arra
         omega.append((apply(conjugate(after), first * v1[:, None]) + second * v2[:, None]) / (share * seconds))
         by_hand = vector is None or how.laid != "turntable"
         pulse.append(by_hand * np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
-        way = 0.0 if vector is None or by_hand else (1.0 + how.table_scale) * float(vector @ how.table_axis)
+        way = 0.0 if vector is None or by_hand else _angle(how, vector)
         angle.append(turned + way * s1)
         turned += way
     return np.concatenate(q), np.concatenate(omega), np.concatenate(pulse), np.concatenate(angle)
+
+
+def _angle(how: HandTurns, vector: Array) -> float:
+    """Return by how much a table says that it has turned."""
+    return float((1.0 + how.table_scale) * np.sign(vector @ how.table_axis) * np.linalg.norm(vector))
 
 
 def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:

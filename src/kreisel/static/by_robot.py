@@ -33,6 +33,9 @@ METHOD = "static"
 _MOVED = 2e-3
 """rad: change of the reported attitude within a standstill, from beginning to end, beyond which it is none."""
 
+_NOTHING = 1e-9
+"""rad: effect on attitudes from which on an error of the robot counts; lengths have none."""
+
 
 def calibrate_by_robot(
     recording: Recording, settings: CalibrationSettings, progress: Progress | None = None,
@@ -62,7 +65,7 @@ def calibrate_by_robot(
     known = PoseAttitudes(np.arange(rests.count), q, start.q_rn, effect, width)
     problem = RestProblem(imu, raw_of(imu), rests, prepared.site, known=(known,), own_frame=False)
     start = problem.room(start)
-    chosen = Chosen(METHOD, problem, start, known.attitudes(start), prepared.warnings)
+    chosen = Chosen(METHOD, problem, start, known.attitudes(start), prepared.warnings, prepared.time_base_sd)
     return concluded(recording, chosen, settings.only, progress, began)
 
 
@@ -95,13 +98,13 @@ def _mean(reference: ReferencePoses, own: slice) -> tuple[Array, float]:
 
 
 def _robot(prepared: Preparation, which: Indices) -> tuple[Array, Array]:
-    """Return the effect of the robot's errors on attitudes at poses, (M, 3, e), and their deviations (e,)."""
+    """Return the effect of the robot's errors on attitudes at poses, (M, 3, e), in deviations of each (e,)."""
     robot = prepared.robot
     if robot is None:
         return np.zeros((which.size, 3, 0)), np.zeros(0)
     errors = RobotParameters.none(robot.joints)
     at = np.concatenate([np.arange(errors.vector.size)[errors.part(g)] for g in ROBOT_GROUPS if g in robot.covariance])
     variance = np.concatenate([np.diag(robot.covariance[g]) for g in ROBOT_GROUPS if g in robot.covariance])
-    effect = robot.regressor(which, errors.zeros)[:, 3:, at]
-    seen = np.abs(effect).max(axis=(0, 1), initial=0.0) > 0.0
-    return effect[:, :, seen], np.sqrt(variance[seen])
+    effect = robot.regressor(which, errors.zeros)[:, 3:, at] * np.sqrt(variance)
+    seen = np.abs(effect).max(axis=(0, 1)) > _NOTHING
+    return effect[:, :, seen], np.ones(np.count_nonzero(seen))

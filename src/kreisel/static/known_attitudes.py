@@ -133,11 +133,14 @@ class TableTurns:
         rad.
     axis : (3,)
         Of the table, in the local level, as first found; of unit length.
+    scale_sd
+        Deviation of the angles' scale; 0 where an encoder counts turns.
     """
 
     node: Indices
     angle: Array
     axis: Array
+    scale_sd: float = 0.0
 
     kind = "table"
 
@@ -148,8 +151,11 @@ class TableTurns:
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """The axis's misalignment against the first one, about the two axes across."""
-        return (Nuisance("table", ("table.axis[0]", "table.axis[1]"), np.full(2, _CASE_TURNED)),)
+        """The axis's misalignment against the first one, about the two axes across, and the scale of the angles."""
+        axis = Nuisance("table", ("table.axis[0]", "table.axis[1]"), np.full(2, _CASE_TURNED))
+        if not self.scale_sd:
+            return (axis,)
+        return axis, Nuisance("table_scale", ("table.scale",), np.array([self.scale_sd]))
 
     @property
     def white(self) -> Array:
@@ -172,13 +178,16 @@ class TableTurns:
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
         """Return that a turn is one about the axis by the angle, by equation (36) of docs/explanation/model.md."""
         n, J = self.axis_by(p)
-        vector = self.angle[:, None] * n
+        angle = (1.0 + nuisance(p, "table_scale", 1)[0]) * self.angle
+        vector = angle[:, None] * n
         T = matrix(exp(vector))
         before, after = T @ C[self.node], C[self.node + 1]
         r, own, following = _relative(before, after)
         # exp(v + dv) = exp(J_l dv) exp(v); seen from the next b
-        turned = -np.swapaxes(after, 1, 2) @ np.stack([_left_jacobian(v) for v in vector]) @ J
-        columns = {"table": self.angle[:, None, None] * turned}
+        turned = -np.swapaxes(after, 1, 2) @ np.stack([_left_jacobian(v) for v in vector])
+        columns = {"table": angle[:, None, None] * (turned @ J)}
+        if self.scale_sd:
+            columns["table_scale"] = self.angle[:, None, None] * (turned @ n)[:, :, None]
         return Equations(r, self.node, own, following, problem.columns(columns, self.node.size))
 
     def part(self, keep: Indices) -> Self:

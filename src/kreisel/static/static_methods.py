@@ -34,6 +34,9 @@ _TURNED, _STILL = 0.02, 2e-3
 """rad: least turn of a table that is used, and most that it may move at a standstill. Chosen: below the first its
 encoder and its bearing count too much; the second is beyond the noise of any encoder."""
 
+_RATE_SCALE = 1e-3
+"""Deviation of the scale of a table's rates. Chosen: of usual rate tables; an encoder's angles close after a turn."""
+
 _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
 
@@ -52,6 +55,8 @@ class Chosen:
         First ones, (M, 3, 3), where something gives them.
     warnings
         What was found on the way.
+    time_base_sd
+        Deviation of the ratio of the IMU's seconds to true ones, where another clock differs.
     """
 
     name: str
@@ -59,6 +64,7 @@ class Chosen:
     start: CellParameters
     attitudes: Array | None = None
     warnings: tuple[DataWarning, ...] = ()
+    time_base_sd: float = 0.0
 
 
 _DETECTED = {
@@ -191,7 +197,7 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     axes = np.einsum("kij,kj->ki", C[node], way[node] / angle[node, None])
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
     axis /= np.linalg.norm(axis)
-    turns = TableTurns(node, angle[node], axis)
+    turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0)
     return Chosen("turntable", replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node]))
 
 

@@ -117,7 +117,7 @@ def concluded(
     least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
     own = found.problem.reported
-    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most)]
+    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most, chosen.time_base_sd)]
     covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
     halves = _halves(found, walked)
     halves = None if halves is None else halves[:own]
@@ -132,10 +132,10 @@ def concluded(
     return StaticOutcome(found, halves, calibration, warnings, chosen.name)
 
 
-def _contributions(found: StaticEstimate, walked: Array, lost: float) -> list[Contribution]:
+def _contributions(found: StaticEstimate, walked: Array, lost: float, time_base: float) -> list[Contribution]:
     """Return what the estimate does not know.
 
-    walked: see `_walked`; lost: share of samples by which turns are too small.
+    walked: see `_walked`; lost: share of samples by which turns are too small; time_base: see `Chosen`.
     """
     scale = found.parameters.sensors.K_omega.ravel()
     d = found.problem.layout["gyro_cross_coupling"]
@@ -143,6 +143,7 @@ def _contributions(found: StaticEstimate, walked: Array, lost: float) -> list[Co
         Contribution("offsets walk", Source.MISFIT, np.diag(np.sqrt(walked))),
         Contribution("undecided error terms", Source.EFFECTS, found.undecided),
         Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
+        Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, time_base * scale)),
     ]
 
 
