@@ -32,6 +32,7 @@ from kreisel.model.parameters import (
     ROBOT_GROUPS,
     SENSOR_GROUPS,
     CellParameters,
+    RobotParameters,
     other_groups,
     parameter_names,
     sensor_fields,
@@ -225,17 +226,9 @@ def _others(found: Estimate) -> dict[str, Measured]:
 
 def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
     """Return the robot's errors, and the accuracy of its poses before and after."""
-    problem, layout = found.problem, found.problem.layout
+    layout = found.problem.layout
     errors = found.run.parameters.robot
-    present = [group for group in ROBOT_GROUPS if group in layout]
-    after = np.zeros((errors.vector.size,) * 2)
-    before = np.zeros_like(after)
-    index = np.concatenate([np.r_[layout[group]] for group in present])
-    place = np.concatenate([np.r_[errors.part(group)][layout.present(group)] for group in present])
-    after[np.ix_(place, place)] = found.belief.covariance[np.ix_(index, index)]
-    for group in present:
-        own = np.r_[errors.part(group)][layout.present(group)]
-        before[np.ix_(own, own)] = problem.prior.covariance[group]
+    after, before = arm_covariances(found.problem, errors, found.belief.covariance)
     deviation, prior = np.sqrt(np.diag(after)), np.sqrt(np.diag(before))
     names = [name for group in ROBOT_GROUPS for name in parameter_names(group, 1, errors.joints)]
     lost = [n for n, a, b in zip(names, deviation, prior, strict=True) if b > 0.0 and a > NOT_SEPARABLE * b]
@@ -256,6 +249,21 @@ def _robot_errors(found: Estimate, robot: RobotModel) -> RobotErrors:
         after=expected_accuracy(robot, after),
         not_separable=tuple(lost),
     )
+
+
+def arm_covariances(problem: Problem, errors: RobotParameters, covariance: Array) -> tuple[Array, Array]:
+    """Return the covariance of an arm's errors by that of a state, and before any look at the data, (10 n + 4) each."""
+    layout = problem.layout
+    present = [group for group in ROBOT_GROUPS if group in layout]
+    after = np.zeros((errors.vector.size,) * 2)
+    before = np.zeros_like(after)
+    index = np.concatenate([np.r_[layout[group]] for group in present])
+    place = np.concatenate([np.r_[errors.part(group)][layout.present(group)] for group in present])
+    after[np.ix_(place, place)] = covariance[np.ix_(index, index)]
+    for group in present:
+        own = np.r_[errors.part(group)][layout.present(group)]
+        before[np.ix_(own, own)] = problem.prior.covariance[group]
+    return after, before
 
 
 def _estimates(recording: Recording, found: Estimate, n: int) -> Array:

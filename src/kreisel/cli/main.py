@@ -34,6 +34,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     krl,
     record,
     repeat,
+    robot,
     run_program,
     simulate,
     static,
@@ -67,6 +68,7 @@ app.command("key")(certificate.key)
 app.command("batch")(batch.batch)
 app.command("history")(batch.history)
 app.command("static")(static.static)
+app.command("robot")(robot.robot)
 app.command("allan")(allan.allan)
 app.command("repeat")(repeat.repeat)
 app.command("compare")(compare.compare)

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from kreisel.calibration.arm_calibration import ArmCalibration
     from kreisel.calibration.evidence import Injection
     from kreisel.calibration.result import Calibration
     from kreisel.calibration.result_sections import RobotErrors
@@ -67,6 +68,32 @@ def print_static(calibration: Calibration, warnings: Sequence[object]) -> None:
     frame = "the accelerometers' frame" if calibration.axes == "imu" else "b, the axes of the tool"
     console.print(f"errors of the sensors, in {frame}; calibration.yaml holds corrections: offset = -bias")
     _print_verdict(console, calibration)
+
+
+def print_arm(found: ArmCalibration) -> None:
+    """Print the errors of a robot that the motion shows, what they are worth, and the verdict."""
+    console = wide_console()
+    for warning in found.warnings:
+        console.print(f"· {warning}", markup=False)
+    table = Table(title=f"{found.robot.name}: errors that the motion shows", title_justify="left")
+    for name in ("error", "unit", "estimate", "before"):
+        table.add_column(name, justify="left" if name in ("error", "unit") else "right")
+    shown = [one for one in found.errors if one.separable]
+    for one in shown:
+        found_value = _pair(one.value / one.size, one.deviation / one.size)
+        table.add_row(one.title, one.unit, found_value, f"± {one.prior / one.size:.3g}")
+    console.print(table)
+    console.print(f"{len(found.errors) - len(shown)} of {len(found.errors)} errors are not distinguished from others")
+    for part in found.unused:
+        before, after, expected = (
+            f"{1e3 * one.position:.2g} mm, {1e3 * one.orientation:.2g} mrad"
+            for one in (part.before, part.after, part.expected)
+        )
+        console.print(
+            f"poses of {part.name}, not used: {before} before, {after} after correction from {part.used} ({expected} "
+            "expected)", markup=False,
+        )  # fmt: skip
+    _print_verdict(console, found.calibration)
 
 
 _Row = tuple[str, str, list[str]]

@@ -74,29 +74,23 @@ def pose_regressor(arm: Arm, angles: Array) -> Array:
 
 def expected_accuracy(model: RobotModel, covariance: Array, poses: int = 300) -> PoseAccuracy:
     """Return the accuracy by a covariance of the robot's errors (10 n + 4), over the motion's poses."""
-    J = _within_frames(model, poses)
-    return _accuracy(np.sum((J @ covariance) * J, axis=2))
+    J = within_frames(model, poses)
+    return PoseAccuracy.of(np.sum((J @ covariance) * J, axis=2))
 
 
 def shift(model: RobotModel, errors: RobotParameters, poses: int = 300) -> PoseAccuracy:
     """Return how far errors of the robot move its tool."""
-    return _accuracy((_within_frames(model, poses) @ errors.vector) ** 2)
+    return PoseAccuracy.of((within_frames(model, poses) @ errors.vector) ** 2)
 
 
-def _within_frames(model: RobotModel, poses: int) -> Array:
-    """Return regressors of evenly chosen poses without the part that another base or tool frame would cause too."""
+def within_frames(model: RobotModel, poses: int) -> Array:
+    """Return regressors (k, 6, e) of evenly chosen poses, without what another base or tool frame would cause too."""
     which = np.linspace(0, len(model.angles) - 1, min(poses, len(model.angles))).astype(np.int64)
     J = model.regressor(which, RobotParameters.none(model.joints).zeros)
     last = 6 * model.joints
     frames = np.concatenate([J[:, :, :6], J[:, :, last : last + 6]], axis=2).reshape(-1, 12)
     flat = J.reshape(len(frames), -1)
     return np.asarray((flat - frames @ np.linalg.lstsq(frames, flat, rcond=None)[0]).reshape(J.shape))
-
-
-def _accuracy(square: Array) -> PoseAccuracy:
-    """Return the accuracy from squared pose errors (k, 6)."""
-    position, orientation = (float(np.sqrt(np.mean(np.sum(part, axis=1)))) for part in (square[:, :3], square[:, 3:]))
-    return PoseAccuracy(position, orientation)
 
 
 NOT_SEPARABLE = 0.9

@@ -63,7 +63,7 @@ _POSTURES = 150
 _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
 
-def _frame_sd(preparation: Preparation) -> tuple[float, float]:
+def frame_sd_of(preparation: Preparation) -> tuple[float, float]:
     """Return the deviations of base and tool frame by a robot's errors, m and rad, if they cannot be estimated."""
     settings = preparation.recording.settings
     if preparation.robot is not None or preparation.recording.reference_kind == "mocap":
@@ -191,7 +191,7 @@ def _schedule(preparation: Preparation, settings: CalibrationSettings, clock: Cl
 
 def _assumed_noise(preparation: Preparation) -> AssumedNoise:
     imu, reference = preparation.imu_noise, preparation.noise
-    frame_sd = _frame_sd(preparation)
+    frame_sd = frame_sd_of(preparation)
     return AssumedNoise(
         reference=reference,
         min_reference=(_MIN_NOISE * reference.position, _MIN_NOISE * reference.orientation),

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+
 
 @dataclass(frozen=True)
 class PoseAccuracy:
@@ -14,3 +18,8 @@ class PoseAccuracy:
 
     position: float
     orientation: float
+
+    @classmethod
+    def of(cls, square: Array) -> PoseAccuracy:
+        """Return the accuracy from squared pose errors (k, 6)."""
+        return cls(*(float(np.sqrt(np.mean(np.sum(part, axis=1)))) for part in (square[:, :3], square[:, 3:])))

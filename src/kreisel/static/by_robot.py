@@ -13,6 +13,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, multiply
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters
+from kreisel.preparation.build_problem import frame_sd_of
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.preparation.start_values import starting_point
@@ -65,7 +66,15 @@ def calibrate_by_robot(
     known = PoseAttitudes(np.arange(rests.count), q, start.q_rn, effect, width)
     problem = RestProblem(imu, raw_of(imu), rests, prepared.site, known=(known,), own_frame=False)
     start = problem.room(start)
-    chosen = Chosen(METHOD, problem, start, known.attitudes(start), prepared.warnings, prepared.time_base_sd)
+    chosen = Chosen(
+        METHOD,
+        problem,
+        start,
+        known.attitudes(start),
+        prepared.warnings,
+        prepared.time_base_sd,
+        frame_sd_of(prepared)[1],
+    )
     return concluded(recording, chosen, settings.only, progress, began)
 
 

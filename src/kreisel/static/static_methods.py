@@ -57,6 +57,8 @@ class Chosen:
         What was found on the way.
     time_base_sd
         Deviation of the ratio of the IMU's seconds to true ones, where another clock differs.
+    frame_sd
+        rad: deviation of the reported body's attitude, the same in all attitudes.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Chosen:
     attitudes: Array | None = None
     warnings: tuple[DataWarning, ...] = ()
     time_base_sd: float = 0.0
+    frame_sd: float = 0.0
 
 
 _DETECTED = {

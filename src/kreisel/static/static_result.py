@@ -11,7 +11,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError
 from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.rotation import Array, Mask, skew
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
@@ -117,7 +117,7 @@ def concluded(
     least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
     own = found.problem.reported
-    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most, chosen.time_base_sd)]
+    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most, chosen)]
     covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
     halves = _halves(found, walked)
     halves = None if halves is None else halves[:own]
@@ -132,10 +132,10 @@ def concluded(
     return StaticOutcome(found, halves, calibration, warnings, chosen.name)
 
 
-def _contributions(found: StaticEstimate, walked: Array, lost: float, time_base: float) -> list[Contribution]:
+def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Chosen) -> list[Contribution]:
     """Return what the estimate does not know.
 
-    walked: see `_walked`; lost: share of samples by which turns are too small; time_base: see `Chosen`.
+    walked: see `_walked`; lost: share of samples by which turns are too small.
     """
     scale = found.parameters.sensors.K_omega.ravel()
     d = found.problem.layout["gyro_cross_coupling"]
@@ -143,8 +143,19 @@ def _contributions(found: StaticEstimate, walked: Array, lost: float, time_base:
         Contribution("offsets walk", Source.MISFIT, np.diag(np.sqrt(walked))),
         Contribution("undecided error terms", Source.EFFECTS, found.undecided),
         Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
-        Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, time_base * scale)),
+        Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, chosen.time_base_sd * scale)),
+        Contribution("the robot's frames and lengths", Source.ROBOT, _turned(found, chosen.frame_sd)),
     ]
+
+
+def _turned(found: StaticEstimate, angle: float) -> Array:
+    """Return the effect of a body that is turned by an angle about each of its axes, (P, 3)."""
+    layout, sensors = found.problem.layout, found.parameters.sensors
+    out = np.zeros((layout.degrees, 3))
+    for i, axis in enumerate(np.eye(3)):
+        for group, K in (("gyro_cross_coupling", sensors.K_omega), ("accel_cross_coupling", sensors.K_a)):
+            out[layout[group], i] = (angle * skew(axis) @ K).ravel()[layout.present(group)]
+    return out
 
 
 def _walked(found: StaticEstimate) -> Array:

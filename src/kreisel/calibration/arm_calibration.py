@@ -1,0 +1,316 @@
+"""The robot calibrated by the IMU: its errors, and how much better they predict poses that were not used.
+
+After Alban and Janocha: the errors of an arm's model are part of the calibration of the IMU that it moves. Whether they
+are errors of the arm shows where they were not found: another recording, or the other half of one, finds the pose
+errors of its own by its own IMU readings; what the errors from elsewhere leave of them is what remains on unused poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from kreisel.calibration.assembly import arm_covariances
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.joint import calibrate_joint
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import RobotErrors
+from kreisel.calibration.sharing import DEFAULT
+from kreisel.calibration.split_halves import middle_of
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters, parameter_names
+from kreisel.model.problem import Problem, part_of
+from kreisel.model.robot_model import NOT_SEPARABLE, RobotModel, within_frames
+from kreisel.model.schedule import MIN_UPDATES
+from kreisel.progress import Progress, of_parts, of_step
+from kreisel.recording.recording import DataWarning, Recording
+from kreisel.refinement.estimate import Estimate
+from kreisel.robot.pose_accuracy import PoseAccuracy
+from kreisel.tasks import Executor, sequential
+from kreisel.units import MM, MRAD
+
+_NO_ARM = (
+    "errors of a robot need its joint angles and its description: joint0/data.csv and robot.urdf beside pose0, or "
+    "robot.model in recording.toml"
+)
+
+ARM_FILES = ("robot.yaml", "robot.urdf", "report.html", "calibration.yaml", "estimates.csv", "covariance.npz")
+"""Files of a result."""
+
+NOT_SHOWN = (
+    "where the base stands, and where the tool is on the last link: an IMU feels motion, not places; a laser tracker, or "
+    "a touched reference point, shows them",
+    "errors that this motion does not distinguish from others (separable: false): more configurations, or a tracker",
+)
+"""What an IMU does not show of a robot."""
+
+_LEAST = 1e-3
+"""Least variance of a difference, in the sum of both variances: what both know by the prior alone differs by nothing,
+and rounding must not make that negative."""
+
+
+@dataclass(frozen=True)
+class UnusedPoses:
+    """Errors of poses that were not used to find the arm's errors, found by their own IMU readings.
+
+    Attributes
+    ----------
+    name, used
+        Of the recording or the half, and of what the arm's errors were found from.
+    before, after
+        Errors by the nominal model, and what the errors found elsewhere leave of them.
+    expected
+        What is expected to be left, by the deviations of both.
+    """
+
+    name: str
+    used: str
+    before: PoseAccuracy
+    after: PoseAccuracy
+    expected: PoseAccuracy
+
+
+@dataclass(frozen=True)
+class ArmError:
+    """One error of the arm: name, estimate, its deviation, that before any look at the data, all SI.
+
+    `title`, `unit` and `size` (of the unit, SI) are for people.
+    """
+
+    name: str
+    title: str
+    unit: str
+    size: float
+    value: float
+    deviation: float
+    prior: float
+
+    @property
+    def separable(self) -> bool:
+        """Whether the motion shows it."""
+        return self.deviation <= NOT_SEPARABLE * self.prior
+
+
+@dataclass(frozen=True)
+class ArmCalibration:
+    """A robot calibrated by an IMU.
+
+    Attributes
+    ----------
+    calibration
+        Of the IMU, with the robot's errors.
+    robot
+        The errors by group, and the accuracy of poses that is believed.
+    errors
+        Each that was estimated.
+    unused
+        What they are worth where they were not found; empty if the recording is too short.
+    warnings
+        What to know about it.
+    """
+
+    calibration: Calibration
+    robot: RobotErrors
+    errors: tuple[ArmError, ...]
+    unused: tuple[UnusedPoses, ...]
+    warnings: tuple[DataWarning, ...]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The content of `robot.yaml`."""
+        recording, verdict = self.calibration.recording, self.calibration.verdict
+        return {
+            "robot": self.robot.name,
+            "tcp": self.robot.tcp,
+            "joints": list(self.robot.joints),
+            "recording": None if recording is None else recording.name,
+            "errors": {
+                one.name: {
+                    "value": _number(one.value), "standard_deviation": _number(one.deviation),
+                    "before": _number(one.prior), "separable": one.separable,
+                }
+                for one in self.errors
+            },
+            "pose_error": {
+                "found": _table(self.robot.found), "believed_before": _table(self.robot.before),
+                "believed_after": _table(self.robot.after),
+            },
+            "unused_poses": [
+                {"of": one.name, "errors_from": one.used, "before": _table(one.before), "after": _table(one.after),
+                 "expected_after": _table(one.expected)}
+                for one in self.unused
+            ],
+            "not_shown": list(NOT_SHOWN),
+            "verdict": {"accepted": verdict.accepted, "reasons": list(verdict.reasons)},
+        }  # fmt: skip
+
+    def write(self, folder: Path) -> None:
+        """Write `robot.yaml`, `robot.urdf` and the calibration into an empty folder."""
+        self.calibration.write(folder)
+        (folder / "robot_calibrated.urdf").rename(folder / "robot.urdf")
+        yaml = YAML()
+        yaml.default_flow_style = None
+        yaml.width = 120
+        with (folder / "robot.yaml").open("w", encoding="utf-8") as stream:
+            yaml.dump(self.document, stream)
+
+
+def _number(value: float) -> float:
+    return float(f"{value:.8g}")
+
+
+def _table(accuracy: PoseAccuracy) -> dict[str, float]:
+    return {"position_rms": _number(accuracy.position), "orientation_rms": _number(accuracy.orientation)}
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What a part of the data says of the arm's errors: mean and covariance (e,), and covariance before, all of it."""
+
+    name: str
+    model: RobotModel
+    mean: Array
+    covariance: Array
+    prior: Array
+
+
+def calibrate_arm(
+    recordings: Sequence[Recording], settings: CalibrationSettings | None = None,
+    common: Collection[str] = DEFAULT, progress: Progress | None = None, *,
+    names: Sequence[str] = (), executor: Executor = sequential,
+) -> ArmCalibration:  # fmt: skip
+    """Return the robot's errors, from one recording or several.
+
+    Raises
+    ------
+    RecordingError
+        If the arm or its joint angles are not known.
+    KreiselError
+        If a recording cannot be calibrated.
+    """
+    settings = settings or CalibrationSettings()
+    if len(recordings) == 1:
+        outcome = run_calibration(recordings[0], settings, progress, executor=executor)
+        first, calibration, warnings = outcome.estimate, outcome.calibration, outcome.warnings
+        parts = [] if first.problem.robot is None else _halves(first, progress, executor)
+    else:
+        joint = calibrate_joint(recordings, settings, common, progress, names=names, executor=executor)
+        first, calibration, warnings = joint.outcomes[0].estimate, joint.calibration, joint.warnings
+        found = zip(joint.names, joint.outcomes, strict=True)
+        parts = [_known(name, one.estimate.problem, *_of(one.estimate)) for name, one in found if one.problem.robot]
+    if calibration.robot is None or first.problem.robot is None:
+        raise RecordingError(_NO_ARM, file=recordings[0].path)
+    return ArmCalibration(calibration, calibration.robot, _errors(calibration), _unused(parts), warnings)
+
+
+def _of(found: Estimate) -> tuple[RobotParameters, Array]:
+    return found.run.parameters.robot, found.belief.covariance
+
+
+def _halves(found: Estimate, progress: Progress | None, executor: Executor) -> list[_Known]:
+    """Return what each half of a recording says by itself; nothing if they are too short."""
+    problem = found.problem
+    middle = middle_of(problem)
+    if middle < MIN_UPDATES:
+        return []
+    halves = (slice(0, middle), slice(middle, None))
+    shares = of_parts(progress, "halves", 2)
+    a, b = executor([
+        partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
+        for half, share in zip(halves, shares, strict=True)
+    ])  # fmt: skip
+    return [
+        _known(name, problem, run.parameters.robot, run.belief.covariance)
+        for name, run in (("first half", a), ("second half", b))
+    ]
+
+
+def _known(name: str, problem: Problem, errors: RobotParameters, covariance: Array) -> _Known:
+    """Return what a belief says of an arm's errors."""
+    robot = problem.robot
+    assert robot is not None  # noqa: S101 - the caller has checked it
+    return _Known(name, robot, errors.vector, *arm_covariances(problem, errors, covariance))
+
+
+def _errors(calibration: Calibration) -> tuple[ArmError, ...]:
+    """Return each estimated error."""
+    robot = calibration.robot
+    assert robot is not None  # noqa: S101 - the caller has checked it
+    at = {name: i for i, name in enumerate(calibration.names)}
+    joints, out = len(robot.joints), []
+    for group in ROBOT_GROUPS:
+        own = getattr(robot, group.removeprefix("robot_"))
+        if own is None:
+            continue
+        names = parameter_names(group, 1, joints)
+        for k, (name, value) in enumerate(zip(names, own.value.ravel().tolist(), strict=True)):
+            if name in at:
+                i = at[name]
+                sd = float(np.sqrt(calibration.covariance[i, i]))
+                said = _in_words(robot, group, k)
+                out.append(ArmError(name, *said, value, sd, float(calibration.prior_deviation[i])))
+    return tuple(out)
+
+
+def _in_words(robot: RobotErrors, group: str, k: int) -> tuple[str, str, float]:
+    """Return title, unit and size of the unit of the error number k of a group."""
+    if group == "robot_placement":
+        places = (*robot.joints, "tool")
+        kind = ("length along", "mm", MM) if k % 6 < 3 else ("angle about", "mrad", MRAD)
+        return f"{places[k // 6]}: {kind[0]} {'xyz'[k % 3]}", kind[1], kind[2]
+    if group == "robot_gears":
+        return f"{robot.joints[k // 2]}: gear, {('sine', 'cosine')[k % 2]} of the angle", "mrad", MRAD
+    if group == "robot_compliance":
+        return f"{robot.joints[k]}: compliance", "µrad/(N m)", 1e-6
+    return f"{robot.joints[k + 1]}: zero", "mrad", MRAD
+
+
+def _unused(parts: Sequence[_Known]) -> tuple[UnusedPoses, ...]:
+    """Return, for each part, what the errors found from the others leave of its pose errors."""
+    if len(parts) < 2:
+        return ()
+    out = []
+    for part in parts:
+        others = [one for one in parts if one is not part]
+        both = np.diag(part.prior) > 0.0
+        for one in others:
+            both &= np.diag(one.prior) > 0.0
+        at = np.flatnonzero(both)
+        mean, covariance = _together(others, at)
+        J = within_frames(part.model, 300)[:, :, at]
+        own, P = part.covariance[np.ix_(at, at)], part.prior[np.ix_(at, at)]
+        shared = own @ np.linalg.solve(P, covariance)  # equation (22)
+        apart = own + covariance - shared - shared.T
+        values, axes = np.linalg.eigh(apart)
+        apart = (axes * np.maximum(values, _LEAST * float(np.trace(apart)) / at.size)) @ axes.T
+        found = part.mean[at]
+        out.append(
+            UnusedPoses(
+                part.name,
+                ", ".join(one.name for one in others),
+                PoseAccuracy.of((J @ found) ** 2),
+                PoseAccuracy.of((J @ (found - mean)) ** 2),
+                PoseAccuracy.of(np.sum((J @ apart) * J, axis=2)),
+            )
+        )
+    return tuple(out)
+
+
+def _together(parts: Sequence[_Known], at: Indices) -> tuple[Array, Array]:
+    """Return mean and covariance (e,) by several parts that share their prior, of zero mean."""
+    prior = np.linalg.inv(parts[0].prior[np.ix_(at, at)])
+    information, weighted = prior.copy(), np.zeros(at.size)
+    for one in parts:
+        own = np.linalg.inv(one.covariance[np.ix_(at, at)])
+        information += own - prior
+        weighted += own @ one.mean[at]
+    covariance = np.linalg.inv(information)
+    return covariance @ weighted, covariance
