@@ -46,8 +46,8 @@ ARM_FILES = ("robot.yaml", "robot.urdf", "report.html", "calibration.yaml", "est
 """Files of a result."""
 
 NOT_SHOWN = (
-    "where the base stands, and where the tool is on the last link: an IMU feels motion, not places; a laser tracker, or "
-    "a touched reference point, shows them",
+    "where the base stands, and where the tool is on the last link: an IMU feels motion, not places; a laser tracker, "
+    "or a touched reference point, shows them",
     "errors that this motion does not distinguish from others (separable: false): more configurations, or a tracker",
 )
 """What an IMU does not show of a robot."""

@@ -31,6 +31,11 @@ from kreisel.tasks import Executor, sequential
 METHOD = "static"
 """Name of the method in the result file, and of `calibrate --method`."""
 
+_NO_ARM = (
+    "its errors cannot be estimated without joint angles and robot.urdf: deviations contain an attitude of the tool "
+    "that errs as much as the poses differ, or by robot.angle_sd"
+)
+
 _MOVED = 2e-3
 """rad: change of the reported attitude within a standstill, from beginning to end, beyond which it is none."""
 

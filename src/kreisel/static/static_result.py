@@ -144,14 +144,17 @@ def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Ch
         Contribution("undecided error terms", Source.EFFECTS, found.undecided),
         Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
         Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, chosen.time_base_sd * scale)),
-        Contribution("the robot's frames and lengths", Source.ROBOT, _turned(found, chosen.frame_sd)),
+        Contribution("the robot's frames and lengths", Source.ROBOT, _turned(found, chosen)),
     ]
 
 
-def _turned(found: StaticEstimate, angle: float) -> Array:
-    """Return the effect of a body that is turned by an angle about each of its axes, (P, 3)."""
+def _turned(found: StaticEstimate, chosen: Chosen) -> Array:
+    """Return the effect of a body that is turned about each of its axes, (P, 3): as much as its attitudes differ."""
     layout, sensors = found.problem.layout, found.parameters.sensors
     out = np.zeros((layout.degrees, 3))
+    if not chosen.frame_sd:
+        return out
+    angle = max(chosen.frame_sd, *found.noise.known)
     for i, axis in enumerate(np.eye(3)):
         for group, K in (("gyro_cross_coupling", sensors.K_omega), ("accel_cross_coupling", sensors.K_a)):
             out[layout[group], i] = (angle * skew(axis) @ K).ravel()[layout.present(group)]
