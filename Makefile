@@ -3,6 +3,8 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+# Programs of others that results are compared with; what they need for pictures and documents is left out.
+REFEREES := allantools==2024.6 imucal==2.6.0
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGES := $(filter-out _kernels __pycache__,$(notdir $(patsubst %/,%,$(wildcard src/kreisel/*/))))
 
@@ -54,6 +56,7 @@ $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/ke
 
 $(VENV)/.ready-dev: $(VENV)/.ready requirements-dev.txt
 	$(PIP) -r requirements.txt -r requirements-dev.txt
+	$(PIP) --no-deps $(REFEREES)
 	touch $@
 
 clean:

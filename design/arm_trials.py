@@ -13,9 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.calibration.arm_calibration import ArmCalibration, calibrate_arm
+from kreisel.calibration.arm_calibration import arm_of, arm_of_all
+from kreisel.calibration.arm_result import ArmCalibration
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.joint import calibrate_joint
 from kreisel.errors import KreiselError
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import load_arm
@@ -47,7 +51,7 @@ def left(nominal: Arm, actual: Arm, errors: Array, angles: Array) -> list[float]
 def judged(truth: Truth, nominal: Arm, angles: Array, found: ArmCalibration) -> tuple[list[float], list[float], Array]:
     """Return scores of all errors and of those that are shown, and pose errors before, after and as said."""
     place = {f"robot.placement[{j},{i}]": v for (j, i), v in np.ndenumerate(truth.arm.placement)}
-    place |= {f"robot.zeros[{k}]": v for k, v in enumerate(truth.arm.zeros)}
+    place |= {f"robot.zeros[{k}]": v for k, v in enumerate(truth.arm.zeros, 1)}
     own = [(e, (e.value - place[e.name]) / e.deviation) for e in found.errors if e.name in place]
     none = np.zeros_like(truth.arm.placement)
     estimate = found.robot.placement.value.copy()
@@ -83,7 +87,12 @@ def main() -> None:
             ]
             truth, other = drawn[0][0], drawn[-1][1]
             try:
-                found = calibrate_arm([recording for _, recording in drawn[:-1]])
+                used = [recording for _, recording in drawn[:-1]]
+                found = (
+                    arm_of(run_calibration(used[0], CalibrationSettings()))
+                    if count == 1
+                    else arm_of_all(calibrate_joint(used))
+                )
             except KreiselError as error:
                 print(name, k, error)
                 continue

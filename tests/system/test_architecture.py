@@ -151,6 +151,7 @@ THROUGH = {
     "kreisel.study": "tests/unit/study/test_robustness.py",
     "kreisel.simulation": "tests/system/test_simulate.py",
     "kreisel.synchronization.lost_samples": "tests/unit/synchronization/test_lost_samples.py",
+    "kreisel.static.static_parts": "tests/unit/static/test_by_robot.py",
     "kreisel.markup": "tests/unit/robot/test_description.py",  # what a hostile description is refused by
     "kreisel.kalman.noise_shares": "tests/unit/calibration/test_filter_budget.py",
     "kreisel.refinement.named_terms": "tests/unit/refinement/test_effect_selection.py",

@@ -211,8 +211,8 @@ def hub_of(file, monkeypatch):
     hubs = []
 
     class Seen(module.Hub):
-        def __init__(self, path, look):
-            super().__init__(path, look)
+        def __init__(self, source):
+            super().__init__(source)
             self.loop = None
             hubs.append(self)
 
@@ -221,15 +221,14 @@ def hub_of(file, monkeypatch):
             await super().follow()
 
     monkeypatch.setattr(module, "Hub", Seen)
-    server = uvicorn.Server(
-        uvicorn.Config(module.make_app(file, Online(Tail(file)).look)[0], log_level="warning", ws="websockets-sansio")
-    )
+    app, _ = module.make_app(Feed(file, Online(Tail(file)).look))
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio"))
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         serving = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         serving.start()
         try:
-            wait_until(lambda: hubs[0].loop is not None and hubs[0].feed.so_far()[-1].get("imu"))
+            wait_until(lambda: hubs[0].loop is not None and hubs[0].source.so_far()[-1].get("imu"))
             yield hubs[0], port
         finally:
             server.should_exit = True
@@ -272,7 +271,7 @@ def test_a_newcomer_after_hours_of_estimates_stays(small, tmp_path, monkeypatch)
     file = tmp_path / "growing.mcap"
     file.write_bytes(chunks(small, 60)[1])
     with hub_of(file, monkeypatch) as (hub, port):
-        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(1000)])
+        in_loop(hub, lambda: [hub.source.estimate(estimate(float(k))) for k in range(1000)])
         with sync.connect(f"ws://127.0.0.1:{port}/live") as newcomer:
             first = [json.loads(newcomer.recv()) for _ in range(4)]
             assert [message["kind"] for message in first] == ["imu", "pose", "estimates", "status"]
@@ -315,7 +314,7 @@ def test_a_page_that_was_let_go_comes_back_up_to_date(small, tmp_path, monkeypat
         tab.evaluate(KEEP_WHAT_IS_SAID)  # it may be live again before anybody looks
         in_loop(hub, lambda: [hub.tell({"kind": "pose", "pose": [9.0] * 7, "arm": None}) for _ in range(1000)])
         wait_until(lambda: any("connecting again" in said for said in tab.evaluate("said")))
-        in_loop(hub, lambda: [hub.feed.estimate(estimate(float(k))) for k in range(2 * MAX_ESTIMATES)])
+        in_loop(hub, lambda: [hub.source.estimate(estimate(float(k))) for k in range(2 * MAX_ESTIMATES)])
         wait_until(lambda: tab.inner_text("#link") == "live")
         wait_until(lambda: "1 of 3 earlier estimates" in tab.inner_text("#thinned"))
         assert tab.evaluate("estimates.length") >= MAX_ESTIMATES / 2

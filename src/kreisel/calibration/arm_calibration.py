@@ -7,28 +7,24 @@ errors of its own by its own IMU readings; what the errors from elsewhere leave 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
 
+from kreisel.calibration.arm_result import ArmCalibration, ArmError, UnusedPoses
 from kreisel.calibration.assembly import arm_covariances
-from kreisel.calibration.calibrate import run_calibration
-from kreisel.calibration.joint import calibrate_joint
+from kreisel.calibration.joint_outcome import Joint
+from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import RobotErrors
-from kreisel.calibration.sharing import DEFAULT
 from kreisel.calibration.split_halves import middle_of
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices
-from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters, parameter_names
 from kreisel.model.problem import Problem, part_of
-from kreisel.model.robot_model import NOT_SEPARABLE, RobotModel, within_frames
+from kreisel.model.robot_model import RobotModel, within_frames
 from kreisel.model.schedule import MIN_UPDATES
 from kreisel.progress import Progress, of_parts, of_step
 from kreisel.recording.recording import DataWarning, Recording
@@ -42,133 +38,9 @@ _NO_ARM = (
     "robot.model in recording.toml"
 )
 
-ARM_FILES = ("robot.yaml", "robot.urdf", "report.html", "calibration.yaml", "estimates.csv", "covariance.npz")
-"""Files of a result."""
-
-NOT_SHOWN = (
-    "where the base stands, and where the tool is on the last link: an IMU feels motion, not places; a laser tracker, "
-    "or a touched reference point, shows them",
-    "errors that this motion does not distinguish from others (separable: false): more configurations, or a tracker",
-)
-"""What an IMU does not show of a robot."""
-
 _LEAST = 1e-3
 """Least variance of a difference, in the sum of both variances: what both know by the prior alone differs by nothing,
 and rounding must not make that negative."""
-
-
-@dataclass(frozen=True)
-class UnusedPoses:
-    """Errors of poses that were not used to find the arm's errors, found by their own IMU readings.
-
-    Attributes
-    ----------
-    name, used
-        Of the recording or the half, and of what the arm's errors were found from.
-    before, after
-        Errors by the nominal model, and what the errors found elsewhere leave of them.
-    expected
-        What is expected to be left, by the deviations of both.
-    """
-
-    name: str
-    used: str
-    before: PoseAccuracy
-    after: PoseAccuracy
-    expected: PoseAccuracy
-
-
-@dataclass(frozen=True)
-class ArmError:
-    """One error of the arm: name, estimate, its deviation, that before any look at the data, all SI.
-
-    `title`, `unit` and `size` (of the unit, SI) are for people.
-    """
-
-    name: str
-    title: str
-    unit: str
-    size: float
-    value: float
-    deviation: float
-    prior: float
-
-    @property
-    def separable(self) -> bool:
-        """Whether the motion shows it."""
-        return self.deviation <= NOT_SEPARABLE * self.prior
-
-
-@dataclass(frozen=True)
-class ArmCalibration:
-    """A robot calibrated by an IMU.
-
-    Attributes
-    ----------
-    calibration
-        Of the IMU, with the robot's errors.
-    robot
-        The errors by group, and the accuracy of poses that is believed.
-    errors
-        Each that was estimated.
-    unused
-        What they are worth where they were not found; empty if the recording is too short.
-    warnings
-        What to know about it.
-    """
-
-    calibration: Calibration
-    robot: RobotErrors
-    errors: tuple[ArmError, ...]
-    unused: tuple[UnusedPoses, ...]
-    warnings: tuple[DataWarning, ...]
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """The content of `robot.yaml`."""
-        recording, verdict = self.calibration.recording, self.calibration.verdict
-        return {
-            "robot": self.robot.name,
-            "tcp": self.robot.tcp,
-            "joints": list(self.robot.joints),
-            "recording": None if recording is None else recording.name,
-            "errors": {
-                one.name: {
-                    "value": _number(one.value), "standard_deviation": _number(one.deviation),
-                    "before": _number(one.prior), "separable": one.separable,
-                }
-                for one in self.errors
-            },
-            "pose_error": {
-                "found": _table(self.robot.found), "believed_before": _table(self.robot.before),
-                "believed_after": _table(self.robot.after),
-            },
-            "unused_poses": [
-                {"of": one.name, "errors_from": one.used, "before": _table(one.before), "after": _table(one.after),
-                 "expected_after": _table(one.expected)}
-                for one in self.unused
-            ],
-            "not_shown": list(NOT_SHOWN),
-            "verdict": {"accepted": verdict.accepted, "reasons": list(verdict.reasons)},
-        }  # fmt: skip
-
-    def write(self, folder: Path) -> None:
-        """Write `robot.yaml`, `robot.urdf` and the calibration into an empty folder."""
-        self.calibration.write(folder)
-        (folder / "robot_calibrated.urdf").rename(folder / "robot.urdf")
-        yaml = YAML()
-        yaml.default_flow_style = None
-        yaml.width = 120
-        with (folder / "robot.yaml").open("w", encoding="utf-8") as stream:
-            yaml.dump(self.document, stream)
-
-
-def _number(value: float) -> float:
-    return float(f"{value:.8g}")
-
-
-def _table(accuracy: PoseAccuracy) -> dict[str, float]:
-    return {"position_rms": _number(accuracy.position), "orientation_rms": _number(accuracy.orientation)}
 
 
 @dataclass(frozen=True)
@@ -182,32 +54,37 @@ class _Known:
     prior: Array
 
 
-def calibrate_arm(
-    recordings: Sequence[Recording], settings: CalibrationSettings | None = None,
-    common: Collection[str] = DEFAULT, progress: Progress | None = None, *,
-    names: Sequence[str] = (), executor: Executor = sequential,
-) -> ArmCalibration:  # fmt: skip
-    """Return the robot's errors, from one recording or several.
+def arm_of(outcome: Outcome, progress: Progress | None = None, executor: Executor = sequential) -> ArmCalibration:
+    """Return the robot's errors by one recording.
 
     Raises
     ------
     RecordingError
         If the arm or its joint angles are not known.
-    KreiselError
-        If a recording cannot be calibrated.
     """
-    settings = settings or CalibrationSettings()
-    if len(recordings) == 1:
-        outcome = run_calibration(recordings[0], settings, progress, executor=executor)
-        first, calibration, warnings = outcome.estimate, outcome.calibration, outcome.warnings
-        parts = [] if first.problem.robot is None else _halves(first, progress, executor)
-    else:
-        joint = calibrate_joint(recordings, settings, common, progress, names=names, executor=executor)
-        first, calibration, warnings = joint.outcomes[0].estimate, joint.calibration, joint.warnings
-        found = zip(joint.names, joint.outcomes, strict=True)
-        parts = [_known(name, one.estimate.problem, *_of(one.estimate)) for name, one in found if one.problem.robot]
-    if calibration.robot is None or first.problem.robot is None:
-        raise RecordingError(_NO_ARM, file=recordings[0].path)
+    found = outcome.estimate
+    parts = [] if found.problem.robot is None else _halves(found, progress, executor)
+    return _judged(outcome.calibration, parts, outcome.warnings, outcome.recording)
+
+
+def arm_of_all(joint: Joint) -> ArmCalibration:
+    """Return the robot's errors by several recordings that were calibrated together.
+
+    Raises
+    ------
+    RecordingError
+        If the arm or its joint angles are not known.
+    """
+    found = zip(joint.names, joint.outcomes, strict=True)
+    parts = [_known(name, one.estimate.problem, *_of(one.estimate)) for name, one in found if one.problem.robot]
+    return _judged(joint.calibration, parts, joint.warnings, joint.outcomes[0].recording)
+
+
+def _judged(
+    calibration: Calibration, parts: Sequence[_Known], warnings: tuple[DataWarning, ...], recording: Recording
+) -> ArmCalibration:
+    if calibration.robot is None:
+        raise RecordingError(_NO_ARM, file=recording.path)
     return ArmCalibration(calibration, calibration.robot, _errors(calibration), _unused(parts), warnings)
 
 

@@ -84,7 +84,7 @@ def calibrate(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
-    from kreisel.errors import SettingsError, unknown_name
+    from kreisel.errors import SettingsError
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.model.stated_parameters import parse_fixed, parse_priors
@@ -107,12 +107,8 @@ def calibrate(
     if output is not None:
         check_output(output)
     read_one = partial(load, reference=reference, imu=imu, columns=columns, executor=in_threads)
-    if method not in ("dynamic", "static"):
-        raise SettingsError(unknown_name("method", method, ("dynamic", "static")))
+    _check_method(method, joint=joint, inject=inject)
     if joint:
-        if inject or method == "static":
-            option = "--inject" if inject else "--method static"
-            raise SettingsError(f"{option} is for one recording; leave out --joint")
         from kreisel.cli.joint import calibrate_together, say_joint
 
         found = calibrate_together(recordings, read_one, settings, _in_common(same, own), output)
@@ -129,8 +125,6 @@ def calibrate(
             else "--same and --own are for several recordings with --joint"
         )
     if method == "static":
-        if inject:
-            raise SettingsError("--inject is for the dynamic method; leave out --method static")
         _statically(read_one, recordings[0], settings, output, within, as_json=json)
         return
     injection: Injection | None = None
@@ -145,6 +139,18 @@ def calibrate(
             _save(outcome, output, injection)
     document = _document(outcome, output, injection)
     _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, as_json=json)
+
+
+def _check_method(method: str, *, joint: bool, inject: bool) -> None:
+    """Raise an error for a method that there is not, or for options that do not go with it."""
+    from kreisel.errors import SettingsError, unknown_name
+
+    if method not in ("dynamic", "static"):
+        raise SettingsError(unknown_name("method", method, ("dynamic", "static")))
+    if joint and (inject or method == "static"):
+        raise SettingsError(f"{'--inject' if inject else '--method static'} is for one recording; leave out --joint")
+    if inject and method == "static":
+        raise SettingsError("--inject is for the dynamic method; leave out --method static")
 
 
 def _statically(

@@ -64,7 +64,7 @@ def record(
         status = asyncio.run(until_stopped())
     if sys.stderr.isatty():
         typer.echo(err=True)
-    _check_complete(status, of_imu, of_robot, place)
+    check_complete(status, of_imu, of_robot, place)
     poses = f", {status.robot.count} poses at {status.robot.rate:.1f} Hz" if robot is not None else ""
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples at {status.imu.rate:.1f} Hz{poses}; missing "
@@ -74,7 +74,7 @@ def record(
     _check_settings(known, status)
 
 
-def _check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:
+def check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:
     """Raise an error if a device sent no readings; those of the other device are kept in a separate file.
 
     Raises

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from kreisel.calibration.arm_calibration import ArmCalibration
+    from kreisel.calibration.arm_result import ArmCalibration
 
 
 def robot(
@@ -33,7 +33,9 @@ def robot(
     """
     import json as json_module
 
-    from kreisel.calibration.arm_calibration import calibrate_arm
+    from kreisel.calibration.arm_calibration import arm_of, arm_of_all
+    from kreisel.calibration.calibrate import run_calibration
+    from kreisel.calibration.joint import calibrate_joint
     from kreisel.cli.conformity import REJECTED
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
@@ -48,7 +50,11 @@ def robot(
     settings = CalibrationSettings(estimated=tuple(estimate))
     with releasing_memory(), progress_bar() as show:
         read = [read_one(path, progress=show) for path in recordings]
-        found = calibrate_arm(read, settings, progress=show, names=names_of(recordings), executor=in_threads)
+        if len(read) == 1:
+            found = arm_of(run_calibration(read[0], settings, show, executor=in_threads), show, in_threads)
+        else:
+            names = names_of(recordings)
+            found = arm_of_all(calibrate_joint(read, settings, progress=show, names=names, executor=in_threads))
     if output is not None:
         _write(found, output)
     if json:
@@ -62,7 +68,7 @@ def robot(
 
 def _write(found: ArmCalibration, output: Path) -> None:
     """Write the result into a folder."""
-    from kreisel.calibration.arm_calibration import ARM_FILES
+    from kreisel.calibration.arm_result import ARM_FILES
     from kreisel.files import replaced_together
     from kreisel.report.arm_page import write_arm
 

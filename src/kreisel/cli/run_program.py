@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
-from kreisel.units import DEG_PER_HOUR, MG, MM, MS, PPM
 
 if TYPE_CHECKING:
     from kreisel.acquisition.drive import Ending
@@ -61,6 +60,7 @@ def run_program(
     from kreisel.acquisition.movers import mover_at
     from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.program_run import Devices, Orders
+    from kreisel.cli.targets import targets
     from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
     from kreisel.errors import DeviceError, SettingsError
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
@@ -75,7 +75,7 @@ def run_program(
     of_mover = parse_address(mover, MOVERS)
     if of_imu.scheme == "mcap":
         raise SettingsError(f"{imu}: a recording does not measure this motion; give the address of the IMU itself")
-    targets = dict(_target(text) for text in until)
+    wanted = targets(until)
     described = load_arm(model)
     moves = read_program(program, described)
     sender = mover_at(of_mover, speed, float(described.velocity.max()))
@@ -87,7 +87,7 @@ def run_program(
         raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
     allowed = Allowed(math.radians(approach), longest_tool if of_robot.scheme == "rtde" else None)
-    reached = _targets(output, targets)
+    reached = _targets(output, wanted)
     orders = Orders(moves, described, allowed, lambda: reached.reached)
     _say(checked)
     try:
@@ -112,24 +112,6 @@ def run_program(
 
 _JOIN = 60.0
 """Seconds to wait for the end of the check of the targets."""
-
-_UNITS = {"mg": MG, "deg/h": DEG_PER_HOUR, "ppm": PPM, "mm": MM, "ms": MS, "": 1.0}  # in SI, by `units`
-
-
-def _target(text: str) -> tuple[str, float]:
-    """Return group and standard deviation, SI, of a target such as ``accelerometer.offset=0.02mg``."""
-    import re
-
-    from kreisel.errors import SettingsError
-
-    match = re.fullmatch(r"([a-z_.]+)\s*=\s*([0-9.eE+-]+)\s*([a-z/]*)", text.strip())
-    if match is None or match.group(3) not in _UNITS:
-        units = ", ".join(unit for unit in _UNITS if unit)
-        raise SettingsError(f"--until '{text}' is not GROUP=NUMBER and a unit ({units}), or none for SI")
-    try:
-        return match.group(1), float(match.group(2)) * _UNITS[match.group(3)]
-    except ValueError as error:
-        raise SettingsError(f"--until '{text}': '{match.group(2)}' is not a number") from error
 
 
 def _show_dry(moves: Program, mover: Mover, checked: str) -> None:

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
+
+from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
     from kreisel.static.static_result import StaticOutcome
 
 
+class Guided(NamedTuple):
+    """What is stated of a calibration under guidance: see the options of `static`."""
+
+    until: tuple[str, ...]
+    gravity: float | None
+    seconds: float | None
+    dashboard: bool
+    host: str
+    port: int
+
+
 def static(
-    recording: Path = typer.Argument(..., help="Recording: a folder, a table, an .mcap file, or a ROS bag; no poses."),
+    recording: Path | None = typer.Argument(
+        None, help="Recording: a folder, a table, an .mcap file, or a ROS bag; no poses. None with --live."
+    ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
     gravity: float | None = typer.Option(
         None, min=9.7, max=9.9, help="Local gravity, m/s^2; else that of recording.toml ([site])."
@@ -21,7 +36,7 @@ def static(
         None, help="multi-position, six-position, ferraris or turntable; by default the one that the data show."
     ),
     squareness: float = typer.Option(
-        1.0,
+        2.0,
         min=0.0,
         max=100.0,
         help="Standard deviation of the angles between the case's faces, mrad (six-position, ferraris).",
@@ -34,6 +49,16 @@ def static(
     columns: list[str] = typer.Option(
         [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
     ),
+    live: str | None = typer.Option(
+        None, help="Address of an IMU, such as csv://192.168.1.30:4000: record it, and say what to do next."
+    ),
+    until: list[str] = typer.Option(
+        [], help="With --live: accuracy to reach, 'gyroscope.cross_coupling=500ppm'; may be repeated."
+    ),
+    seconds: float | None = typer.Option(None, min=1.0, help="With --live: end after so many seconds."),
+    dashboard: bool = typer.Option(False, "--dashboard", help="With --live: serve a page, for a phone too."),
+    host: str = typer.Option("127.0.0.1", help="Address to serve the page on; others than this machine need a token."),
+    port: int = PORT,
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:
     """Calibrate an IMU that was laid down, or held still, in many attitudes: no robot, no poses.
@@ -58,8 +83,17 @@ def static(
         raise SettingsError(unknown_name("method", method, METHODS))
     if only is not None and only not in SENSORS:
         raise SettingsError(unknown_name("sensor after --only", only, SENSORS))
+    if (live is None) == (recording is None):
+        raise SettingsError("give a recording, or --live ADDRESS, one of them")
     if output is not None:
         check_output(output)
+    if live is not None:
+        from kreisel.cli.static_live import record_guided
+
+        if output is None:
+            raise SettingsError("no output is given; -o OUT names a folder for the recording and the result")
+        recording = record_guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))
+    assert recording is not None  # noqa: S101 - for the type checker
     with progress_bar() as show:
         read = check_streams(load(recording, imu=imu, columns=columns, progress=show))
         outcome = calibrate_static(

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from kreisel.calibration.arm_calibration import ArmCalibration
+    from kreisel.calibration.arm_result import ArmCalibration
     from kreisel.calibration.evidence import Injection
     from kreisel.calibration.result import Calibration
     from kreisel.calibration.result_sections import RobotErrors

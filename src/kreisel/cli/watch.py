@@ -21,6 +21,7 @@ PORT: Any = typer.Option(8321, "--port", min=0, max=65535, help="The page's port
 def watch(
     recording: Path = typer.Argument(..., help="A recording that is being made: an .mcap file, or its folder."),
     dashboard: bool = DASHBOARD,
+    guide: bool = typer.Option(False, hidden=True, help="Serve the page of `kreisel static --live` instead."),
     host: str = typer.Option(
         "127.0.0.1", help="Address to serve the page on; any other than this machine's own needs a token."
     ),
@@ -28,20 +29,22 @@ def watch(
     as_json: bool = typer.Option(False, "--json", help="Print every estimate as one line of JSON."),
 ) -> None:
     """Calibrate a recording again and again while it grows; end when it ends. The recorder is not disturbed."""
-    if dashboard:
-        _serve(recording, host, port)
+    if guide or dashboard:
+        _serve(recording, host, port, guide=guide)
     else:
         _print(recording, as_json=as_json)
 
 
 @contextmanager
-def page_of(output: Path, port: int, *, wanted: bool) -> Iterator[None]:
+def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host: str = "127.0.0.1") -> Iterator[None]:
     """Serve the page of a recording that is being made, from a separate process, which cannot delay the recorder.
 
     Parameters
     ----------
     wanted
         Whether to serve it at all.
+    guide
+        Whether it is that of `kreisel static --live`.
     """
     import subprocess
     import sys
@@ -50,7 +53,8 @@ def page_of(output: Path, port: int, *, wanted: bool) -> Iterator[None]:
         yield
         return
     program = [sys.executable, "-P", "-m", "kreisel.cli.main"]  # -P: no modules from the working folder
-    server = subprocess.Popen([*program, "watch", str(output), "--dashboard", "--port", str(port)])
+    page = "--guide" if guide else "--dashboard"
+    server = subprocess.Popen([*program, "watch", str(output), page, "--port", str(port), "--host", host])
     try:
         yield
     finally:
@@ -96,7 +100,7 @@ def _summary(deviations: dict[str, float]) -> str:
     return "; ".join(parts) + ("; " if parts else "")
 
 
-def _serve(recording: Path, host: str, port: int) -> None:
+def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
     import socket
 
     from kreisel.errors import DeviceError, SettingsError
@@ -106,10 +110,15 @@ def _serve(recording: Path, host: str, port: int) -> None:
 
         from kreisel.acquisition.tail import Tail
         from kreisel.dashboard.app import make_app
+        from kreisel.dashboard.feed import Feed
+        from kreisel.dashboard.guide_feed import GuideFeed
         from kreisel.dashboard.online import Online
     except ImportError as error:
         raise SettingsError(f"the page needs an extra ({error.name}): pip install 'kreisel[serve]'") from error
-    app, token = make_app(recording, Online(Tail(recording)).look, host)
+    if guide:
+        app, token = make_app(GuideFeed(recording), host, "guide.html")
+    else:
+        app, token = make_app(Feed(recording, Online(Tail(recording)).look), host)
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager, suppress
 from importlib import resources
-from pathlib import Path
+from typing import Protocol
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -18,8 +18,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from kreisel.dashboard.feed import Feed, Message
-from kreisel.dashboard.live_estimate import LiveEstimate
+from kreisel.dashboard.feed import Message
 from kreisel.errors import KreiselError
 
 PERIOD = 0.05
@@ -30,8 +29,17 @@ _TRY_AGAIN = 1013  # close code of WebSockets: try again later
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
-Look = Callable[[], LiveEstimate | None]
-"""Returns a new estimate of the recording if one is due; see `dashboard.online`."""
+class Source(Protocol):
+    """Where the page's messages come from."""
+
+    def news(self) -> list[Message]:
+        """Return new messages, soon."""
+
+    def look(self) -> Message | None:
+        """Return a message that takes its time, such as an estimate, if one is due."""
+
+    def so_far(self) -> list[Message]:
+        """Return what a newly connected browser is sent first."""
 
 
 class Browser:
@@ -71,9 +79,8 @@ class Browser:
 class Hub:
     """The connected browsers, and the messages that are sent to them."""
 
-    def __init__(self, path: Path, look: Look) -> None:
-        self.feed = Feed(path)
-        self._look = look
+    def __init__(self, source: Source) -> None:
+        self.source = source
         self._browsers: set[Browser] = set()
         self._sending = asyncio.Lock()  # a browser is added between two messages: none is sent to it twice
 
@@ -84,31 +91,31 @@ class Hub:
             while True:
                 with suppress(KreiselError):
                     async with self._sending:
-                        for message in await asyncio.to_thread(self.feed.news):
+                        for message in await asyncio.to_thread(self.source.news):
                             self.tell(message)
                 await asyncio.sleep(PERIOD)
         finally:
             estimating.cancel()
 
     async def _estimate(self) -> None:
-        """Calibrate the data recorded so far, in parallel to all other tasks."""
+        """Look for what takes its time, in parallel to all other tasks."""
 
-        def look() -> LiveEstimate | None:
+        def look() -> Message | None:
             with suppress(KreiselError):
-                return self._look()
+                return self.source.look()
             return None
 
         while True:
             found = await asyncio.to_thread(look)
             if found is not None:
-                self.tell(self.feed.estimate(found))
+                self.tell(found)
             await asyncio.sleep(0.2)
 
     @asynccontextmanager
     async def listening(self) -> AsyncIterator[Browser]:
         """Yield a new browser, which is sent the messages so far and then the new ones."""
         async with self._sending:
-            browser = Browser(map(json.dumps, self.feed.so_far()))
+            browser = Browser(map(json.dumps, self.source.so_far()))
             self._browsers.add(browser)
         try:
             yield browser
@@ -122,17 +129,17 @@ class Hub:
             browser.tell(text)
 
 
-def make_app(path: Path, look: Look, host: str = "127.0.0.1") -> tuple[Starlette, str | None]:
-    """Return the page's server for a recording, and the token that browsers need if it serves other machines, too.
+def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.html") -> tuple[Starlette, str | None]:
+    """Return the page's server, and the token that browsers need if it serves other machines, too.
 
     Parameters
     ----------
-    look
-        Returns a new estimate of the recording if one is due.
+    page_file
+        The page, of this package.
     host
         The address that the page is served on.
     """
-    hub = Hub(path, look)
+    hub = Hub(source)
     token = None if host in _LOOPBACK else secrets.token_urlsafe(16)
 
     def may(given: str | None) -> bool:
@@ -143,7 +150,7 @@ def make_app(path: Path, look: Look, host: str = "127.0.0.1") -> tuple[Starlette
             return PlainTextResponse("the request comes from another page: open the address that was printed", 403)
         if not may(request.query_params.get("token")):
             return PlainTextResponse("the token is missing or wrong: use the address that was printed", 403)
-        text = resources.files("kreisel.dashboard").joinpath("page.html").read_text(encoding="utf-8")
+        text = resources.files("kreisel.dashboard").joinpath(page_file).read_text(encoding="utf-8")
         policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'"
         return HTMLResponse(text, headers={"Content-Security-Policy": policy})
 

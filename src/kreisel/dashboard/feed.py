@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,17 @@ MAX_ESTIMATES = 2000
 
 Message = dict[str, Any]
 
+Look = Callable[[], LiveEstimate | None]
+
 
 class Feed:
-    """Messages about a recording: new ones, and those for a newly connected browser."""
+    """Messages about a recording: new ones, and those for a newly connected browser.
 
-    def __init__(self, path: Path) -> None:
+    look: returns a new estimate of the recording if one is due; see `dashboard.online`.
+    """
+
+    def __init__(self, path: Path, look: Look = lambda: None) -> None:
+        self._look = look
         self._tail = Tail(path, keep=False)
         self._excitation = Excitation()
         self._streams = {name: _StreamState() for name in ("imu", "robot")}
@@ -67,6 +73,11 @@ class Feed:
             "notes": [{"warning": level >= WARN, "text": text} for level, text in self._tail.notes[-50:]],
         }
         return [*messages, self._status]
+
+    def look(self) -> Message | None:
+        """Return the message about a new estimate if one is due."""
+        found = self._look()
+        return None if found is None else self.estimate(found)
 
     def estimate(self, found: LiveEstimate) -> Message:
         """Return the message about an estimate, and keep it."""

@@ -13,11 +13,13 @@ from typing import Literal
 import numpy as np
 
 from kreisel.geometry.rotation import Array
-from kreisel.synchronization.clock import USUAL_SKEW
 from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM, STANDARD_GRAVITY
 
 Indices = Callable[[int, int], tuple[str, ...]]
 """From the order of the sensor polynomials and the number of joints to what follows the path in each name."""
+
+USUAL_SKEW = 0.012
+"""Deviation of the ratio of clocks of usual devices: half of what is searched; see `synchronization.clock.MAX_SKEW`."""
 
 _NO_MEAN = 1e-6
 """Variance left to a mean that is zero, relative: 1 us for delays. Chosen: small beside any use, far above rounding."""

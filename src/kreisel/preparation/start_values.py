@@ -14,11 +14,11 @@ import numpy as np
 from kreisel.geometry.rotation import Array, nearest_rotation, skew
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.groups import USUAL_SKEW
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.model.robot_model import RobotModel
 from kreisel.preparation.attitude import alignment_from_gravity
 from kreisel.preparation.preparation import ImuNoise, Preparation
-from kreisel.synchronization.clock import USUAL_SKEW
 from kreisel.units import DEG
 
 START_INFLATION = 20.0

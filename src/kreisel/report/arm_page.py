@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.calibration.arm_calibration import NOT_SHOWN, ArmCalibration, ArmError
+from kreisel.calibration.arm_result import NOT_SHOWN, ArmCalibration, ArmError
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure

@@ -60,6 +60,8 @@ class HandTurns:
         on a turntable, in three mountings.
     laid_error, heading_error, heading_bias
         rad: of each standstill on a face, and of the heading after a whole turn; by what all of these turn too little.
+    one_sense
+        Whether all whole turns go the same way round, seen from above to the right.
     squareness
         Of the angles between faces, rad.
     table_axis, table_tilt, table_error
@@ -86,7 +88,8 @@ class HandTurns:
     laid_error: float = 3e-3
     heading_error: float = 5e-3
     heading_bias: float = 0.0
-    squareness: float = 1e-3
+    one_sense: bool = False
+    squareness: float = 2e-3
     table_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     table_tilt: float = 0.02
     table_error: float = 1e-4
@@ -222,6 +225,7 @@ def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
         if how.laid == "whole turns" and sign > 0.0:
             tilt = rng.normal(0.0, 0.3 * how.laid_error, 3)
             sense = rng.choice([-1.0, 1.0])
+            sense = 1.0 if how.one_sense else sense
             tilt[2] = rng.normal(0.0, how.heading_error) - sense * how.heading_bias
             turn = sense * np.array([0.0, 0.0, 2.0 * np.pi])
             out.append(_Move(multiply(exp(tilt), q), turn))
@@ -282,3 +286,50 @@ def _unrest(how: HandTurns, n: int, rate: float, rng: np.random.Generator) -> tu
         angle += how.slip * direction * s[:, None]
         speed += how.slip * direction * v[:, None] / 0.05
     return angle, speed
+
+
+class HandHeld:
+    """A device in the hand of somebody who does what is asked for, piece by piece, without end.
+
+    Attributes
+    ----------
+    truth
+        Its parameters, in the frame of b.
+    rate
+        Hz.
+    """
+
+    def __init__(self, grade: str, rng: np.random.Generator) -> None:
+        self._grade, self._rng = GRADES[grade], rng
+        self.rate = self._grade.rate
+        truth = replace(draw_sensors(rng, Imu(grade=grade), self._grade), lever_arms=np.zeros((3, 3)))
+        g_sensitivity = rng.normal(0.0, self._grade.g_sensitivity / 3.0, (3, 3))
+        self._effects = replace(DeviceEffects.none(), g_sensitivity=g_sensitivity)
+        self.truth = replace(truth, others={"gyro_g_sensitivity": g_sensitivity.ravel()})
+        self._q = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def hold(self, seconds: float) -> tuple[Array, Array]:
+        """Return rates and accelerations, (n, 3) each, as read while it is held still."""
+        n = max(1, int(seconds * self.rate))
+        return self._read(np.tile(self._q, (n, 1)), np.zeros((n, 3)))
+
+    def turn(self, up: Array, seconds: float = 2.0) -> tuple[Array, Array]:
+        """Return readings while it is turned until a direction of its own (3,) is up, within some degrees."""
+        up = np.asarray(up) + self._rng.normal(0.0, 0.05, 3)
+        there = from_two_vectors(up / np.linalg.norm(up), [0.0, 0.0, -1.0])
+        there = multiply(exp([0.0, 0.0, self._rng.uniform(-np.pi, np.pi)]), there)
+        vector = log(multiply(conjugate(self._q), there))
+        n = int(seconds * self.rate)
+        s, v = _smooth(np.arange(1, n + 1) / n)
+        q = multiply(self._q, exp(vector * s[:, None]))
+        self._q = q[-1]
+        return self._read(q, vector * v[:, None] / seconds)
+
+    def _read(self, q: Array, omega: Array) -> tuple[Array, Array]:
+        n, grade = len(q), self._grade
+        earth = apply(conjugate(q), np.broadcast_to(earth_rate_n(float(LATITUDE)), (n, 3)))
+        force = apply(conjugate(q), np.broadcast_to([0.0, 0.0, -GRAVITY], (n, 3)))
+        w, a = ideal_readings(omega + earth, np.zeros((n, 3)), force, self.truth, self._effects)
+        w = w + self._rng.normal(0.0, grade.gyro_noise_density * np.sqrt(self.rate), (n, 3))
+        a = a + self._rng.normal(0.0, grade.accel_noise_density * np.sqrt(self.rate), (n, 3))
+        return rounded(w, grade.gyro_step), rounded(a, grade.accel_step)

@@ -49,6 +49,7 @@ class Faces:
 
     kind = "face"
     gives_heading = False
+    usual = 3e-3  # a table that is not quite level, and not quite flat
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -97,6 +98,7 @@ class WholeTurns:
 
     kind = "whole turn"
     gives_heading = False
+    usual = 5e-3  # half a millimetre at the end of an edge of ten centimetres
     nuisances: tuple[Nuisance, ...] = ()
 
     @property
@@ -143,6 +145,7 @@ class TableTurns:
     scale_sd: float = 0.0
 
     kind = "table"
+    usual = None
 
     @property
     def gives_heading(self) -> bool:

@@ -44,6 +44,7 @@ class PoseAttitudes:
     width: Array
 
     kind = "pose"
+    usual = None
     gives_heading = True
 
     @property

@@ -8,7 +8,7 @@ three devices best, by 4 to 40 in the logarithm of the evidence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,9 @@ _YAW, _ANY = 1e-4, 10.0
 
 _GRID = 2.0 ** np.arange(-3.0, 13.0)
 """Sizes of a figure that are compared, in units of what the white noise hides. Chosen: an eighth of that is nothing."""
+
+_LARGE, _UNSURE = 10, np.log(3.0)
+"""Place in it of a size that explains everything, and deviation of the logarithm of a figure that is usual."""
 
 _SWEEPS, _SETTLED = 6, 0.1
 """Rounds over the figures at most, and relative change of all of them with which they end."""
@@ -156,22 +159,44 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
     hidden = how.units
     hidden[3:5] = hidden[[1, 0]] / np.sqrt(span)
     looked = [k for k in range(hidden.size) if not (problem.constant_offsets and k in (3, 4))]
-    before = as_row(first)[0]
-    figures = np.maximum(np.pad(before, (0, hidden.size - before.size)), hidden * _GRID[0])
+    known = as_row(first)[0]
+    begin = np.maximum(np.pad(known, (0, hidden.size - known.size)), hidden * _GRID[0])
     if problem.constant_offsets:
-        figures[3:5] = 1e-3 * hidden[3:5]
+        begin[3:5] = 1e-3 * hidden[3:5]
+
+    def evidence(figures: Array) -> Array:
+        own = solution(problem, linear, how, figures, about).log_evidence
+        for k, one in enumerate(problem.known, len(FIGURES)):
+            if one.usual is not None:
+                own = own - 0.5 * (np.log(figures[:, k] / one.usual) / _UNSURE) ** 2
+        return own
+
+    starts = [begin]
+    if not known.any():  # what one figure explains another may, too: each has its turn to be the first
+        for k in looked:
+            large = begin.copy()
+            large[k] = hidden[k] * _GRID[_LARGE]
+            starts.append(large)
+    found = [_by_turns(evidence, start, hidden, looked) for start in starts]
+    best = found[0] if len(found) == 1 else found[int(np.argmax(evidence(np.array(found))))]
+    own = dict(zip(FIGURES, best.tolist(), strict=False))
+    return RestNoise(**own, known=tuple(best[len(FIGURES) :].tolist()))
+
+
+def _by_turns(evidence: Callable[[Array], Array], start: Array, hidden: Array, looked: Sequence[int]) -> Array:
+    """Return the figures (K,), each in its turn the root of its mean square by the evidence for all sizes of it."""
+    figures = start.copy()
     for _ in range(_SWEEPS):
         before = figures.copy()
         for k in looked:
             trial = np.repeat(figures[None], _GRID.size, axis=0)
             trial[:, k] = hidden[k] * _GRID
-            evidence = solution(problem, linear, how, trial, about).log_evidence
-            chance = np.exp(evidence - evidence.max())
+            own = evidence(trial)
+            chance = np.exp(own - own.max())
             figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())
         if np.all(np.abs(figures - before) <= _SETTLED * before):
             break
-    own = dict(zip(FIGURES, figures.tolist(), strict=False))
-    return RestNoise(**own, known=tuple(figures[len(FIGURES) :].tolist()))
+    return figures
 
 
 def as_row(noise: RestNoise) -> Array:

@@ -82,6 +82,10 @@ class Knowledge(Protocol):
     def share(self) -> Array:
         """What a unit of its noise figure adds to them, (k, 3)."""
 
+    @property
+    def usual(self) -> float | None:
+        """Its noise figure as it usually is, by hand, within a factor of three; None where nothing is known of it."""
+
     def equations(self, problem: RestProblem, p: CellParameters, C: Array, /) -> Equations:
         """Return the equations about parameters and attitudes C (M, 3, 3)."""
 

@@ -67,6 +67,18 @@ def find_rests(imu: ImuSamples) -> Rests:
     return _measured(imu, first, last, step)
 
 
+def held_still(imu: ImuSamples) -> float:
+    """Return for how long the device has stood still at the end of its readings, s."""
+    step = max(1, round(BLOCK / imu.interval))
+    blocks = len(imu.stamps_ns) // step
+    if blocks < 2 * WINDOW:
+        return 0.0
+    begin = len(imu.stamps_ns) - blocks * step
+    means = [v[begin:].reshape(blocks, step, 3).mean(axis=1) for v in (imu.rates, imu.accelerations)]
+    moving = np.flatnonzero(~_still(means, _broken(imu, step, blocks)))
+    return float(blocks - 1 - (moving[-1] if moving.size else -1)) * step * imu.interval
+
+
 def _still(means: list[Array], broken: Mask) -> Mask:
     """Return which blocks lie in a quiet window, (blocks,): of the whole window, so that no end is lost."""
     quiet: Mask = np.all(np.lib.stride_tricks.sliding_window_view(~broken, WINDOW), axis=1)

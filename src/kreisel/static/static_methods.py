@@ -21,8 +21,8 @@ METHODS = ("multi-position", "six-position", "ferraris", "turntable")
 """Names of the static methods, by what is known of the attitudes besides gravity: nothing, faces of a case, faces and
 whole turns, turns of a table."""
 
-SQUARENESS = 1e-3
-"""rad; standard deviation of the angles between a case's faces. Chosen: a milled case has less, a moulded one more."""
+SQUARENESS = 2e-3
+"""rad; standard deviation of the angles between a case's faces. Chosen: a milled case has less, a printed one more."""
 
 _ON_A_FACE, _NEAR = 0.26, 0.09
 """rad: largest tilt of a standstill that counts as one on a face if the method is stated, and if it is not."""

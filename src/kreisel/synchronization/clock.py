@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from kreisel.geometry.rotation import Array
 
-MAX_SKEW, USUAL_SKEW = 0.022, 0.012
-"""Largest clock ratio, less one, that is searched, and the deviation of those of usual devices. Stamps by timers of
-microcontrollers were up to 1.6 per cent off in recordings of one arm; crystals are within 0.01."""
+MAX_SKEW = 0.022
+"""Largest clock ratio, less one, that is searched. Stamps by timers of microcontrollers were up to 1.6 per cent off in
+recordings of one arm; crystals are within 0.01."""
 
 
 @dataclass(frozen=True)

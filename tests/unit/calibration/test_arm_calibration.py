@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from kreisel.calibration.arm_calibration import NOT_SHOWN, calibrate_arm
+from kreisel.calibration.arm_calibration import arm_of, arm_of_all
+from kreisel.calibration.arm_result import NOT_SHOWN
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.joint import calibrate_joint
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import conjugate, log, multiply
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.report.arm_page import write_arm
 from kreisel.robot import kinematics
 from kreisel.robot.kinematics import load_arm
@@ -30,7 +34,7 @@ def cell(run, **more):
 @pytest.fixture(scope="module")
 def one():
     truth, recording = cell(0)
-    return truth, recording, calibrate_arm([recording])
+    return truth, recording, arm_of(run_calibration(recording, CalibrationSettings()))
 
 
 def left(nominal, actual, errors, angles):
@@ -89,7 +93,7 @@ def test_poses_that_were_not_used_are_better(one, tmp_path):
 
 def test_several_recordings_judge_each_other(one):
     _, first, _ = one
-    found = calibrate_arm([first, cell(1)[1]], names=["a", "b"])
+    found = arm_of_all(calibrate_joint([first, cell(1)[1]], names=["a", "b"]))
     assert [(part.name, part.used) for part in found.unused] == [("a", "b"), ("b", "a")]
     for part in found.unused:
         assert part.after.orientation < 0.4 * part.before.orientation
@@ -116,4 +120,4 @@ def test_the_result_is_written(one, tmp_path):
 def test_without_an_arm_it_says_what_is_missing():
     _, recording = cell(0, reference={"joints": False})
     with pytest.raises(RecordingError, match="joint angles and its description"):
-        calibrate_arm([recording])
+        arm_of(run_calibration(recording, CalibrationSettings()))

@@ -75,3 +75,16 @@ def test_clusters_end_at_a_tenth():
     assert usual_clusters(100_000)[-1] == 10_000
     assert usual_clusters(100_000)[0] == 1
     assert np.all(np.diff(usual_clusters(1000)) > 0)
+
+
+def test_the_curve_is_that_of_allantools():
+    """Overlapping Allan deviations of white noise, flicker noise and a walk, at every averaging time."""
+    allantools = pytest.importorskip("allantools")
+    rate, n = 50.0, 20_000
+    values = noise(np.random.default_rng(8), n, rate, 1e-3, 3e-4, 2e-5)
+    clusters = usual_clusters(n)
+    own = allan_deviation(values, clusters)
+    for axis in range(3):
+        tau, other, *_ = allantools.oadev(values[:, axis], rate=rate, data_type="freq", taus=clusters / rate)
+        np.testing.assert_allclose(tau, clusters / rate)
+        np.testing.assert_allclose(own[:, axis], other, rtol=1e-9)

@@ -9,6 +9,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.model.groups import USUAL_SKEW
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.start_values import (
     START_INFLATION,
@@ -21,7 +22,6 @@ from kreisel.preparation.start_values import (
     starting_point,
     stated_prior,
 )
-from kreisel.synchronization.clock import USUAL_SKEW
 
 from ...oracle.quaternions import rotate
 from ...small_problem import with_fit
