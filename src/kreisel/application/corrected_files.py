@@ -102,7 +102,12 @@ def apply_to_file(
     if read is not None:
         samples, warnings = read
         if not force:
-            check_units(samples, stated=mapped is not None, warm=follows_temperature(calibration.sensors.effects))
+            check_units(
+                samples,
+                stated=mapped is not None,
+                warm=follows_temperature(calibration.sensors.effects),
+                counts=calibration.counts,
+            )
         return _to_table(calibration, samples, out, warnings)
     table = raw
     if raw.is_dir():
@@ -220,7 +225,12 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
         raise SettingsError(f"-o {out}: of {raw} {wanted} is written, or a .csv file")
     found = imu_messages(raw, imu)
     if not force:
-        check_units(found.samples, stated=False, warm=follows_temperature(calibration.sensors.effects))
+        check_units(
+            found.samples,
+            stated=False,
+            warm=follows_temperature(calibration.sensors.effects),
+            counts=calibration.counts,
+        )
     omega, f = _corrected(calibration, found.samples)
     copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
     return Applied(out, len(omega), tuple(map(str, found.warnings)))

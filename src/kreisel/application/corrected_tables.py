@@ -44,6 +44,7 @@ class CorrectedTable:
 
     def __init__(self, calibration: Calibration, source: Path, *, check: bool = True) -> None:
         self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
+        self._counts = calibration.counts
         self._first: list[ImuRows] = []
         self._lines, self._stream = ImuLines(source), calibration.stream()
         self._waiting: deque[tuple[str, str]] = deque()
@@ -82,7 +83,7 @@ class CorrectedTable:
         )
         warm = [part.temperature for part in self._first if part.temperature is not None]
         samples = ImuSamples(stamps, rates, forces, self._source, temperature=np.concatenate(warm) if warm else None)
-        check_units(samples, stated=False, warm=self._warm)
+        check_units(samples, stated=False, warm=self._warm, counts=self._counts)
         self._check, self._first = False, []
 
     def close(self) -> tuple[bytes, str | None]:

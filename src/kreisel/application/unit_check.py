@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.errors import RecordingError
+from kreisel.inertial.counts import Counts
+from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples
 from kreisel.validation.imu_checks import check_gravity, check_temperature
 
@@ -18,11 +22,13 @@ SLOWEST_RATE, FASTEST_RATE = 1.0, 20e3
 REMEDY = "; --force corrects them as they are"
 
 
-def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False) -> None:
+def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts: Counts | None = None) -> None:
     """Raise an error for readings that are in other units than they are taken for.
 
     Parameters
     ----------
+    counts
+        What a count is, of a calibration of raw counts.
     stated
         Whether units must be stated: those of a table of another shape.
     warm
@@ -42,6 +48,11 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False) -> Non
                 raise RecordingError(
                     f"the unit of {entry} is not stated: write it after the columns, {example}", file=samples.source
                 )
+    if counts is None:
+        samples = replace(samples, units=NO_UNITS) if samples.units.counted("acceleration") else samples
+    else:
+        rates, accelerations = counts.in_si(samples.rates, samples.accelerations)
+        samples = replace(samples, rates=rates, accelerations=accelerations, units=NO_UNITS)
     try:
         check_gravity(samples)
         if warm:

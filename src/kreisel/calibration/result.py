@@ -22,6 +22,7 @@ from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, check_entries, finish_replacing, read_text, replaced_together
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, corrected
+from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SizeEffect
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
@@ -77,7 +78,7 @@ class Calibration(CalibrationParts):
         Parameters
         ----------
         rates, accelerations : (n, 3)
-            Raw readings, rad/s and m/s^2.
+            Raw readings, rad/s and m/s^2; counts where those were calibrated (`counts`).
         timestamps : (n,)
             Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, used exactly; floats are
             seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
@@ -93,6 +94,8 @@ class Calibration(CalibrationParts):
         raw, a = triads(rates, "rates"), triads(accelerations, "accelerations")
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
+        if self.counts is not None:
+            raw, a = self.counts.in_si(raw, a)
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         temperature_difference = temperature_difference_of(temperatures, len(raw), self.sensors, self._temperature)
         out = corrected(Block(seconds, raw, a, temperature_difference), self.sensors, self.size_effect)
@@ -144,7 +147,12 @@ class Calibration(CalibrationParts):
 
     def stream(self) -> CorrectedStream:
         """Return an object that corrects readings as they come; see `calibration.stream_correction`."""
-        return CorrectedStream(self.sensors, self.size_effect, self._temperature)
+        return CorrectedStream(self.sensors, self.size_effect, self._temperature, self.counts)
+
+    @property
+    def counts(self) -> Counts | None:
+        """What a count of raw converter readings is; None where readings are rad/s and m/s^2."""
+        return None if self.recording is None else self.recording.counts
 
     @property
     def _not_determined(self) -> tuple[str, ...]:

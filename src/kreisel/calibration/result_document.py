@@ -33,6 +33,7 @@ from kreisel.calibration.result_sections import (
 )
 from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import FORMULA, SensorParameters, SizeEffect, check_parameters
 from kreisel.model.considered_terms import Considered
 from kreisel.model.groups import group_named
@@ -277,6 +278,7 @@ def _recording_table(facts: RecordingFacts) -> dict[str, Any]:
         **({} if facts.noise is None else {"noise": _noise_table(facts.noise)}),
         **{name: dict(table) for name, table in _texts_of(facts).items() if table},
         **({"reference_kind": facts.reference_kind} if facts.reference_kind else {}),
+        **({} if facts.counts is None else {"counts": _counts_table(facts.counts)}),
         **({} if facts.digest is None else {"sha256": facts.digest, "begin_ns": facts.begin_ns}),
         "findings": list(facts.warnings),
     }
@@ -297,7 +299,24 @@ def _recording(table: Mapping[str, Any]) -> RecordingFacts:
         digest=None if table.get("sha256") is None else str(table["sha256"]),
         begin_ns=None if table.get("begin_ns") is None else int(table["begin_ns"]),
         reference_kind=str(table.get("reference_kind", "")),
+        counts=None if table.get("counts") is None else _counts(table["counts"]),
     )
+
+
+def _counts_table(counts: Counts) -> dict[str, Any]:
+    return {
+        "formula": "quantity = (count - zero) * size; the calibration is applied to quantities, rad/s and m/s^2",
+        "rate": {"size": counts.rate, "zero": _plain(counts.rate_zero)},
+        "acceleration": {"size": counts.acceleration, "zero": _plain(counts.acceleration_zero)},
+    }
+
+
+def _counts(table: Mapping[str, Any]) -> Counts:
+    sizes, zeros = zip(
+        *((_number(table[name]["size"]), _array(table[name]["zero"], (3,))) for name in ("rate", "acceleration")),
+        strict=True,
+    )
+    return Counts(*sizes, *zeros)
 
 
 def _texts_of(facts: RecordingFacts) -> dict[str, Mapping[str, str]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from kreisel.estimation.uncertainty_budget import Budget
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.considered_terms import Considered
 from kreisel.robot.pose_accuracy import PoseAccuracy
@@ -103,6 +104,8 @@ class RecordingFacts:
         The IMU's first stamp.
     reference_kind
         "robot" or "mocap", as stated; empty where it was not.
+    counts
+        What a count of raw converter readings is; None where they were quantities.
     """
 
     name: str
@@ -119,6 +122,7 @@ class RecordingFacts:
     digest: str | None = None
     begin_ns: int | None = None
     reference_kind: str = ""
+    counts: Counts | None = None
 
     @property
     def title(self) -> str:

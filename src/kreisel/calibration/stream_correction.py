@@ -9,6 +9,7 @@ from kreisel.calibration.array_checks import check_ascending, temperature_differ
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, Correction
+from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 
 Corrected = tuple[NDArray[np.int64], Array, Array]
@@ -27,8 +28,10 @@ class CorrectedStream:
     A sample is returned when the three after it have come, the first ones after a hundred; see `inertial.correction`.
     """
 
-    def __init__(self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None) -> None:
-        self._sensors, self._temperature = sensors, temperature_c
+    def __init__(
+        self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None, counts: Counts | None = None
+    ) -> None:
+        self._sensors, self._temperature, self._counts = sensors, temperature_c, counts
         self._correction = Correction(sensors, form)
         self._waiting: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._first: int | None = None
@@ -42,7 +45,7 @@ class CorrectedStream:
         Parameters
         ----------
         rates, accelerations : (m, 3)
-            Raw readings, rad/s and m/s^2.
+            Raw readings, rad/s and m/s^2, or counts where those were calibrated.
         stamps_ns : (m,)
             Nanoseconds, ascending, also from block to block.
         temperatures : (m,)
@@ -56,6 +59,8 @@ class CorrectedStream:
         raw, a = triads(rates, "rates", 0), triads(accelerations, "accelerations", 0)
         if len(a) != len(raw):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
+        if self._counts is not None:
+            raw, a = self._counts.in_si(raw, a)
         stamps = np.asarray(stamps_ns)
         if stamps.dtype.kind not in "iu" or stamps.shape != (len(raw),):
             raise RecordingError(

@@ -11,6 +11,7 @@ from kreisel.errors import SettingsError, unknown_name
 from kreisel.inertial.allan import MOVING, moved, noise_figures
 from kreisel.inertial.noise_figures import GRADES, equivalent_walk
 from kreisel.recording.recording import ImuSamples
+from kreisel.validation.imu_checks import check_quantities
 
 SHORTEST = 600.0
 """Seconds at rest that an Allan deviation needs to show a random walk of the offsets at all."""
@@ -83,6 +84,7 @@ def _joined(noise: ExportNoise, figures: dict[str, float], source: str) -> Expor
 
 def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:
     """Return the figures in readings at rest: the rms over the axes."""
+    check_quantities(imu)
     seconds = float(imu.seconds[-1])
     if seconds < SHORTEST:
         raise SettingsError(

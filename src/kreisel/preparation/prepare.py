@@ -28,6 +28,7 @@ from kreisel.preparation.warnings import (
 from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.synchronization.fits import RateFit
 from kreisel.tasks import Executor, sequential
+from kreisel.validation.imu_checks import check_quantities
 
 _ROUNDS_WITHOUT_ATTITUDE = 4
 """Rounds in which attitude and accelerometers are found in turn, from positions alone. Chosen: the lever arm of a round
@@ -51,6 +52,7 @@ def prepare_recording(
             "`kreisel static` does without, by standstills in many attitudes",
             file=recording.path,
         )
+    check_quantities(recording.imu)
     recording, of_restarts = with_parts_in_place(recording, reference)
     compared = repaired(compare(recording, reference, executor))
     recording, reference, fit = compared.recording, compared.reference, compared.fit

@@ -13,6 +13,7 @@ from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, moved, noise_fig
 from kreisel.inertial.noise_figures import equivalent_walk
 from kreisel.recording.recording import Recording
 from kreisel.units import DEG, MG
+from kreisel.validation.imu_checks import check_quantities
 
 SHORTEST = 20.0
 """Seconds at rest below which nothing is said. Chosen: a tenth of it is one octave of averaging times at 10 Hz."""
@@ -77,6 +78,7 @@ def allan_report(recording: Recording) -> AllanReport:
         If they are too short, or move.
     """
     imu = recording.imu
+    check_quantities(imu)
     seconds = float(imu.seconds[-1])
     if seconds < SHORTEST:
         raise RecordingError(

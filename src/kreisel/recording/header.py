@@ -11,17 +11,22 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9},
     "rate": {
         "rad s^-1": 1.0, "rad/s": 1.0, "rads^-1": 1.0, "deg s^-1": DEG, "deg/s": DEG, "°/s": DEG, "dps": DEG,
-        "mdps": 1e-3 * DEG, "deg/h": DEG / 3600.0,
+        "mdps": 1e-3 * DEG, "deg/h": DEG / 3600.0, "counts": 1.0, "LSB": 1.0,
     },
     "acceleration": {
         "m s^-2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "ms^-2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY,
+        "counts": 1.0, "LSB": 1.0,
     },
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "quaternion": {"": 1.0, "-": 1.0, "1": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
     "temperature": {"degC": 1.0, "deg C": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0},
 }  # fmt: skip
-"""Size of each unit in SI, by quantity; time in nanoseconds. The first unit is used where none is stated."""
+"""Size of each unit in SI, by quantity; time in nanoseconds. The first unit is used where none is stated. That of a
+converter's counts nobody knows: `kreisel static` finds it."""
+
+COUNTED = ("counts", "LSB")
+"""Units of raw converter readings."""
 
 
 _NAME_AND_UNIT = re.compile(r"^(.*?)\s*(\[[^\[\]]*\]|\([^()]*\))\s*$")
@@ -68,6 +73,10 @@ class HeaderUnits:
         """Return the factor that converted the numbers of a quantity to SI, or to nanoseconds."""
         stated = getattr(self, quantity)
         return 1.0 if stated is None else UNITS[quantity][stated]
+
+    def counted(self, quantity: str) -> bool:
+        """Return whether the numbers of a quantity are raw converter readings."""
+        return getattr(self, quantity) in COUNTED
 
 
 NO_UNITS = HeaderUnits()

@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, SettingsError, SynchronizationError, unknown_name
 from kreisel.geometry.rotation import Array, Indices, Mask, exp
+from kreisel.inertial.counts import Counts
 from kreisel.model.parameters import CellParameters
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, TableAngles
 from kreisel.static.first_values import first_values
@@ -59,6 +60,8 @@ class Chosen:
         Deviation of the ratio of the IMU's seconds to true ones, where another clock differs.
     frame_sd
         rad: deviation of the reported body's attitude, the same in all attitudes.
+    counts
+        What a count of raw converter readings is, where they are calibrated.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Chosen:
     warnings: tuple[DataWarning, ...] = ()
     time_base_sd: float = 0.0
     frame_sd: float = 0.0
+    counts: Counts | None = None
 
 
 _DETECTED = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.multi_position import KINDS, StaticEstimate
 from kreisel.static.pose_attitudes import PoseAttitudes
 from kreisel.static.rest_problem import RestProblem
+from kreisel.static.static_methods import Chosen
 
 _ANYWHERE = 1.0
 """m; deviation of lever arms, of which standstills show nothing. Chosen: no tool is larger."""
@@ -41,7 +42,7 @@ _ANYWHERE = 1.0
 class Judged:
     """What is known of a result besides the estimate: method, covariance, budget, verdict, seconds and warnings."""
 
-    method: str
+    chosen: Chosen
     covariance: Array
     budget: Budget
     verdict: Verdict
@@ -77,7 +78,7 @@ def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> Cal
         derived=derive(p.sensors, covariance[:n, :n], moved, ("lever_arms",)),
         consistency=_consistency(found),
         verdict=judged.verdict,
-        recording=_facts(recording, found.problem, judged.warnings),
+        recording=_facts(recording, found.problem, judged),
         estimator=_estimator_facts(found, judged),
         others=others,
         considered=found.considered,
@@ -93,10 +94,10 @@ def _down(found: StaticEstimate) -> Array:
     return np.asarray(known.frame(found.parameters)[:, 2])
 
 
-def _facts(recording: Recording, problem: RestProblem, warnings: tuple[DataWarning, ...]) -> RecordingFacts:
-    reference = recording.reference
+def _facts(recording: Recording, problem: RestProblem, judged: Judged) -> RecordingFacts:
+    reference, warnings = recording.reference, judged.warnings
     if problem.own_frame or reference is None:
-        return recording_facts(recording, warnings, "gravity", 0)
+        return replace(recording_facts(recording, warnings, "gravity", 0), counts=judged.chosen.counts)
     kind = recording.settings.reference.kind or ""
     return recording_facts(recording, warnings, reference.name, reference.stamps_ns.size, kind)
 
@@ -143,7 +144,7 @@ def _estimator_facts(found: StaticEstimate, judged: Judged) -> EstimatorFacts:
     rests = found.problem.rests
     nothing = float("nan")
     return EstimatorFacts(
-        name=judged.method,
+        name=judged.chosen.name,
         sigma_points="linear",
         states=found.problem.layout.degrees,
         update_interval=0.0,

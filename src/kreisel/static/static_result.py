@@ -19,6 +19,7 @@ from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
+from kreisel.static.sensitivity import in_quantities
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
@@ -96,9 +97,10 @@ def calibrate_static(
     if gravity is not None:
         table = table.model_validate({**table.model_dump(), "gravity": gravity})
     site, of_site = site_of(table)
-    rests = find_rests(recording.imu)
-    problem = RestProblem(recording.imu, raw_of(recording.imu), rests, site, constant_offsets=constant_offsets)
-    chosen = with_method(problem, method, recording.table, squareness)
+    imu, counts = in_quantities(recording.imu, site.gravity)
+    rests = find_rests(imu)
+    problem = RestProblem(imu, raw_of(imu), rests, site, constant_offsets=constant_offsets)
+    chosen = replace(with_method(problem, method, recording.table, squareness), counts=counts)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
     said = (*recording.warnings, *chosen.warnings, *(of_gravity or known))
@@ -123,7 +125,7 @@ def concluded(
     halves = None if halves is None else halves[:own]
     warnings = (*chosen.warnings, *_remarks(found, walked, least))
     verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
-    judged = Judged(chosen.name, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
+    judged = Judged(chosen, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]
     calibration = Calibration(
         **vars(parts_of(recording, found, judged)), names=names, covariance=covariance,

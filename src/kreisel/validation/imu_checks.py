@@ -84,8 +84,22 @@ def _check_filled(imu: ImuSamples) -> None:
         raise RecordingError("all accelerations are zero: record the accelerometers too", file=imu.source)
 
 
+def check_quantities(imu: ImuSamples) -> None:
+    """Raise an error for raw converter readings, which say nothing in rad/s and m/s^2."""
+    if imu.units.counted("rate") or imu.units.counted("acceleration"):
+        raise RecordingError(
+            "the readings are raw counts: `kreisel static` finds what a count is; convert them to rad/s and m/s^2 for "
+            "anything else", file=imu.source, line=1 if is_table(imu.source) else None,
+        )  # fmt: skip
+
+
 def check_gravity(imu: ImuSamples) -> None:
-    """Raise an error if the accelerometers do not read about one g; it names the unit that would fit."""
+    """Raise an error if the accelerometers do not read about one g; it names the unit that would fit.
+
+    Of raw counts nothing is known.
+    """
+    if imu.units.counted("acceleration"):
+        return
     length = _usual_length(imu.accelerations)
     if 4.0 < length < 25.0:
         return
@@ -99,7 +113,7 @@ def check_gravity(imu: ImuSamples) -> None:
     elif length < 4.0:
         advice = "was gravity removed, or are the columns in another order? Raw readings are needed"
     else:
-        advice = "are they raw counts? Convert them to m/s^2"
+        advice = "are they raw counts? Convert them to m/s^2, or write [counts] for `kreisel static`"
     raise RecordingError(f"{got}; {advice}", file=imu.source, line=1 if is_table(imu.source) else None)
 
 
