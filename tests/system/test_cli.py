@@ -229,6 +229,55 @@ def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refus
     refused("six-position needs all six faces", "static", tmp_path / "hand", "--method", "six-position")
 
 
+def test_raw_counts_are_calibrated_and_applied_to_counts(cell, refused, tmp_path):
+    """Six faces with whole turns, in counts about half of the converter's range."""
+    how = HandTurns("industrial-mems", attitudes=12, laid="whole turns")
+    _, recording = hand_turned(how, np.random.default_rng(7))
+    imu = recording.imu
+    w, a = np.round(imu.rates / 1.33e-4 + 32768.0), np.round(imu.accelerations / 6e-4 + 32768.0)
+    write_folder(replace(recording, imu=replace(imu, rates=w, accelerations=a)), tmp_path / "raw")
+    file = tmp_path / "raw" / "imu0" / "data.csv"
+    file.write_text(file.read_text().replace("[rad s^-1]", "[counts]").replace("[m s^-2]", "[counts]"))
+    done = run("static", tmp_path / "raw", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "ferraris: all standstills are on the six faces" in " ".join(done.stdout.split())
+    document = YAML(typ="safe").load((tmp_path / "out" / "calibration.yaml").read_text())
+    schema = json.loads((Path(kreisel.__file__).parent / "calibration" / "result-schema.json").read_text())
+    jsonschema.validate(document, schema)
+    assert document["recording"]["counts"]["rate"]["size"] == pytest.approx(1.33e-4, rel=0.05)
+    done = run("apply", tmp_path / "out", tmp_path / "raw", "-o", tmp_path / "applied.csv")
+    assert done.returncode == 0, done.stderr
+    force = np.genfromtxt(tmp_path / "applied.csv", delimiter=",", skip_header=1)[:400, 4:7]
+    assert np.linalg.norm(force, axis=1).mean() == pytest.approx(9.81, abs=0.02)
+    done = run("export", tmp_path / "out", "--to", "c", "-o", tmp_path / "imu.h")
+    assert "of raw counts take first" in " ".join(done.stdout.split())
+    refused("accelerations have a median length", "apply", tmp_path / "out", cell, "-o", tmp_path / "wrong.csv")
+    refused("raw counts", "allan", tmp_path / "raw")
+
+
+def test_a_robot_stops_and_is_calibrated(cell, tmp_path):
+    """`calibrate --method static` and `kreisel robot` on a simulated cell."""
+    text = "seed = 2\nseconds = 80\n"
+    (tmp_path / "CELL.toml").write_text(text)
+    assert run("simulate", tmp_path / "CELL.toml", "-o", tmp_path / "cell").returncode == 0
+    done = run("calibrate", tmp_path / "cell", "--method", "static", "-o", tmp_path / "still")
+    assert done.returncode == 0, done.stderr
+    document = YAML(typ="safe").load((tmp_path / "still" / "calibration.yaml").read_text())
+    schema = json.loads((Path(kreisel.__file__).parent / "calibration" / "result-schema.json").read_text())
+    jsonschema.validate(document, schema)
+    assert document["estimator"]["name"] == "static"
+    assert "Reported attitude at a standstill" in (tmp_path / "still" / "report.html").read_text()
+    done = run("robot", tmp_path / "cell", "-o", tmp_path / "arm")
+    assert done.returncode == 0, done.stderr
+    assert "poses of first half, not used" in " ".join(done.stdout.split())
+    written = {"robot.yaml", "robot.urdf", "report.html", "calibration.yaml", "estimates.csv", "covariance.npz"}
+    assert {p.name for p in (tmp_path / "arm").iterdir()} == written
+    for wrong in (("--joint",), ("--inject",)):
+        done = run("calibrate", tmp_path / "cell", tmp_path / "cell", "--method", "static", *wrong)
+        assert done.returncode == 1
+        assert "--method static" in done.stderr
+
+
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):
     for number in (1, 2):
         made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")

@@ -77,13 +77,18 @@ def export(
 
 
 def _doubts(request: ExportRequest) -> list[str]:
-    """Return what is odd about noise figures: far below what the filter had to assume."""
+    """Return what to know of readings, and what is odd about noise figures: far below what the filter had to assume."""
     from kreisel.exchange.exported_noise import NAMES
 
-    estimator = request.calibration.estimator
-    if estimator is None:
-        return []
+    estimator, counts = request.calibration.estimator, request.calibration.counts
     out = []
+    if counts is not None:
+        out.append(
+            f"the parameters are for rad/s and m/s^2: of raw counts take first (count - {counts.rate_zero.tolist()}) * "
+            f"{counts.rate:g}, and (count - {counts.acceleration_zero.tolist()}) * {counts.acceleration:g}"
+        )
+    if estimator is None:
+        return out
     for name in ("gyro_density", "accel_density"):
         stated, assumed = request.noise.figures.get(name), getattr(estimator.noise, name)
         if stated and stated < 0.4 * assumed:

@@ -134,8 +134,14 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     decay = how.warm_up * np.exp(-np.arange(n) / rate / 60.0)[:, None]
     w = w + decay * grade.gyro_offset_sd * rng.normal(size=3) * 0.1
     a = a + decay * grade.accel_offset_sd * rng.normal(size=3) * 0.1
-    w = w + noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
-    a = a + noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
+    of_gyro = noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
+    of_accel = noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
+    w, a = w + of_gyro, a + of_accel
+    # offsets are those of this recording, with the mean of what wanders
+    k_w, k_a = truth.k_w.copy(), truth.k_a.copy()
+    k_w[0] -= of_gyro.mean(axis=0)
+    k_a[0] -= of_accel.mean(axis=0)
+    truth = replace(truth, k_w=k_w, k_a=k_a)
     if how.range_share:
         largest = how.range_share * float(np.abs(w).max())
         w = np.clip(w, -largest, largest)

@@ -15,11 +15,11 @@ from kreisel.geometry.rotation import Array, Mask, skew
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.static.count_sizes import in_quantities
 from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
-from kreisel.static.sensitivity import in_quantities
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static

@@ -9,10 +9,11 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write_folder
+from kreisel.inertial.counts import Counts
 from kreisel.preparation.resting_noise import allan_report
 from kreisel.recording.header import HeaderUnits
 from kreisel.simulation.standstills import GRAVITY, HandTurns, hand_turned
-from kreisel.static.sensitivity import in_quantities
+from kreisel.static.count_sizes import in_quantities
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
 
@@ -94,3 +95,10 @@ def test_too_few_attitudes_do_not_show_it():
     _, raw = counted(0.0, tilt=np.radians(8.0))
     with pytest.raises(RecordingError, match="need more attitudes"):
         calibrate_static(check_streams(raw))
+
+
+def test_a_count_less_its_zero_has_a_size():
+    counts = Counts(0.5, 2.0, np.array([1.0, 2.0, 3.0]), np.zeros(3))
+    rates, forces = counts.in_si(np.array([[3.0, 2.0, 1.0]]), np.array([[1.0, 0.0, -1.0]]))
+    np.testing.assert_array_equal(rates, [[1.0, 0.0, -1.0]])
+    np.testing.assert_array_equal(forces, [[2.0, 0.0, -2.0]])

@@ -22,7 +22,7 @@ _BLOCK = 0.05
 _FAR, _ROUNDS = 0.1, 8
 """Difference of a force from gravity in length, over gravity, with which a block counts as moved; rounds of fits."""
 
-_UNSIGNED = 2.0
+_UNSIGNED = 1.2
 """Offset of the accelerometers, over gravity, from which on the converter is taken to know no sign. Chosen: no offset
 is as large, and half of a converter's range is larger."""
 
