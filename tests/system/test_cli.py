@@ -251,7 +251,10 @@ def test_raw_counts_are_calibrated_and_applied_to_counts(cell, refused, tmp_path
     assert np.linalg.norm(force, axis=1).mean() == pytest.approx(9.81, abs=0.02)
     done = run("export", tmp_path / "out", "--to", "c", "-o", tmp_path / "imu.h")
     assert "of raw counts take first" in " ".join(done.stdout.split())
-    refused("accelerations have a median length", "apply", tmp_path / "out", cell, "-o", tmp_path / "wrong.csv")
+    done = run("apply", tmp_path / "out", cell, "-o", tmp_path / "wrong.csv")
+    assert done.returncode == 1
+    assert "one of raw counts" in done.stderr
+    assert not (tmp_path / "wrong.csv").exists()
     refused("raw counts", "allan", tmp_path / "raw")
 
 

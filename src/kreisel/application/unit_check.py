@@ -10,6 +10,7 @@ from kreisel.errors import RecordingError
 from kreisel.inertial.counts import Counts
 from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples
+from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.imu_checks import check_gravity, check_temperature
 
 FASTEST = 40.0
@@ -52,6 +53,12 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts
         samples = replace(samples, units=NO_UNITS) if samples.units.counted("acceleration") else samples
     else:
         rates, accelerations = counts.in_si(samples.rates, samples.accelerations)
+        length = float(np.median(np.linalg.norm(accelerations, axis=1)))
+        if not 0.4 < length / STANDARD_GRAVITY < 2.5:
+            raise RecordingError(
+                f"the calibration is one of raw counts, by which these accelerations are {length:.3g} m/s^2: give the "
+                f"counts{REMEDY}", file=samples.source,
+            )  # fmt: skip
         samples = replace(samples, rates=rates, accelerations=accelerations, units=NO_UNITS)
     try:
         check_gravity(samples)
