@@ -13,7 +13,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
-from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, Equations
+from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, Equations, Solution
 from kreisel.static.rest_equations import Linear, attitudes_by, linearised, moved
 from kreisel.static.rest_noise import NO_NOISE, RestNoise, Weighing, as_row, find_noise, solution, weighing
 from kreisel.static.rest_problem import RestProblem, begun
@@ -96,8 +96,9 @@ class StaticEstimate:
     def residuals(self) -> dict[str, Array]:
         """What is left by kind, (k, 3) each, in deviations of a row."""
         x, out = self._nodes, {}
+        change = self._step.parameters[0]  # along what nothing shows, and attitudes follow
         for kind, one in self.rows.items():
-            left = one.residual + np.einsum("kia,ka->ki", one.of_node, x[one.node])
+            left = one.residual + np.einsum("kia,ka->ki", one.of_node, x[one.node]) + one.of_parameters @ change
             if one.of_next is not None:
                 left += np.einsum("kia,ka->ki", one.of_next, x[one.node + 1])
             out[kind] = left / np.sqrt(self.variances[kind])
@@ -110,10 +111,15 @@ class StaticEstimate:
         return dict(zip(self.rows, [*own[:3], *own[5:]], strict=True))
 
     @cached_property
+    def _step(self) -> Solution:
+        """The step that follows the last one."""
+        zero = np.zeros(self.problem.layout.degrees)
+        return solution(self.problem, self.linear, self.weighing, as_row(self.noise), zero)
+
+    @property
     def _nodes(self) -> Array:
         """What is left of every standstill's unknowns about the estimate, (M, NODE)."""
-        zero = np.zeros(self.problem.layout.degrees)
-        return solution(self.problem, self.linear, self.weighing, as_row(self.noise), zero).nodes()[0]
+        return self._step.nodes()[0]
 
 
 def estimate_static(

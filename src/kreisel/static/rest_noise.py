@@ -62,6 +62,10 @@ FIGURES = ("force", "rate", "turn", "gyro_walk", "accel_walk")
 """Names of the figures, in the order of the equations they belong to."""
 
 
+_RATE, _TURN = 1, 2
+"""Places of these two among figures and equations."""
+
+
 @dataclass(frozen=True)
 class Weighing:
     """How equations are weighed: white noise of each row, and what a unit of each figure adds to its variance.
@@ -70,10 +74,14 @@ class Weighing:
     ----------
     white, share : (k, 3), for each kind of equations
         Variances; white noise times what was inflated.
+    wandering : (k, 3)
+        What a unit of the figure of rates adds to the variances of turns: the offset of a turn errs as those of
+        standstills do, all the time that it lasts.
     """
 
     white: tuple[Array, ...]
     share: tuple[Array, ...]
+    wandering: Array
 
     @property
     def units(self) -> Array:
@@ -86,10 +94,12 @@ class Weighing:
 
     def variances(self, figures: Array) -> list[Array]:
         """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, K)."""
-        return [
+        out = [
             white + figures[:, k, None, None] ** 2 * share
             for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))
         ]
+        out[_TURN] = out[_TURN] + figures[:, _RATE, None, None] ** 2 * self.wandering
+        return out
 
 
 def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]) -> Weighing:
@@ -111,6 +121,7 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
         (force, rate, turn, np.zeros_like(between), np.zeros_like(between), *known),
         (one, one, np.repeat(turns.agitation[at][:, None], 3, axis=1), between, between,
          *(k.share for k in problem.known)),
+        np.repeat(turns.seconds[at][:, None] ** 2, 3, axis=1),
     )  # fmt: skip
 
 

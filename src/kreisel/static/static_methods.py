@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.errors import RecordingError, SettingsError, SynchronizationError, unknown_name
-from kreisel.geometry.rotation import Array, Indices, Mask, exp
+from kreisel.errors import RecordingError, SettingsError, unknown_name
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.counts import Counts
+from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
-from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, TableAngles
-from kreisel.static.first_values import first_values
+from kreisel.recording.recording import DataWarning, ImuSamples, TableAngles
+from kreisel.static.first_values import MIN_ATTITUDES, first_values
 from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
-from kreisel.static.rest_problem import RestProblem
+from kreisel.static.rest_problem import RestProblem, begun
 from kreisel.static.turns import turns_between
-from kreisel.synchronization.correlation import correlate
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable")
 """Names of the static methods, by what is known of the attitudes besides gravity: nothing, faces of a case, faces and
@@ -37,6 +37,10 @@ encoder and its bearing count too much; the second is beyond the noise of any en
 
 _RATE_SCALE = 1e-3
 """Deviation of the scale of a table's rates. Chosen: of usual rate tables; an encoder's angles close after a turn."""
+
+_AGREEING, _STEP = 0.7, 0.02
+"""Share of a table's turns that must agree with the gyros, the device being moved in none of them; and s, between two
+values of the rates that are compared."""
 
 _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
@@ -81,6 +85,10 @@ _DETECTED = {
     "with whole turns in between; --method multi-position does without that",
 }
 """What is said where the data showed the method."""
+
+
+_NO_SENSORS = SensorParameters(np.eye(3), np.zeros((1, 3)), np.eye(3), np.zeros((1, 3)), np.zeros((3, 3)))
+"""Where nothing was calibrated."""
 
 
 def with_method(
@@ -177,29 +185,21 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
 
     Notes
     -----
-    An integral of readings about a fixed axis gives the first gyro matrix linearly, over any number of turns.
+    Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros.
     """
-    rests = problem.rests
-    seconds = _table_seconds(problem.imu, table)
-    begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
-    still: Mask = np.abs(end - begin) < _STILL
-    if np.count_nonzero(still) < 2:
+    found = [_agreeing(problem, table, seconds) for seconds in _clocks(problem.imu, table)]
+    best = max(found, key=lambda one: one.share, default=None)
+    if best is None or not best.stopped:
         raise RecordingError(
             "the turntable never stands still long enough: let it rest for two seconds between two rates, or angles",
             file=table.source,
         )
-    problem = replace(problem, rests=rests.part(still))
-    angle = begin[still][1:] - end[still][:-1]
-    start = first_values(problem)
-    way = _sums(problem, start)
-    size = np.linalg.norm(way, axis=1)
-    by_table = (np.abs(angle) > _TURNED) & (np.abs(size - np.abs(angle)) < _SAME * np.abs(angle))
-    node = np.flatnonzero(by_table)
-    if not node.size:
+    if best.share < _AGREEING:
         raise RecordingError(
-            "no turn of the table agrees with the gyros: are its angle in rad or deg as its header says, and its "
-            "stamps those of the same motion?", file=table.source,
+            f"{100.0 * best.share:.0f} % of the table's turns agree with the gyros: are its angle in rad or deg as its "
+            "header says, and its stamps those of the same motion?", file=table.source,
         )  # fmt: skip
+    problem, start, node, angle, way = best.problem, best.start, best.node, best.angle, best.way
     C = attitudes_by(problem, start, turns_between(problem.imu, problem.raw, problem.rests, start.sensors))
     axes = np.einsum("kij,kj->ki", C[node], way[node] / angle[node, None])
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
@@ -208,25 +208,64 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     return Chosen("turntable", replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node]))
 
 
+@dataclass(frozen=True)
+class _Agreement:
+    """Standstills by a clock of the table, its angles between them (M - 1,), and its turns that the gyros confirm.
+
+    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed.
+    """
+
+    problem: RestProblem
+    start: CellParameters
+    angle: Array
+    way: Array
+    node: Indices
+    stopped: bool
+    share: float
+
+
+def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agreement:
+    """Return how a table's turns agree with the gyros; seconds: the table's, at every sample of the IMU."""
+    rests = problem.rests
+    begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
+    still: Mask = np.abs(end - begin) < _STILL
+    if np.count_nonzero(still) < MIN_ATTITUDES:
+        none = np.zeros(0)
+        return _Agreement(
+            problem, begun(_NO_SENSORS, problem.site), none, np.zeros((0, 3)), none.astype(np.int64), False, 0.0
+        )
+    problem = replace(problem, rests=rests.part(still))
+    angle = begin[still][1:] - end[still][:-1]
+    start = first_values(problem)
+    way = _sums(problem, start)
+    turned = np.abs(angle) > _TURNED
+    agrees = turned & (np.abs(np.linalg.norm(way, axis=1) - np.abs(angle)) < _SAME * np.abs(angle))
+    share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
+    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), True, share)
+
+
+def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:
+    """Return the table's seconds at every sample of the IMU, (n,), by every clock that is possible.
+
+    By the stamps as they are, and by the shift with which both rates are most alike.
+    """
+    stamped = (imu.stamps_ns - table.stamps_ns[0]) * 1e-9
+    out = [stamped] if stamped[-1] > 0.0 and stamped[0] < table.seconds[-1] else []
+    t = np.arange(0.0, float(imu.seconds[-1]), _STEP)
+    tau = np.arange(0.0, float(table.seconds[-1]), _STEP)
+    x = np.linalg.norm(imu.rates - np.median(imu.rates, axis=0), axis=1)
+    x = np.interp(t, imu.seconds, x)
+    y = np.abs(np.gradient(np.interp(tau, table.seconds, table.angles), _STEP)) if tau.size > 1 else np.zeros(1)
+    size = t.size + tau.size
+    alike = np.fft.irfft(np.fft.rfft(x - x.mean(), size) * np.conj(np.fft.rfft(y - y.mean(), size)), size)
+    best = int(np.argmax(alike))
+    shift = _STEP * (best if best < t.size else best - size)
+    return [*out, imu.seconds - shift]
+
+
 def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:
     """Return first values with a gyro matrix by which integrals of rates (k, 3) are the table's turns."""
     meant = turns.angle[:, None] * np.einsum("kji,j->ki", C, turns.axis)
     held = 1e-4 * float(np.sum(turns.angle**2)) * np.eye(3)
     change = np.linalg.solve(way.T @ way + held, way.T @ meant + held).T
     return replace(start, sensors=replace(start.sensors, K_omega=change @ start.sensors.K_omega))
-
-
-def _table_seconds(imu: ImuSamples, table: TableAngles) -> Array:
-    """Return the table's seconds at every sample of the IMU, (n,)."""
-    turned = exp(table.angles[:, None] * np.array([0.0, 0.0, 1.0]))
-    try:
-        found = correlate(imu, ReferencePoses("table0", table.stamps_ns, None, turned, table.source))
-    except SynchronizationError as error:
-        t = (imu.stamps_ns - table.stamps_ns[0]) * 1e-9
-        if t[-1] < 0.0 or t[0] > table.seconds[-1]:
-            raise RecordingError(
-                f"the turntable's stamps are not those of the IMU, and its motion is another one: {error}",
-                file=table.source,
-            ) from error
-        return np.asarray(t)
-    return found.clock.reference_time(imu.seconds)
