@@ -12,9 +12,11 @@ from pathlib import Path
 import imucal
 import numpy as np
 
+from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.simulation.standstills import GRAVITY, HandTurns, hand_turned
+from kreisel.static.known_attitudes import Faces, WholeTurns
 from kreisel.static.static_result import StaticOutcome, calibrate_static
 from kreisel.validation.checks import check_streams
 
@@ -26,8 +28,10 @@ def by_imucal(found: StaticOutcome) -> SensorParameters:
     """Return imucal's Ferraris calibration of the same standstills and turns, in the axes of the case."""
     imu, rests = found.found.problem.imu, found.found.problem.rests
     faces, turns = found.found.problem.known
+    if not isinstance(faces, Faces) or not isinstance(turns, WholeTurns):
+        raise SettingsError("expected faces and whole turns")
     degrees = np.degrees(imu.rates)
-    regions = {}
+    regions: dict[str, Array] = {}
     for axis, name in enumerate("xyz"):
         for sign, end in ((1.0, "p"), (-1.0, "a")):
             node = next(n for n, a, s in zip(faces.node, faces.axis, faces.sign, strict=True) if (a, s) == (axis, sign))
