@@ -10,11 +10,11 @@ from kreisel.errors import SynchronizationError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.preparation.build_problem import (
-    _frame_sd,
     _of_layout,
     _pose_error,
     _with_held_values,
     build_problem,
+    frame_sd_of,
 )
 from kreisel.preparation.start_values import starting_point
 from kreisel.preparation.state_layout import build_layout
@@ -50,13 +50,13 @@ def test_frames_err_where_the_reference_is_a_robot(prepared, kind, name, robot):
     reference = replace(prepared.reference, name=name)
     made = with_kind(prepared, kind, reference=reference)
     made = replace(made, recording=replace(made.recording, reference=reference))
-    assert _frame_sd(made) == pytest.approx((5e-4 * 2**0.5,) * 2 if robot else (0.0, 0.0), rel=1e-12)
+    assert frame_sd_of(made) == pytest.approx((5e-4 * 2**0.5,) * 2 if robot else (0.0, 0.0), rel=1e-12)
 
 
 def test_frames_err_as_the_user_says_and_not_where_the_robots_errors_are_estimated(prepared):
     made = with_tables(prepared, robot=RobotTable(length_sd=2e-3, angle_sd=0.0))
-    assert _frame_sd(made) == pytest.approx((2e-3 * 2**0.5, 0.0))
-    assert _frame_sd(replace(made, robot=object())) == (0.0, 0.0)
+    assert frame_sd_of(made) == pytest.approx((2e-3 * 2**0.5, 0.0))
+    assert frame_sd_of(replace(made, robot=object())) == (0.0, 0.0)
 
 
 def turning(rate, seconds=60.0, step=0.012):
