@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -19,14 +18,13 @@ from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import RobotErrors
-from kreisel.calibration.split_halves import middle_of
+from kreisel.calibration.split_halves import fits_of_halves
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters, parameter_names
-from kreisel.model.problem import Problem, part_of
+from kreisel.model.problem import Problem
 from kreisel.model.robot_model import RobotModel, within_frames
-from kreisel.model.schedule import MIN_UPDATES
-from kreisel.progress import Progress, of_parts, of_step
+from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.estimate import Estimate
 from kreisel.robot.pose_accuracy import PoseAccuracy
@@ -94,19 +92,12 @@ def _of(found: Estimate) -> tuple[RobotParameters, Array]:
 
 def _halves(found: Estimate, progress: Progress | None, executor: Executor) -> list[_Known]:
     """Return what each half of a recording says by itself; nothing if they are too short."""
-    problem = found.problem
-    middle = middle_of(problem)
-    if middle < MIN_UPDATES:
+    fits = fits_of_halves(found, progress, executor)
+    if fits is None:
         return []
-    halves = (slice(0, middle), slice(middle, None))
-    shares = of_parts(progress, "halves", 2)
-    a, b = executor([
-        partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
-        for half, share in zip(halves, shares, strict=True)
-    ])  # fmt: skip
     return [
-        _known(name, problem, run.parameters.robot, run.belief.covariance)
-        for name, run in (("first half", a), ("second half", b))
+        _known(name, found.problem, fit.parameters.robot, fit.belief.covariance)
+        for name, fit in zip(("first half", "second half"), fits, strict=True)
     ]
 
 

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-
-from kreisel.calibration.result import Calibration
+from kreisel.calibration.result import Calibration, write_document
 from kreisel.calibration.result_sections import RobotErrors
 from kreisel.model.robot_model import NOT_SEPARABLE
 from kreisel.recording.recording import DataWarning
@@ -48,7 +46,7 @@ class UnusedPoses:
 
 @dataclass(frozen=True)
 class ArmError:
-    """One error of the arm: name, estimate, its deviation, that before any look at the data, all SI.
+    """One error of the arm: name, estimate, its standard deviation, and that of the prior, all SI.
 
     `title`, `unit` and `size` (of the unit, SI) are for people.
     """
@@ -76,7 +74,7 @@ class ArmCalibration:
     calibration
         Of the IMU, with the robot's errors.
     robot
-        The errors by group, and the accuracy of poses that is believed.
+        The errors by group, and the expected accuracy of poses.
     errors
         Each that was estimated.
     unused
@@ -124,11 +122,7 @@ class ArmCalibration:
         """Write `robot.yaml`, `robot.urdf` and the calibration into an empty folder."""
         self.calibration.write(folder)
         (folder / "robot_calibrated.urdf").rename(folder / "robot.urdf")
-        yaml = YAML()
-        yaml.default_flow_style = None
-        yaml.width = 120
-        with (folder / "robot.yaml").open("w", encoding="utf-8") as stream:
-            yaml.dump(self.document, stream)
+        write_document(self.document, folder / "robot.yaml")
 
 
 def _number(value: float) -> float:

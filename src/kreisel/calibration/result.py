@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -175,11 +176,7 @@ class Calibration(CalibrationParts):
 
     def write(self, folder: Path) -> None:
         """Write the files of `save` into an empty folder."""
-        yaml = YAML()
-        yaml.default_flow_style = None
-        yaml.width = 120
-        with (folder / "calibration.yaml").open("w", encoding="utf-8") as stream:
-            yaml.dump(self.document, stream)
+        write_document(self.document, folder / "calibration.yaml")
         np.savez_compressed(
             folder / "covariance.npz",
             names=np.array(self.names),
@@ -264,3 +261,12 @@ def _check_size(archive: Path) -> None:
         raise RecordingError(
             f"arrays of {size} bytes, expected {_MAX_ARRAYS} at most; copy the result again", file=archive
         )
+
+
+def write_document(document: Mapping[str, Any], file: Path) -> None:
+    """Write mappings, lists, texts and numbers as YAML that people read: short rows, lists of numbers in one line."""
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.width = 120
+    with file.open("w", encoding="utf-8") as stream:
+        yaml.dump(document, stream)

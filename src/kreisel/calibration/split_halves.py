@@ -10,6 +10,7 @@ from kreisel.calibration.disagreement import disagreement
 from kreisel.calibration.evidence import Disagreement, SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
 from kreisel.estimation.uncertainty_budget import Source
+from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
 from kreisel.model.problem import Problem, part_of
 from kreisel.model.schedule import MIN_UPDATES
@@ -26,6 +27,24 @@ def middle_of(problem: Problem) -> int:
     return len(problem.schedule.updates) // 2
 
 
+def fits_of_halves(
+    found: Estimate, progress: Progress | None = None, executor: Executor = sequential
+) -> tuple[Fit, Fit] | None:
+    """Return the fit of each half of a recording by itself; None if these are too short."""
+    problem = found.problem
+    middle = middle_of(problem)
+    if middle < MIN_UPDATES:
+        return None
+    halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
+    a, b = executor(
+        [
+            partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
+            for half, share in halves
+        ]
+    )
+    return a, b
+
+
 def split_halves(
     found: Estimate, progress: Progress | None = None, executor: Executor = sequential
 ) -> SplitHalves | None:
@@ -38,17 +57,10 @@ def split_halves(
     determines, such as errors of a robot that are not observable, are then expected to differ little. The inflation
     of the result for errors that are not estimated is applied here too.
     """
-    problem = found.problem
-    middle = middle_of(problem)
-    if middle < MIN_UPDATES:
+    problem, fits = found.problem, fits_of_halves(found, progress, executor)
+    if fits is None:
         return None
-    halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
-    a, b = executor(
-        [
-            partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
-            for half, share in halves
-        ]
-    )
+    a, b = fits
     n = len(problem.parameter_names)
     difference = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)[:n, 0]
     prior = first_belief(problem, problem.prior.value, problem.prior.covariance)

@@ -10,6 +10,7 @@ import typer
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable
 
     from kreisel.acquisition.recorder import Place, Status
@@ -37,7 +38,6 @@ def record(
 ) -> None:
     """Record until interrupted; nothing that moves the robot is ever sent."""
     import asyncio
-    import signal
     import sys
 
     from kreisel.acquisition.recorder import Place
@@ -51,10 +51,7 @@ def record(
     description = None if urdf is None else _description(urdf)
 
     async def until_stopped() -> Status:
-        stop = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            loop.add_signal_handler(name, stop.set)
+        stop = interrupted()
         return await record_streams(
             of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()
         )
@@ -72,6 +69,17 @@ def record(
         f"next: kreisel calibrate {output} -o OUT"
     )
     _check_settings(known, status)
+
+
+def interrupted() -> asyncio.Event:
+    """Return an event of the running loop that is set when the program is to end."""
+    import asyncio
+    import signal
+
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        loop.add_signal_handler(name, stop.set)
+    return stop
 
 
 def check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:

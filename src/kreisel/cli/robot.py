@@ -29,7 +29,7 @@ def robot(
 ) -> None:
     """Calibrate the robot by the IMU: errors of its joints and links, and what they are worth on poses not used.
 
-    Exit status 3 if the calibration behind it is rejected.
+    Exit status 3 if the calibration is rejected.
     """
     import json as json_module
 

@@ -55,7 +55,7 @@ def static(
     until: list[str] = typer.Option(
         [], help="With --live: accuracy to reach, 'gyroscope.cross_coupling=500ppm'; may be repeated."
     ),
-    seconds: float | None = typer.Option(None, min=1.0, help="With --live: end after so many seconds."),
+    seconds: float | None = typer.Option(None, min=1.0, help="With --live: longest duration of the recording."),
     dashboard: bool = typer.Option(False, "--dashboard", help="With --live: serve a page, for a phone too."),
     host: str = typer.Option("127.0.0.1", help="Address to serve the page on; others than this machine need a token."),
     port: int = PORT,
@@ -83,19 +83,13 @@ def static(
         raise SettingsError(unknown_name("method", method, METHODS))
     if only is not None and only not in SENSORS:
         raise SettingsError(unknown_name("sensor after --only", only, SENSORS))
-    if (live is None) == (recording is None):
+    if live is not None and recording is not None:
         raise SettingsError("give a recording, or --live ADDRESS, one of them")
     if output is not None:
         check_output(output)
-    if live is not None:
-        from kreisel.cli.static_live import record_guided
-
-        if output is None:
-            raise SettingsError("no output is given; -o OUT names a folder for the recording and the result")
-        recording = record_guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))
-    assert recording is not None  # noqa: S101 - for the type checker
+    source = recording or _guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))
     with progress_bar() as show:
-        read = check_streams(load(recording, imu=imu, columns=columns, progress=show))
+        read = check_streams(load(source, imu=imu, columns=columns, progress=show))
         outcome = calibrate_static(
             read, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
             squareness=squareness * MRAD, progress=show,
@@ -108,6 +102,18 @@ def static(
         say_static(outcome, output)
     if not outcome.calibration.accepted:
         raise typer.Exit(REJECTED)
+
+
+def _guided(live: str | None, output: Path | None, how: Guided) -> Path:
+    """Record under guidance, and return the recording."""
+    from kreisel.cli.static_live import record_guided
+    from kreisel.errors import SettingsError
+
+    if live is None:
+        raise SettingsError("give a recording, or --live ADDRESS, one of them")
+    if output is None:
+        raise SettingsError("no output is given; -o OUT names a folder for the recording and the result")
+    return record_guided(live, output, how)
 
 
 def write_static_result(outcome: StaticOutcome, output: Path | None) -> None:

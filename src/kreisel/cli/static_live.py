@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from kreisel.acquisition.recorder import Status
     from kreisel.cli.static import Guided
+    from kreisel.devices.address import Address
     from kreisel.static.guide import Advice, Guide
 
 _PAUSE = 0.3
@@ -48,20 +49,15 @@ def record_guided(address: str, output: Path, how: Guided) -> Path:
     return file
 
 
-def _recorded(of_imu: object, file: Path, guide: Guide, seconds: float | None) -> Status:
+def _recorded(of_imu: Address, file: Path, guide: Guide, seconds: float | None) -> Status:
     """Record and advise, each without waiting for the other."""
     import asyncio
-    import signal
 
     from kreisel.acquisition.recorder import record
-    from kreisel.devices.address import Address
-
-    assert isinstance(of_imu, Address)  # noqa: S101 - for the type checker
+    from kreisel.cli.record import interrupted
 
     async def until_stopped() -> Status:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            loop.add_signal_handler(name, stop.set)
+        stop = interrupted()
         recording = asyncio.ensure_future(record(of_imu, None, file, seconds=seconds, stop=stop))
         advising = asyncio.ensure_future(_advise(guide, file, stop))
         try:

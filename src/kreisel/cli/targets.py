@@ -12,10 +12,6 @@ from kreisel.units import DEG_PER_HOUR, MG, MM, MRAD, MS, PPM
 _UNITS = {"mg": MG, "deg/h": DEG_PER_HOUR, "ppm": PPM, "mm": MM, "mrad": MRAD, "ms": MS}
 """Units that a target may have, in SI."""
 
-_FITTING = {"1": ("ppm",), "deg/h": ("deg/h",), "mg": ("mg",), "mm": ("mm",), "mrad": ("mrad",), "ms": ("ms",),
-            "ppm": ("ppm",)}  # fmt: skip
-"""Units that fit a group, by the unit that it is shown in; SI fits all."""
-
 
 def targets(texts: Sequence[str]) -> dict[str, float]:
     """Return standard deviations, SI, by group of parameters.
@@ -36,9 +32,9 @@ def _target(text: str) -> tuple[str, float]:
     known = {one.path: one for one in REGISTRY if not one.passing and one.owner != "robot"}
     if group not in known:
         raise SettingsError(f"--until '{text}': {unknown_name('group', group, sorted(known))}")
-    fitting = _FITTING.get(known[group].unit, ())
-    if unit and unit not in fitting:
-        expected = f"{' or '.join(fitting)}, or none for SI" if fitting else "none: the number is in SI"
+    own = "ppm" if known[group].unit == "1" else known[group].unit
+    if unit and (unit != own or unit not in _UNITS):
+        expected = f"{own}, or none for SI" if own in _UNITS else "none: the number is in SI"
         raise SettingsError(f"--until '{text}': '{unit}' is no unit of {group}; expected {expected}")
     try:
         value = float(number)

@@ -37,7 +37,7 @@ def write_arm(found: ArmCalibration, path: Path) -> None:
 
 
 def _worth(found: ArmCalibration) -> Table:
-    """Return what the errors are worth: on poses not used, and as believed."""
+    """Return the pose errors before and after correction: on poses not used, and as the result itself expects."""
     robot = found.robot
     rows = [
         Row((f"{one.name}, not used; errors from {one.used}", *(
@@ -46,9 +46,9 @@ def _worth(found: ArmCalibration) -> Table:
         )))
         for one in found.unused
     ]  # fmt: skip
-    believed = [f"{one.position / MM:.3g} mm, {one.orientation / MRAD:.3g} mrad" for one in
+    expected = [f"{one.position / MM:.3g} mm, {one.orientation / MRAD:.3g} mrad" for one in
                 (robot.found, robot.after)]  # fmt: skip
-    rows.append(Row(("all, by the result itself", believed[0], "", believed[1])))
+    rows.append(Row(("all, by the result itself", expected[0], "", expected[1])))
     columns = ("Poses", "Error before", "Error after", "Expected after")
     return Table("Error of the tool's pose, without those of base and tool frames", columns, tuple(rows), broad=True)
 
@@ -71,7 +71,7 @@ def _errors(errors: tuple[ArmError, ...]) -> Figure:
     for own, name, colour in ((shown, "shown by the motion", "x"), (~shown, "not distinguished", "y")):
         trace = plots.markers(place[own], value[own], name, colour, size=6)
         traces.append({**trace, "error_y": {"type": "data", "array": bar[own].tolist(), "thickness": 1}})
-    caption = "Each error over the deviation that was believed before any look at the data."
+    caption = "Each error over the standard deviation of its prior."
     drawn = plots.plot(plots.axis("number of the error in the table"), plots.panel(traces, plots.axis("before")))
     return Figure("errors", "Errors of the arm", caption, drawn)
 

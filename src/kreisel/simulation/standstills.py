@@ -137,7 +137,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     of_gyro = noise(rng, n, rate, grade.gyro_noise_density, grade.gyro_bias_instability, grade.gyro_rate_random_walk)
     of_accel = noise(rng, n, rate, grade.accel_noise_density, grade.accel_bias_instability, grade.accel_random_walk)
     w, a = w + of_gyro, a + of_accel
-    # offsets are those of this recording, with the mean of what wanders
+    # the true offsets contain the mean of bias instability and random walk
     k_w, k_a = truth.k_w.copy(), truth.k_a.copy()
     k_w[0] -= of_gyro.mean(axis=0)
     k_a[0] -= of_accel.mean(axis=0)

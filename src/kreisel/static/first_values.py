@@ -50,11 +50,16 @@ def first_values(problem: RestProblem) -> CellParameters:
         own = replace(sensors, K_omega=sign * np.eye(3))
         turns = turns_between(problem.imu, problem.raw, problem.rests, own)
         for Q in right_angle_turns():
-            seen = np.einsum("ij,mkj,kl,ml->mi", Q, turns.rotations, Q.T, up[:-1])
-            misfit = float(np.mean(np.minimum(np.linalg.norm(seen - up[1:], axis=1), _FAR)))
+            misfit = vertical_misfit(Q @ turns.rotations @ Q.T, up)
             if misfit < least:
                 best, least = replace(sensors, K_omega=sign * Q), misfit
     return begun(best, problem.site)
+
+
+def vertical_misfit(rotations: Array, up: Array) -> float:
+    """Return how far turns (M - 1, 3, 3) lead from one vertical (M, 3) beside the next, on average."""
+    seen = np.einsum("mkj,mk->mj", rotations, up[:-1])
+    return float(np.mean(np.minimum(np.linalg.norm(seen - up[1:], axis=1), _FAR)))
 
 
 def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:

@@ -9,13 +9,12 @@ import numpy as np
 from kreisel.errors import RecordingError, SettingsError, unknown_name
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.counts import Counts
-from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
 from kreisel.recording.recording import DataWarning, ImuSamples, TableAngles
 from kreisel.static.first_values import MIN_ATTITUDES, first_values
 from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
-from kreisel.static.rest_problem import RestProblem, begun
+from kreisel.static.rest_problem import RestProblem
 from kreisel.static.turns import turns_between
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable")
@@ -85,10 +84,6 @@ _DETECTED = {
     "with whole turns in between; --method multi-position does without that",
 }
 """What is said where the data showed the method."""
-
-
-_NO_SENSORS = SensorParameters(np.eye(3), np.zeros((1, 3)), np.eye(3), np.zeros((1, 3)), np.zeros((3, 3)))
-"""Where nothing was calibrated."""
 
 
 def with_method(
@@ -188,8 +183,8 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros.
     """
     found = [_agreeing(problem, table, seconds) for seconds in _clocks(problem.imu, table)]
-    best = max(found, key=lambda one: one.share, default=None)
-    if best is None or not best.stopped:
+    best = max((one for one in found if one is not None), key=lambda one: one.share, default=None)
+    if best is None:
         raise RecordingError(
             "the turntable never stands still long enough: let it rest for two seconds between two rates, or angles",
             file=table.source,
@@ -220,20 +215,19 @@ class _Agreement:
     angle: Array
     way: Array
     node: Indices
-    stopped: bool
     share: float
 
 
-def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agreement:
-    """Return how a table's turns agree with the gyros; seconds: the table's, at every sample of the IMU."""
+def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agreement | None:
+    """Return how a table's turns agree with the gyros; None where it stands still too seldom.
+
+    seconds: the table's, at every sample of the IMU.
+    """
     rests = problem.rests
     begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
     still: Mask = np.abs(end - begin) < _STILL
     if np.count_nonzero(still) < MIN_ATTITUDES:
-        none = np.zeros(0)
-        return _Agreement(
-            problem, begun(_NO_SENSORS, problem.site), none, np.zeros((0, 3)), none.astype(np.int64), False, 0.0
-        )
+        return None
     problem = replace(problem, rests=rests.part(still))
     angle = begin[still][1:] - end[still][:-1]
     start = first_values(problem)
@@ -241,7 +235,7 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agre
     turned = np.abs(angle) > _TURNED
     agrees = turned & (np.abs(np.linalg.norm(way, axis=1) - np.abs(angle)) < _SAME * np.abs(angle))
     share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
-    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), True, share)
+    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share)
 
 
 def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:

@@ -69,9 +69,10 @@ def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> Cal
     others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
     down = np.array([0.0, 0.0, 1.0]) if problem.own_frame else _down(found)
     gravity = Measured(p.gravity * down, float(whole("gravity")[0]) * np.abs(down))
+    sensor_sd = sensor_fields({group: whole(group) for group in SENSOR_GROUPS})
     return CalibrationParts(
         sensors=p.sensors,
-        sensor_sd=sensor_fields({group: whole(group) for group in SENSOR_GROUPS}),
+        sensor_sd=sensor_sd,
         size_effect=SizeEffect.COMPLETED,
         timing=Timing(),
         alignment=Alignment(gravity),
@@ -84,7 +85,7 @@ def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> Cal
         considered=found.considered,
         budget=judged.budget,
         axes="imu" if problem.own_frame else "tool",
-        triads={} if problem.own_frame else _triads(found, judged),
+        triads={} if problem.own_frame else _triads(found, judged, sensor_sd),
     )
 
 
@@ -102,13 +103,11 @@ def _facts(recording: Recording, problem: RestProblem, judged: Judged) -> Record
     return recording_facts(recording, warnings, reference.name, reference.stamps_ns.size, kind)
 
 
-def _triads(found: StaticEstimate, judged: Judged) -> dict[str, DeviceTriad]:
+def _triads(found: StaticEstimate, judged: Judged, sensor_sd: SensorParameters) -> dict[str, DeviceTriad]:
     """Return the device's own part, with the mounting on the tool split off."""
-    names, deviation = found.problem.names[: judged.covariance.shape[0]], np.sqrt(np.diag(judged.covariance))
-    order, layout = found.problem.order, found.problem.layout
-    none = {g: np.full(group_named(g).degrees(order), _ANYWHERE if g == "lever_arms" else 0.0) for g in SENSOR_GROUPS}
-    own = {p.name: deviation[layout[p.name]] for p in layout if p.name in SENSOR_GROUPS}
-    return device_triads(found.parameters.sensors, sensor_fields({**none, **own}), names, judged.covariance)
+    names = found.problem.names[: judged.covariance.shape[0]]
+    anywhere = replace(sensor_sd, lever_arms=np.full((3, 3), _ANYWHERE))
+    return device_triads(found.parameters.sensors, anywhere, names, judged.covariance)
 
 
 def budget_of(found: StaticEstimate, more: Sequence[Contribution]) -> Budget:
