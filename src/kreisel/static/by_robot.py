@@ -18,7 +18,7 @@ from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.preparation.start_values import starting_point
 from kreisel.progress import Progress
-from kreisel.recording.recording import Recording, ReferencePoses
+from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.static.first_values import MIN_ATTITUDES
 from kreisel.static.pose_attitudes import PoseAttitudes
 from kreisel.static.rest_problem import RestProblem, raw_of
@@ -70,16 +70,9 @@ def calibrate_by_robot(
     effect, width = _robot(prepared, which)
     known = PoseAttitudes(np.arange(rests.count), q, start.q_rn, effect, width)
     problem = RestProblem(imu, raw_of(imu), rests, prepared.site, known=(known,), own_frame=False)
-    start = problem.room(start)
-    chosen = Chosen(
-        METHOD,
-        problem,
-        start,
-        known.attitudes(start),
-        prepared.warnings,
-        prepared.time_base_sd,
-        frame_sd_of(prepared)[1],
-    )
+    start, angle = problem.room(start), frame_sd_of(prepared)[1]
+    said = (*prepared.warnings, *([DataWarning("robot", _NO_ARM)] if angle else []))
+    chosen = Chosen(METHOD, problem, start, known.attitudes(start), said, prepared.time_base_sd, angle)
     return concluded(recording, chosen, settings.only, progress, began)
 
 

@@ -79,7 +79,8 @@ class Advice:
             "kind": "advice", "step": self.step, "text": self.text, "held": round(self.held, 1), "hold": HOLD,
             "up": np.round(self.up, 4).tolist(), "had": np.round(self.had, 4).tolist(),
             "wanted": None if self.wanted is None else self.wanted.tolist(),
-            "known": {group: float(f"{value:.3g}") for group, value in self.known.items()}, "note": self.note,
+            "known": {g: float(f"{sd:.3g}") if np.isfinite(sd) else None for g, sd in self.known.items()},
+            "note": self.note,
         }  # fmt: skip
 
 

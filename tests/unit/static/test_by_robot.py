@@ -55,6 +55,8 @@ def test_errors_of_the_arm_are_estimated_where_joints_are_recorded(calibrated):
     (known,) = outcome.found.problem.known
     assert isinstance(known, PoseAttitudes)
     names = outcome.found.problem.names
+    warned = any(warning.subject == "robot" for warning in outcome.warnings)
+    assert warned != bool(known.width.size)  # deviations contain the tool's attitude, and that is said
     assert any(name.startswith("robot.error") for name in names) == bool(known.width.size)
     assert outcome.calibration.names == names[: outcome.found.problem.reported]
     # what the arm errs by counts as noise of each pose, or as errors of the arm and less noise

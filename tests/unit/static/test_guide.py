@@ -1,6 +1,8 @@
 """Advice for a calibration by hand: somebody who follows it gets an accepted result, and others are told why not."""
 
 import itertools
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +117,10 @@ def test_the_document_is_plain(count):
     session = Session()
     for up in np.eye(3)[:count]:
         session.pieces += [session.device.turn(up), session.device.hold(HOLD + 0.6)]
-    document = session.look().document
+    advice = session.look()
+    document = advice.document
     assert document["kind"] == "advice"
     assert all(isinstance(value, (str, float, list, dict, type(None))) for value in document.values())
+    unknown = replace(advice, known={"accelerometer.lever_arms": np.inf, "gyroscope.offset": 1e-3}).document
+    assert unknown["known"] == {"accelerometer.lever_arms": None, "gyroscope.offset": 1e-3}
+    json.dumps(unknown, allow_nan=False)  # a browser reads no other numbers
