@@ -52,10 +52,10 @@ def drift_of(
 ) -> Drift:
     """Return the drift of navigation with known parameters over the updates from number `cut` on."""
     unseen = part_of(problem, slice(cut, len(problem.schedule.updates)))
-    return _drift(navigate(_navigation_only(unseen), known))
+    return _drift(navigate(navigation_only(unseen), known))
 
 
-def _navigation_only(problem: Problem) -> Problem:
+def navigation_only(problem: Problem) -> Problem:
     """Return the problem with every parameter assumed known."""
     prior = replace(problem.prior, start_covariance={}, covariance={})
     return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)

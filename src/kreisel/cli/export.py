@@ -24,6 +24,9 @@ def export(
     at_rest: Path | None = typer.Option(
         None, help="Recording of the device at rest, an hour or more: noise by its Allan deviation."
     ),
+    noise: Path | None = typer.Option(
+        None, help="allan.json of kreisel allan: noise at rest, or with --in-motion what a filter needs."
+    ),
     rate: float | None = typer.Option(
         None, min=0.1, help="Samples a second in use; by default those of the recording."
     ),
@@ -51,7 +54,7 @@ def export(
     facts = chosen.recording
     request = ExportRequest(
         chosen,
-        _noise(found, grade, at_rest, needed=target.noise),
+        _noise(found, grade, at_rest, noise, needed=target.noise),
         name,
         rate or (None if facts is None or not facts.imu_rate_hz else facts.imu_rate_hz),
         topic,
@@ -99,15 +102,17 @@ def _doubts(request: ExportRequest) -> list[str]:
     return out
 
 
-def _noise(calibration: Calibration, grade: str | None, at_rest: Path | None, *, needed: bool) -> ExportNoise:
+def _noise(
+    calibration: Calibration, grade: str | None, at_rest: Path | None, written: Path | None, *, needed: bool
+) -> ExportNoise:
     from kreisel.errors import SettingsError
     from kreisel.exchange.exported_noise import noise_of
 
-    if not needed and (grade is not None or at_rest is not None):
-        raise SettingsError("--grade and --at-rest are for formats with noise figures: kalibr and openvins")
+    if not needed and any(one is not None for one in (grade, at_rest, written)):
+        raise SettingsError("--grade, --at-rest and --noise are for formats with noise figures: kalibr and openvins")
     resting = None
     if at_rest is not None:
         from kreisel.formats.loading import load
 
         resting = load(at_rest).imu
-    return noise_of(calibration, grade, resting)
+    return noise_of(calibration, grade, resting, written)

@@ -1,8 +1,11 @@
-"""The IMU's noise for other programs: stated, of a grade, or by the Allan deviation of readings at rest."""
+"""The IMU's noise for other programs: stated, of a grade, by readings at rest, or by `kreisel allan`."""
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +18,14 @@ from kreisel.validation.imu_checks import check_quantities
 
 SHORTEST = 600.0
 """Seconds at rest that an Allan deviation needs to show a random walk of the offsets at all."""
+
+_KEYS = {
+    "gyro_density": "gyro_noise_density",
+    "accel_density": "accel_noise_density",
+    "gyro_walk": "gyro_random_walk",
+    "accel_walk": "accel_random_walk",
+}
+"""Of the figures in allan.json, as in [imu] of recording.toml."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +48,8 @@ class ExportNoise:
             words = ", ".join(NAMES[name] for name in missing)
             raise SettingsError(
                 f"nothing states the {words}; give --grade NAME, or --at-rest RECORDING with an hour of readings at "
-                "rest, or state [imu] gyro_noise_density, gyro_random_walk and so on in recording.toml and calibrate "
+                "rest, or --noise allan.json, or state [imu] gyro_noise_density, gyro_random_walk and so on in "
+                "recording.toml and calibrate "
                 "again (the noise that the filter assumed contains errors of the model, and is not used)"
             )
         return self
@@ -51,13 +63,17 @@ NAMES = {
 }
 
 
-def noise_of(calibration: Calibration, grade: str | None = None, at_rest: ImuSamples | None = None) -> ExportNoise:
-    """Return the noise figures known: those at rest first, then those of the grade, then those stated in the recording.
+def noise_of(
+    calibration: Calibration, grade: str | None = None, at_rest: ImuSamples | None = None, written: Path | None = None
+) -> ExportNoise:
+    """Return the noise figures known: those written first, then those at rest, of the grade, stated in the recording.
+
+    written: allan.json of `kreisel allan`.
 
     Raises
     ------
     SettingsError
-        For an unknown grade, or readings that are too short, or not at rest.
+        For an unknown grade, readings that are too short or not at rest, or a file that is no allan.json.
     """
     noise = ExportNoise()
     stated = None if calibration.recording is None else calibration.recording.noise
@@ -75,11 +91,30 @@ def noise_of(calibration: Calibration, grade: str | None = None, at_rest: ImuSam
             "accel_walk": equivalent_walk(known.accel_bias_instability, known.accel_random_walk),
         }
         noise = _joined(noise, figures, f"grade {grade}")
-    return noise if at_rest is None else _joined(noise, *_at_rest(at_rest))
+    if at_rest is not None:
+        noise = _joined(noise, *_at_rest(at_rest))
+    return noise if written is None else _joined(noise, *_written(written))
 
 
 def _joined(noise: ExportNoise, figures: dict[str, float], source: str) -> ExportNoise:
     return ExportNoise(noise.figures | figures, noise.sources | dict.fromkeys(figures, source))
+
+
+def _written(path: Path) -> tuple[dict[str, float], str]:
+    """Return the figures for a filter in an allan.json."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        own = document["filter"]
+        figures = {
+            name: float(own[key])
+            for name, key in _KEYS.items()
+            if own.get(key) is not None and math.isfinite(own[key]) and own[key] > 0.0
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SettingsError(f"--noise {path}: not an allan.json of kreisel allan ({error})") from error
+    if not figures:
+        raise SettingsError(f"--noise {path}: holds no noise figures")
+    return figures, f"{'in motion' if 'gaps' in document else 'at rest'}, {path.name} of kreisel allan"
 
 
 def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -278,3 +279,8 @@ def coarse_step(values: Array) -> float:
             steps = np.diff(np.unique(axis))
             found = max(found, float(steps.min()) if steps.size else 0.0)
     return found
+
+
+def settings_table(figures: Mapping[str, float]) -> str:
+    """Return the table [imu] of recording.toml with noise figures by name."""
+    return "\n".join(["[imu]", *(f"{name} = {value:.4g}" for name, value in figures.items())])

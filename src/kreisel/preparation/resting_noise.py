@@ -120,6 +120,7 @@ def document_of(found: AllanReport) -> dict[str, Any]:
     """Return the figures as an object; null where the length does not show one."""
     return {
         **{sensor: _table(figures) for sensor, figures in found.figures.items()},
+        "filter": filter_figures(found),
         "seconds": found.seconds,
         "remarks": list(found.remarks),
     }
@@ -137,20 +138,20 @@ def _table(figures: NoiseFigures) -> dict[str, Any]:
     }
 
 
-def settings_of(found: AllanReport) -> str:
-    """Return the table [imu] of recording.toml with what was found: the rms over the axes.
+def filter_figures(found: AllanReport) -> dict[str, float]:
+    """Return the figures that a filter takes, named as in [imu] of recording.toml: the rms over the axes, SI.
 
-    Flicker noise is a random walk there that changes offsets as much in ten minutes.
+    Flicker noise is a random walk there that changes offsets as much in ten minutes; what is not shown is left out.
     """
-    lines = ["[imu]"]
+    out = {}
     for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel")):
         one = found.figures[sensor]
-        lines.append(f"{name}_noise_density = {_rms(one.density):.4g}")
+        out[f"{name}_noise_density"] = _rms(one.density)
         flicker, walk = (np.where(one.shown[term], getattr(one, term), 0.0) for term in ("instability", "walk"))
         walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
         if walks.any():
-            lines.append(f"{name}_random_walk = {_rms(walks):.4g}")
-    return "\n".join(lines)
+            out[f"{name}_random_walk"] = _rms(walks)
+    return out
 
 
 def _rms(values: np.ndarray) -> float:

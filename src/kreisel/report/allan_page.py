@@ -9,7 +9,8 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.allan import TERMS, NoiseFigures
-from kreisel.preparation.resting_noise import UNITS, WORDS, AllanReport, settings_of
+from kreisel.inertial.noise_figures import settings_table
+from kreisel.preparation.resting_noise import UNITS, WORDS, AllanReport, filter_figures
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, pair
 from kreisel.report.plots import Figure
@@ -23,7 +24,7 @@ def write_allan(title: str, found: AllanReport, path: Path) -> None:
     """Write the page as one HTML file that works offline."""
     figures = [_figure(sensor, one) for sensor, one in found.figures.items()]
     rows = tuple(Row(tuple(row)) for row in rows_of(found))
-    table = settings_of(found).replace("\n", "; ")
+    table = settings_table(filter_figures(found)).replace("\n", "; ")
     shown = {
         "title": "Allan deviation",
         "kind": "readings at rest",

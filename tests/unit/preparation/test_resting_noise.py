@@ -8,7 +8,8 @@ import pytest
 
 from kreisel.errors import RecordingError
 from kreisel.inertial.noise_figures import noise
-from kreisel.preparation.resting_noise import allan_report, document_of, settings_of
+from kreisel.inertial.noise_figures import settings_table
+from kreisel.preparation.resting_noise import allan_report, document_of, filter_figures
 from kreisel.report.allan_page import COLUMNS, rows_of, write_allan
 
 from ...small_problem import recorded
@@ -35,7 +36,7 @@ def test_an_hour_shows_white_noise_and_flicker(tmp_path):
     assert gyro["quantisation"] == [None, None, None]
     assert gyro["standard_deviation"]["noise_density"][0] < 1e-5
     assert len(gyro["averaging_times"]) == len(gyro["allan_deviation"])
-    table = tomllib.loads(settings_of(found))["imu"]
+    table = tomllib.loads(settings_table(filter_figures(found)))["imu"]
     assert table["gyro_noise_density"] == pytest.approx(1e-4, rel=0.1)
     assert table["accel_random_walk"] > 0.0
     write_allan("rest", found, tmp_path / "allan.html")
@@ -49,7 +50,7 @@ def test_what_the_length_cannot_show_is_null_and_said():
     assert document["gyroscope"]["bias_instability"] == [None, None, None]
     assert document["gyroscope"]["noise_density"][0] == pytest.approx(1e-4, rel=0.2)
     assert any("too short for bias instability and random walk" in remark for remark in found.remarks)
-    assert "gyro_random_walk" not in settings_of(found)
+    assert "gyro_random_walk" not in document["filter"]
 
 
 def test_warming_up_is_said():
