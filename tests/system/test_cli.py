@@ -191,6 +191,24 @@ def test_noise_figures_at_rest(cell, refused, tmp_path):
     assert json.loads(run("allan", tmp_path / "rest", "--json").stdout) == document
     assert "Allan deviation" in (tmp_path / "out" / "allan.html").read_text()
     refused("is not at rest", "allan", cell)
+    refused("has no poses", "allan", tmp_path / "rest", "--in-motion")
+
+
+def test_noise_figures_in_motion_reach_kalibr(cell, refused, tmp_path):
+    done = run("allan", cell, "--in-motion", "-o", tmp_path / "noise")
+    assert done.returncode == 0, done.stderr
+    assert "on data not used" in " ".join(done.stdout.split())
+    document = json.loads((tmp_path / "noise" / "allan.json").read_text())
+    assert document["gyroscope"]["factor"] == pytest.approx(1.0, abs=0.4)
+    assert "Noise in motion" in (tmp_path / "noise" / "allan.html").read_text()
+    assert run("calibrate", cell, "-o", tmp_path / "result").returncode == 0
+    to = ("export", tmp_path / "result", "--to", "kalibr", "--grade", "fog-mems", "-o", tmp_path / "imu.yaml")
+    done = run(*to, "--noise", tmp_path / "noise" / "allan.json")
+    assert done.returncode == 0, done.stderr
+    written = YAML(typ="safe").load((tmp_path / "imu.yaml").read_text())["imu0"]
+    assert written["gyroscope_noise_density"] == pytest.approx(document["filter"]["gyro_noise_density"])
+    assert "in motion, allan.json" in (tmp_path / "imu.yaml").read_text()
+    refused("not an allan.json", *to, "--noise", tmp_path / "imu.yaml")
 
 
 def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refused, tmp_path):

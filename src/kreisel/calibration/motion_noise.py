@@ -49,6 +49,9 @@ Akaike's criterion."""
 _UNKNOWN = 0.7
 """Deviation of a logarithm from which gaps do not tell a size, and that of shorter gaps holds: a factor of two."""
 
+_OFFSETS = {"gyro_offset": 1e-3, "accel_offset": 0.02}
+"""Deviations with which a filter begins, rad/s and m/s^2. Chosen: what is left after calibration, of most devices."""
+
 _LARGER = 1.25
 """Factor on the density at rest from which its excess is split. Chosen: three deviations of a usual recording."""
 
@@ -206,11 +209,11 @@ def motion_noise(outcome: Outcome, progress: Progress | None = None) -> MotionNo
 
 
 def _with_known_parameters(found: Estimate) -> Problem:
-    """Return the problem with every parameter known but offsets that walk, which every filter estimates."""
+    """Return the problem with every parameter known but the offsets, which every filter estimates."""
     problem = found.problem
-    walking = [group for group in problem.groups if problem.noise.offset_walk.get(group)]
-    covariance = {group: found.run.belief.covariance[problem.layout[group], problem.layout[group]] for group in walking}
-    others = tuple(group for group in problem.groups if group not in walking)
+    offsets = tuple(group for group in problem.groups if group in _OFFSETS)
+    covariance = {group: np.eye(3) * _OFFSETS[group] ** 2 for group in offsets}
+    others = tuple(group for group in problem.groups if group not in offsets)
     prior = replace(problem.prior, start_covariance=covariance, covariance=covariance)
     return replace(problem, layout=without(problem.layout, others), prior=prior)
 

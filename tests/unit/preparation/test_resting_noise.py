@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from kreisel.errors import RecordingError
-from kreisel.inertial.noise_figures import noise
-from kreisel.inertial.noise_figures import settings_table
+from kreisel.inertial.noise_figures import noise, settings_table
 from kreisel.preparation.resting_noise import allan_report, document_of, filter_figures
 from kreisel.report.allan_page import COLUMNS, rows_of, write_allan
 

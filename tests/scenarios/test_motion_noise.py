@@ -1,0 +1,122 @@
+"""Noise in motion, judged by a plain strapdown filter that shares no code with the package, in blocks not used."""
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
+
+import kreisel
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.motion_noise import _nonnegative, motion_noise
+from kreisel.model.calibration_settings import CalibrationSettings
+
+GAP = 2.0  # s
+OFFSETS = (1e-3, 0.02)  # rad/s, m/s^2: by how much they may have changed
+
+
+def skew(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def earth_rate(recording, calibration):
+    """Earth's rotation in the base's axes, rad/s."""
+    if calibration.alignment.earth_rate is not None:
+        return calibration.alignment.earth_rate.value
+    if calibration.alignment.north is None:
+        return np.zeros(3)
+    latitude = np.radians(recording.settings.site.latitude_deg)
+    up = -calibration.alignment.gravity.value / np.linalg.norm(calibration.alignment.gravity.value)
+    return 7.292115e-5 * (np.cos(latitude) * calibration.alignment.north.value + np.sin(latitude) * up)
+
+
+def mean_nees(recording, calibration, gyro, accel, walks, position_sd, attitude_sd):
+    """Mean normalised error squared per degree of freedom of predicted poses, in the second half of gaps.
+
+    The state: position, velocity and attitude in the base's axes, and what is left of the offsets.
+    """
+    imu, poses = recording.imu, recording.reference
+    epoch = imu.stamps_ns[0]
+    rates, forces = calibration.correct(imu.rates, imu.accelerations, imu.stamps_ns)
+    t = (imu.stamps_ns - epoch) * 1e-9
+    timing = calibration.timing
+    at = (poses.stamps_ns - epoch) * 1e-9 + timing.offset
+    g = calibration.alignment.gravity.value
+    earth = earth_rate(recording, calibration)
+    places = Rotation.from_quat(poses.quaternions, scalar_first=True)
+    R = np.diag([position_sd**2] * 3 + [attitude_sd**2] * 3)
+    H = np.zeros((6, 15))
+    H[:3, :3] = H[3:, 6:9] = np.eye(3)
+    usable = np.flatnonzero((at > t[1]) & (at < t[-2]))
+    i = usable[0]
+    p, v, C = poses.positions[i].copy(), np.zeros(3), places[i].as_matrix()
+    P = np.diag(np.repeat([position_sd, 10.0, attitude_sd, *OFFSETS], 3) ** 2)
+    b, c = np.zeros(3), np.zeros(3)
+    now, k, updated, gaps, sums = at[i], int(np.searchsorted(t, at[i], side="right")) - 1, at[i], 0, []
+    for i in usable[1:]:
+        while now < at[i] - 1e-12:
+            until = min(t[k + 1], at[i])
+            dt = until - now
+            middle = (0.5 * (now + until) - t[k]) / (t[k + 1] - t[k])
+            w = (1.0 - middle) * rates[k] + middle * rates[k + 1] - C.T @ earth - b
+            f = (
+                C
+                @ Rotation.from_rotvec(0.5 * w * dt).as_matrix()
+                @ ((1.0 - middle) * forces[k] + middle * forces[k + 1] - c)
+            )
+            p = p + v * dt + 0.5 * (f + g) * dt**2
+            v = v + (f + g) * dt
+            C = C @ Rotation.from_rotvec(w * dt).as_matrix()
+            F = np.eye(15)
+            F[:3, 3:6] = dt * np.eye(3)
+            F[3:6, 6:9] = -dt * skew(f)
+            F[3:6, 12:] = F[6:9, 9:12] = -dt * C
+            P = F @ P @ F.T
+            P[3:6, 3:6] += accel**2 * dt * np.eye(3)
+            P[6:9, 6:9] += gyro**2 * dt * np.eye(3)
+            P[9:12, 9:12] += walks[0] ** 2 * dt * np.eye(3)
+            P[12:, 12:] += walks[1] ** 2 * dt * np.eye(3)
+            now = until
+            if now >= t[k + 1]:
+                k += 1
+        error = np.concatenate([p - poses.positions[i], Rotation.from_matrix(C @ places[i].as_matrix().T).as_rotvec()])
+        S = H @ P @ H.T + R
+        unused = (now - at[usable[0]]) // 10.0 % 2 == 1
+        if gaps >= 5 and now - updated > 0.5 * GAP and unused:
+            sums.append(error @ np.linalg.solve(S, error) / 6.0)
+        if now - updated > GAP:
+            K = np.linalg.solve(S, H @ P).T
+            change = -K @ error
+            p, v, C = p + change[:3], v + change[3:6], Rotation.from_rotvec(change[6:9]).as_matrix() @ C
+            b, c = b + change[9:12], c + change[12:]
+            P = (np.eye(15) - K @ H) @ P
+            P = 0.5 * (P + P.T)
+            updated, gaps = now, gaps + 1
+    return float(np.mean(sums))
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    ("name", "too_sure"), [("broad_21", True), ("euroc_v1_01", True), ("sim_fog_mems_300s", False)]
+)
+def test_a_plain_filter_is_consistent_with_the_figures_in_motion(recordings, name, too_sure):
+    recording = kreisel.load(recordings / name)
+    outcome = run_calibration(recording, CalibrationSettings())
+    found = motion_noise(outcome)
+    noise = outcome.estimate.problem.noise.reference
+
+    def nees(sizes):
+        reference = sizes[2] * noise.position, sizes[2] * noise.orientation
+        return mean_nees(recording, outcome.calibration, *sizes[:2], found.walk, *reference)
+
+    assert 0.8 < nees(found.best.sizes) < 1.3
+    if too_sure:
+        assert nees(np.append(found.at_rest, 1.0)) > 2.0
+    else:
+        np.testing.assert_allclose(found.factor, 1.0, atol=0.35)
+
+
+def test_shares_are_those_of_scipys_nonnegative_least_squares():
+    generator = np.random.default_rng(3)
+    for _ in range(50):
+        columns, values = generator.normal(size=(4, 3)), generator.normal(size=4)
+        np.testing.assert_allclose(_nonnegative(columns, values), nnls(columns, values)[0], atol=1e-9)
