@@ -85,6 +85,8 @@ def static(
         raise SettingsError(unknown_name("sensor after --only", only, SENSORS))
     if live is not None and recording is not None:
         raise SettingsError("give a recording, or --live ADDRESS, one of them")
+    if live is None and (until or seconds is not None or dashboard):
+        raise SettingsError("--until, --seconds and --dashboard are for a recording with --live ADDRESS")
     if output is not None:
         check_output(output)
     source = recording or _guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))

@@ -32,7 +32,7 @@ def write_motion_noise(title: str, found: MotionNoise, path: Path) -> None:
         "lead": f"{title}: {remarks_of(found)[0]}",
         "table_of_groups": Table(
             "Factors over the noise at rest, with deviations, and consistency on data not used", COLUMNS,
-            tuple(Row(tuple(row)) for row in rows_of(found)), text=0,
+            tuple(Row(tuple(row)) for row in rows_of(found)), text=1,
         ),
         "facts": [
             *remarks_of(found)[1:],
@@ -73,7 +73,7 @@ def remarks_of(found: MotionNoise) -> list[str]:
     ]
     if not _BAND[0] <= motion <= _BAND[1]:
         out.append(
-            f"outside {_BAND[0]} to {_BAND[1]}: the noise changes along the recording, and one density is "
+            f"that is outside {_BAND[0]} to {_BAND[1]}: the noise changes along the recording, and one density is "
             f"too {'small' if motion > 1.0 else 'large'} elsewhere"
         )
     for name, shares in zip(SENSORS, found.shares, strict=True):
