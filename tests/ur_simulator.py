@@ -31,7 +31,8 @@ TYPES = {
     "safety_status": ("INT32", "i"), "safety_mode": ("INT32", "i"), "robot_mode": ("INT32", "i"),
     "runtime_state": ("UINT32", "I"),
 }  # fmt: skip
-MOVE = re.compile(r"movej\(\[([^\]]+)\],\s*a=([\d.]+),\s*v=([\d.]+)\)")
+GUARD = re.compile(r'\s*rtde_set_watchdog\("input_int_register_(\d+)",\s*([\d.]+),\s*"stop"\)')
+MOVE = re.compile(r"\s*movej\(\[([^\]]+)\],\s*a=([\d.]+),\s*v=([\d.]+)\)")
 
 
 def times(a, b):
@@ -75,25 +76,31 @@ class UrSimulator:
     robot
         Denavit-Hartenberg parameters of the real arm.
     deaf
-        Connections for scripts, counted from 0, on which stops are ignored; "all" for every one.
+        Connections for scripts, counted from 0, on which stops are ignored; "all" for every one, the dashboard, and
+        watchdogs.
     dashboard
         Whether there is a dashboard server.
     pieces
         Whether the state on the script port comes in pieces of a few bytes, at odd times.
     delay
         Seconds before a move begins.
+    registers
+        Integer registers that a client may write, and those that another client writes already ("in use").
     """
 
     def __init__(self, joints_deg, *, offered=tuple(TYPES)[3:], robot=UR10E, deaf=(), dashboard=True, pieces=False,
-                 delay=0.0):  # fmt: skip
+                 delay=0.0, registers=range(48), in_use=()):  # fmt: skip
         self.told = []
         self.q = [math.radians(a) for a in joints_deg]
         self.safety, self.program = 1, 1
         self.script_state = (0, 0)  # emergency, protective
-        self.silent = False
+        self.silent = self.cut = False
         self.ticks = 0
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
+        self.barked = []
+        self._registers, self._in_use = registers, in_use
+        self._written, self._guards, self._pending = {}, {}, {}
         self._over = threading.Event()
         self._now = time.monotonic()
         self._booted = self._now - 5.0
@@ -166,6 +173,7 @@ class UrSimulator:
     def _live(self):
         while not self._over.wait(TICK):
             before, now = self._now, time.monotonic()
+            self._watch(now)
             self._now, target = now, self._target
             if target is not None and now >= self._begins:
                 far = max(abs(b - a) for a, b in zip(self.q, target, strict=True))
@@ -173,10 +181,21 @@ class UrSimulator:
                 self.q = [a + share * (b - a) for a, b in zip(self.q, target, strict=True)]
                 if share == 1.0:
                     self._target, self.program = None, 1
-            if not self.silent:
+            if not self.silent and not self.cut:
                 for connection, fields in list(self._streams.items()):
                     self._quietly(connection, self._package(ord("U"), b"\x01" + self._values(fields)))
             self.ticks += 1
+
+    def _watch(self, now):
+        """Stop the program whose register was not written in time; watchdogs end with their program."""
+        if self._target is None or self._deaf == "all":
+            self._guards = {}
+        for register, (least, since) in list(self._guards.items()):
+            # two ticks more, for this thread and the one that reads run late on a busy machine
+            if now - max(since, self._written.get(register, -math.inf)) > 1.0 / least + 2.0 * TICK:
+                self.barked.append(now)
+                self.halt()
+                self._guards = {}
 
     def _values(self, fields):
         known = {
@@ -188,8 +207,10 @@ class UrSimulator:
         return b"".join(struct.pack(">" + TYPES[name][1], *known[name]) for name in fields)
 
     def _rtde(self, connection):
-        buffer, fields = b"", []
+        buffer, fields, numbers = b"", [], []
         while data := connection.recv(4096):
+            if self.cut:
+                continue
             buffer += data
             while len(buffer) >= 3 and len(buffer) >= (size := struct.unpack(">H", buffer[:2])[0]):
                 kind, payload, buffer = buffer[2:3], buffer[3:size], buffer[size:]
@@ -200,6 +221,21 @@ class UrSimulator:
                     has = [name in tuple(TYPES)[:3] or name in self._offered for name in fields]
                     types = [TYPES[name][0] if known else "NOT_FOUND" for name, known in zip(fields, has, strict=True)]
                     answer = (b"\x01" if all(has) else b"\x00") + ",".join(types).encode()
+                elif kind == b"I":
+                    names = payload.decode().split(",")
+                    numbers = [int(name.removeprefix("input_int_register_")) for name in names]
+                    types = [
+                        "IN_USE" if n in self._in_use else "INT32" if n in self._registers else "NOT_FOUND"
+                        for n in numbers
+                    ]
+                    answer = (b"\x01" if set(types) == {"INT32"} else b"\x00") + ",".join(types).encode()
+                elif kind == b"U":
+                    recipe, *values = struct.unpack(f">B{len(numbers)}i", payload)
+                    assert recipe == 1
+                    changed = dict.fromkeys(numbers, time.monotonic())
+                    self._written.update(changed)
+                    assert len(values) == len(changed)
+                    continue
                 elif kind == b"S":
                     answer = b"\x01"
                 connection.sendall(self._package(kind[0], answer))
@@ -212,15 +248,24 @@ class UrSimulator:
         self._start(self._tell_state, connection)
         buffer = b""
         while data := connection.recv(4096):
+            if self.cut:
+                continue
             buffer += data
             *lines, buffer = buffer.split(b"\n")
             for line in lines:
                 self._obey(line.decode(), number)
 
     def _obey(self, line, number):
+        if line.strip() in ("end", "") or line.startswith("def "):
+            return
+        if guard := GUARD.match(line):
+            self._pending[number] = (int(guard[1]), float(guard[2]))
+            return
         self.told.append((time.monotonic(), number, line))
         found = MOVE.match(line)
+        watched = self._pending.pop(number, None)
         if found and self.safety == 1:
+            self._guards = {} if watched is None else {watched[0]: (watched[1], time.monotonic())}
             self._speed, self._begins = float(found[3]), time.monotonic() + self._delay
             self._target, self.program = [float(x) for x in found[1].split(",")], 2
         elif line.startswith("stopj") and self._deaf != "all" and number not in self._deaf:
@@ -228,6 +273,8 @@ class UrSimulator:
 
     def _tell_state(self, connection):
         while not self._over.wait(0.1):
+            if self.cut:
+                continue
             emergency, protective = self.script_state
             mode = struct.pack(">Q7B2B3d", 10**6, 1, 1, 1, emergency, protective, 0, 0, 7, 0, 1.0, 1.0, 1.0)
             part = struct.pack(">IB", 5 + len(mode), 0) + mode
@@ -252,6 +299,8 @@ class UrSimulator:
     def _send_imu(self, connection):
         connection.sendall(b"#t [ns],w_x [rad/s],w_y,w_z,a_x [m/s^2],a_y,a_z\n")
         while not self._over.wait(0.01):
+            if self.cut:
+                continue
             k = round((time.monotonic() - self._booted) * 1e2)
             connection.sendall(f"{k * 10**7},{1e-4 * math.sin(k)},0.0,{1e-4 * math.cos(k)},0.0,0.0,9.8\n".encode())
 

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from kreisel.acquisition.heartbeat import DeadMansSwitch
 from kreisel.acquisition.stopping import Way
 from kreisel.devices.address import Address
 from kreisel.devices.drivers import connect
@@ -75,6 +76,10 @@ class Mover(Protocol):
 
     async def close(self) -> None:
         """Close the connection."""
+
+    @property
+    def guard(self) -> str:
+        """What stops the arm when this program no longer runs, or that nothing does; known once connected."""
 
     def describe(self, target: Array, speed: float) -> str:
         """Return the text of the command for a move."""
@@ -155,6 +160,7 @@ class UrScriptMover:
         self.full_speed = speed
         self._address = address
         self._lines: list[_Line] = []
+        self._switch = DeadMansSwitch(address)
         self._dashboard = int(address.number("dashboard", _DASHBOARD, 1, 65535))
 
     async def connect(self) -> None:
@@ -163,9 +169,24 @@ class UrScriptMover:
         Raises
         ------
         DeviceError
-            If the controller cannot be reached.
+            If the controller cannot be reached, or another program writes the watchdog's register.
         """
         self._lines.append(_Line(await _reach(self._address, "is remote control switched on?")))
+        await self._switch.connect()
+
+    @property
+    def guard(self) -> str:
+        """What stops the arm when this program no longer runs, or that nothing does."""
+        dog = self._switch.planned
+        if not self._switch.missing:
+            return (
+                f"the controller stops the arm by itself when {dog.register} is not written for {1.0 / dog.least:g} s: "
+                "after a crash, a computer that hangs, or a cable that is cut"
+            )
+        return (
+            f"NOTHING STOPS THE ARM IF THIS COMPUTER FAILS: the controller has no watchdog over RTDE "
+            f"({self._switch.missing}); stay at the emergency stop"
+        )
 
     @property
     def trouble(self) -> str | None:
@@ -175,7 +196,7 @@ class UrScriptMover:
                 return f"the controller reports: {line.blocked}"
             if line.ended is not None:
                 return f"{self._address}: the script connection has ended ({line.ended})"
-        return None
+        return self._switch.trouble
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -184,6 +205,7 @@ class UrScriptMover:
             ("stopj over the script connection", self.stop),
             ("stopj over a new script connection", self._stop_anew),
             (f"'stop' to the dashboard server at port {self._dashboard}", self._stop_at_dashboard),
+            *((("no more heartbeats for the watchdog", self._switch.cease),) if self._switch.watchdog else ()),
         )
 
     async def move(self, target: Array, speed: float) -> None:
@@ -191,7 +213,7 @@ class UrScriptMover:
         if not self._lines:
             raise DeviceError(f"{self._address}: not connected")
         try:
-            await self._lines[0].send(urscript.encode(self._command(target, speed)))
+            await self._lines[0].send(urscript.encode(self._command(target, speed), self._switch.watchdog))
         except DeviceError as error:
             raise DeviceError(f"{self._address}: {error}") from error
 
@@ -234,6 +256,7 @@ class UrScriptMover:
 
     async def close(self) -> None:
         """Close the connections."""
+        await self._switch.close()
         for line in self._lines:
             await line.close()
 
@@ -298,6 +321,18 @@ class EkrlMover:
             raise DeviceError(
                 f"{self._address}: the controller refuses {self.describe(target, speed)}; is it within its limits?"
             )
+
+    @property
+    def guard(self) -> str:
+        """What stops the arm when this program no longer runs, or that nothing does."""
+        if self._address.scheme == "serial":
+            return (
+                "NOTHING STOPS THE ARM IF THIS COMPUTER FAILS: a serial line does not tell; stay at the emergency stop"
+            )
+        return (
+            "kreisel's program on the controller brakes when the connection closes, as after a crash; A COMPUTER THAT "
+            "HANGS OR A CABLE THAT IS CUT DOES NOT CLOSE IT: stay at the emergency stop"
+        )
 
     @property
     def ways(self) -> tuple[Way, ...]:

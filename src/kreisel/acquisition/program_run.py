@@ -123,6 +123,7 @@ async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event
             say(text)
     if (reason := await unless(mover.connect(), why)) is not None:
         raise DeviceError(f"nothing was moved: {reason}")
+    say(mover.guard)
 
 
 async def _until_seen(watch: Watch, halt: asyncio.Event) -> None:

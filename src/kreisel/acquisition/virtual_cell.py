@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import multiprocessing
 import socket
 import time
@@ -138,8 +139,9 @@ def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None
 
 async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
     cell, of_imu = CommandedArm(recording), TcpSimulator(imu)
-    listen = (_take_lines if robot == "rtde" else _take_telegrams)(cell)
-    of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot)
+    guard = _Guard(cell)
+    listen = _take_lines(cell, guard) if robot == "rtde" else _take_telegrams(cell)
+    of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot, on_write=guard.heard)
     ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
     mover = await asyncio.start_server(listen, _HOST, 0)
     ready.send(int(mover.sockets[0].getsockname()[1]))
@@ -148,6 +150,7 @@ async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Conn
     while True:
         await asyncio.sleep(_TICK)
         before, now = now, time.monotonic()
+        guard.look(now)
         readings, poses = cell.advance(now - before)
         of_imu.send(readings)
         of_robot.send(poses)
@@ -156,7 +159,32 @@ async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Conn
 Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
 
 
-def _take_lines(cell: CommandedArm) -> Listener:
+class _Guard:
+    """The watchdog of a program: it stops the arm when an RTDE input is no longer written."""
+
+    def __init__(self, cell: CommandedArm) -> None:
+        self._cell = cell
+        self._heard = -math.inf
+        self._watchdog: urscript.Watchdog | None = None
+
+    def heard(self) -> None:
+        """Note that the input was written."""
+        self._heard = time.monotonic()
+
+    def watch(self, watchdog: urscript.Watchdog | None) -> None:
+        """Watch from now on, with a watchdog or without one."""
+        self._watchdog = watchdog
+        self._heard = max(self._heard, time.monotonic() - _TICK)
+
+    def look(self, now: float) -> None:
+        """Stop the arm if the input was not written in time; a watchdog ends with its program."""
+        if not self._cell.moving:
+            self._watchdog = None
+        elif self._watchdog is not None and now - self._heard > 1.0 / self._watchdog.least + _TICK:
+            self._cell.stop()
+
+
+def _take_lines(cell: CommandedArm, guard: _Guard) -> Listener:
     """Return a handler of URScript connections; like a Universal Robots controller, it also sends its state."""
 
     async def send_states(writer: asyncio.StreamWriter) -> None:
@@ -167,13 +195,16 @@ def _take_lines(cell: CommandedArm) -> Listener:
     async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         sending = asyncio.ensure_future(send_states(writer))
         with suppress(OSError, asyncio.CancelledError):
+            watchdog = None
             while line := await reader.readline():
+                watchdog = urscript.decode_watchdog(line) or watchdog
                 with suppress(ProtocolError):
                     command = urscript.decode(line)
                     if isinstance(command, urscript.Stop):
                         cell.stop()
-                    else:
-                        cell.move(command.target)
+                    elif cell.move(command.target) is None:
+                        guard.watch(watchdog)
+                    watchdog = None
         sending.cancel()
         writer.close()
 

@@ -6,7 +6,7 @@ A recording can replace a device: ``mcap:///data/run/recording.mcap?speed=10``.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
+from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
 from kreisel.errors import SettingsError, unknown_name
 
@@ -34,7 +34,7 @@ ROBOTS = {
     "rsi": Scheme(
         49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes if the controller needs answers)", ("answer",), True
     ),
-    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script", "dashboard")),
+    "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script", "dashboard", "watchdog")),
     "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
     "ekrl": Scheme(54601, "ekrl://192.168.1.10 (poses of kreisel's KRL program, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
@@ -54,7 +54,7 @@ IMUS = {
 lines of text have no usual port."""
 
 MOVERS = {
-    "urscript": Scheme(30002, "urscript://192.168.1.20 (?dashboard=29999)", ("dashboard",)),
+    "urscript": Scheme(30002, "urscript://192.168.1.20 (?watchdog=24)", ("dashboard", "rtde", "watchdog")),
     "ekrl": Scheme(54600, "ekrl://192.168.1.10 (kreisel's KRL program, see `kreisel krl`)"),
     "serial": Scheme(0, "serial:///dev/ttyS0?baud=115200 (the same program's telegrams)", ("baud",), device="robot"),
 }
@@ -98,8 +98,11 @@ def default_mover(robot: Address) -> str | None:
     """Return the mover's address that belongs to a robot's address, None if there is none; see `MOVERS`."""
     for scheme, option, mover in (("rtde", "script", "urscript"), ("ekrl", "moves", "ekrl")):
         if robot.scheme == scheme:
-            options = f"?dashboard={robot.options['dashboard']}" if "dashboard" in robot.options else ""
-            return f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}{options}"
+            options: dict[str, str] = {k: v for k, v in robot.options.items() if k in ("dashboard", "watchdog")}
+            if robot.scheme == "rtde":
+                options["rtde"] = str(robot.port)
+            where = f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}"
+            return f"{where}?{urlencode(options)}" if options else where
     return None
 
 

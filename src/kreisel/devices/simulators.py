@@ -190,11 +190,15 @@ class TcpSimulator:
         `rtde`, `ekrl` (states only), `varproxy`, `ixcom` or `csv`.
     on_client
         Called when the first client wants data.
+    on_write
+        Called when a client has written inputs (`rtde`).
     """
 
-    def __init__(self, scheme: str, on_client: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, scheme: str, on_client: Callable[[], None] = lambda: None, on_write: Callable[[], None] = lambda: None
+    ) -> None:
         self._clients = _Clients()
-        self._on_client = on_client
+        self._on_client, self._on_write = on_client, on_write
         self._latest: object = None
         self._talk = {
             "rtde": self._rtde,
@@ -246,8 +250,11 @@ class TcpSimulator:
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         server = rtde.Server()
         while data := await reader.read(4096):
+            written = server.written
             writer.write(server.receive(data))
-            if server.streaming:
+            if server.written > written:
+                self._on_write()
+            elif server.streaming:
                 self._begin(writer, server.encode)  # type: ignore[arg-type]
             else:
                 self._clients.remove(writer)

@@ -47,15 +47,16 @@ _NAME = "RTDE"
 _RUNNING = 7  # robot_mode of an arm that can move, by the fields of RTDE; see `MODES`
 _INTEGERS = ("UINT8", "INT32", "UINT32")
 _HEAD = struct.Struct(">HB")
-_VERSION, _TEXT, _CONTROLLER, _DATA = b"VMvU"
-_OUTPUTS, _INPUTS, _START, _PAUSE = b"OISP"
+VERSION, _TEXT, _CONTROLLER, DATA = b"VMvU"
+OUTPUTS, INPUTS, START, _PAUSE = b"OISP"
 _SIZES = {
     "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d",
     "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
 
 
-def _splitter() -> Splitter:
+def package_splitter() -> Splitter:
+    """Return what splits a stream into packages."""
     return Splitter(_NAME, ">HB", length=0, least=_HEAD.size, most=MAX_BYTES, whole=True)
 
 
@@ -85,14 +86,14 @@ class Client:
     def __init__(self, frequency: float) -> None:
         self.state = State.VERSION
         self._frequency = frequency
-        self._splitter = _splitter()
+        self._splitter = package_splitter()
         self._recipe = 0
         self._states: tuple[str, ...] = STATES
         self._layout = struct.Struct(">13d")
 
     def begin(self) -> bytes:
         """Return what to send first."""
-        return package(_VERSION, struct.pack(">H", 2))
+        return package(VERSION, struct.pack(">H", 2))
 
     def receive(self, data: bytes) -> tuple[list[RobotSample], bytes, list[str]]:
         """Return poses, what to send next, and messages of the controller.
@@ -106,24 +107,24 @@ class Client:
         for kind, payload in self._splitter.receive(data):
             if kind == _TEXT:
                 texts.append(_text(payload))
-            elif kind == _DATA and self.state is State.RUNNING:
+            elif kind == DATA and self.state is State.RUNNING:
                 samples.append(self._sample(payload))
-            elif kind != _DATA:
+            elif kind != DATA:
                 answer += self._advance(kind, payload)
         return samples, answer, texts
 
     def _advance(self, kind: int, payload: bytes) -> bytes:
-        if self.state is State.VERSION and kind == _VERSION:
+        if self.state is State.VERSION and kind == VERSION:
             if payload != b"\x01":
                 raise ProtocolError(_NAME, "the controller refuses protocol version 2: is its software older than 3.4?")
             self.state = State.OUTPUTS
             return self._ask_outputs()
-        if self.state is State.OUTPUTS and kind == _OUTPUTS:
+        if self.state is State.OUTPUTS and kind == OUTPUTS:
             if not self._take_types(payload):
                 return self._ask_outputs()
             self.state = State.START
-            return package(_START)
-        if self.state is State.START and kind == _START:
+            return package(START)
+        if self.state is State.START and kind == START:
             if payload != b"\x01":
                 raise ProtocolError(_NAME, "the controller refuses to start sending")
             self.state = State.RUNNING
@@ -131,7 +132,7 @@ class Client:
         raise ProtocolError(_NAME, f"package '{chr(kind)}' while waiting for {self.state.name.lower()}")
 
     def _ask_outputs(self) -> bytes:
-        return package(_OUTPUTS, struct.pack(">d", self._frequency) + ",".join((*FIELDS, *self._states)).encode())
+        return package(OUTPUTS, struct.pack(">d", self._frequency) + ",".join((*FIELDS, *self._states)).encode())
 
     def _take_types(self, payload: bytes) -> bool:
         """Take the types of the requested fields; return True to start, False to ask again without missing fields."""
@@ -192,6 +193,10 @@ class Server:
     ----------
     fields
         Names of the requested fields; unknown ones have the value zero.
+    inputs
+        Names of the inputs that the client writes.
+    written
+        Times that it has written them.
     streaming
         Whether data are sent.
     frequency
@@ -202,10 +207,12 @@ class Server:
 
     def __init__(self, version: tuple[int, int, int, int] = (5, 11, 0, 0)) -> None:
         self.fields: list[str] = []
+        self.inputs: list[str] = []
+        self.written = 0
         self.streaming = False
         self.frequency = 500.0
         self._version = version
-        self._splitter = _splitter()
+        self._splitter = package_splitter()
 
     def receive(self, data: bytes) -> bytes:
         """Return the answer.
@@ -218,20 +225,23 @@ class Server:
         return b"".join(self._answer(kind, payload) for kind, payload in self._splitter.receive(data))
 
     def _answer(self, kind: int, payload: bytes) -> bytes:
-        if kind == _VERSION:
+        if kind == VERSION:
             return package(kind, b"\x01" if payload in (b"\x00\x02", b"\x00\x01") else b"\x00")
         if kind == _CONTROLLER:
             return package(kind, struct.pack(">4I", *self._version))
-        if kind == _OUTPUTS:
+        if kind == OUTPUTS:
             if len(payload) < 8:
                 raise ProtocolError(_NAME, f"recipe of {len(payload)} bytes, expected 8 or more")
             (self.frequency,) = struct.unpack_from(">d", payload)
             self.fields = _names(payload[8:])
             return package(kind, bytes([self._RECIPE]) + ",".join(type_of(name) for name in self.fields).encode())
-        if kind == _INPUTS:
-            return package(kind, bytes([self._RECIPE]) + ",".join(map(type_of, _names(payload))).encode())
-        if kind in (_START, _PAUSE):
-            self.streaming = kind == _START
+        if kind == INPUTS:
+            self.inputs = _names(payload)
+            return package(kind, bytes([self._RECIPE]) + ",".join(map(type_of, self.inputs)).encode())
+        if kind == DATA and self.inputs:
+            self.written += 1
+        if kind in (START, _PAUSE):
+            self.streaming = kind == START
             return package(kind, b"\x01")
         return b""
 
@@ -250,7 +260,7 @@ class Server:
             layout = struct.Struct(">" + _SIZES.get(type_of(name), ""))
             count = len(layout.unpack(bytes(layout.size)))
             payload += layout.pack(*known.get(name, (0,) * count))
-        return package(_DATA, payload)
+        return package(DATA, payload)
 
 
 _OTHERS = {

@@ -1,0 +1,102 @@
+"""What becomes of an arm in motion when the computer that moves it fails: it stands within half a second.
+
+The twin is `tests/ur_simulator.py`; its watchdogs are those of the maker's description of URScript.
+"""
+
+import math
+import signal
+import time
+
+import pytest
+
+from .test_run_faults import BACK, LONG, controller, ended, started
+
+WITHIN = 0.5
+"""s; from the failure to the standstill."""
+
+
+@pytest.fixture
+def twin():
+    with controller() as simulator:
+        yield simulator
+
+
+def travelled(simulator, begun):
+    """Degrees that any joint has turned since."""
+    return math.degrees(max(abs(a - b) for a, b in zip(simulator.q, begun, strict=True)))
+
+
+def stands_after(simulator, act):
+    """Do something, and return the seconds until the arm stood, and the degrees that it travelled."""
+    begun, at = list(simulator.q), time.monotonic()
+    act()
+    simulator.wait(lambda: simulator.barked)
+    stood = list(simulator.q)
+    simulator.wait_for_ticks(40, 0.5)
+    assert simulator.q == stood
+    return simulator.barked[0] - at, travelled(simulator, begun)
+
+
+@pytest.mark.parametrize("move", [1, 2])  # the slow first one, and a fast one
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_arm_stands_when_the_process_is_killed_or_hangs(tmp_path, twin, how, move):
+    first = "start_deg = [0, -90, 60, -60, -90, 0]\n[[move]]\njoints_deg = [150, -80, 70, -40, -60, 20]\nrest = 0.5\n"
+    process = started(tmp_path, twin, (LONG if move == 1 else first) + BACK)
+    try:
+        twin.wait_for_move(2 if move == 1 else 3)
+        seconds, degrees = stands_after(twin, lambda: process.send_signal(how))
+    finally:
+        process.kill()
+        process.communicate()
+    assert seconds < WITHIN
+    assert degrees < 30.0
+    assert not twin.told_to_stop()
+
+
+def test_the_arm_stands_when_the_cable_is_cut(tmp_path, twin):
+    """Nothing is closed: bytes no longer arrive, in either direction."""
+    process = started(tmp_path, twin)
+    try:
+        twin.wait_for_move(2)
+        seconds, _ = stands_after(twin, lambda: setattr(twin, "cut", True))
+        process.send_signal(signal.SIGINT)
+        errors = ended(process, 1)
+    finally:
+        process.kill()
+    assert seconds < WITHIN
+    assert "THE STOP IS NOT CONFIRMED" in errors
+
+
+def test_without_a_watchdog_that_is_said_before_the_first_move(tmp_path):
+    with controller(registers=()) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(1)
+        process.send_signal(signal.SIGINT)
+        errors = ended(process, 1)
+    said = errors.index("NOTHING STOPS THE ARM IF THIS COMPUTER FAILS")
+    assert said < errors.index("move 0 of")
+
+
+def test_a_register_that_another_program_writes_is_left_to_it(tmp_path):
+    with controller(in_use=(24,)) as simulator:
+        errors = ended(started(tmp_path, simulator), 1)
+        assert simulator.moves() == []
+        assert "another program writes input_int_register_24" in errors
+        assert "?watchdog=25" in errors
+        (tmp_path / "run" / "recording.mcap").unlink()
+        simulator.robot += "&watchdog=31"
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        process.send_signal(signal.SIGINT)
+        assert "input_int_register_31 is not written for 0.1 s" in ended(process, 1)
+
+
+def test_the_last_way_to_stop_is_silence(tmp_path):
+    with controller(deaf=range(9), dashboard=False) as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2)
+        process.send_signal(signal.SIGINT)
+        errors = ended(process, 1)
+        assert simulator.barked
+    assert "the motion was stopped" in errors
+    assert "no more heartbeats for the watchdog: sent" in errors
