@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.acquisition.motion_watch import Watch
 from kreisel.acquisition.movers import Mover
-from kreisel.acquisition.preflight import CHECKED, approach_share
+from kreisel.acquisition.preflight import approach_share
 from kreisel.acquisition.stopping import Say, Stop, Underway, bring_to_rest
 from kreisel.errors import DeviceError
 from kreisel.geometry.rotation import Array
@@ -59,7 +59,7 @@ async def drive(
     say: Say,
     enough: Callable[[], bool] = lambda: False,
 ) -> Ending:
-    """Drive the arm through a program, and return how it ended.
+    """Drive the arm through a program, at the speeds of its moves, and return how it ended; see `clearance.slowed`.
 
     The motion is stopped when the watch or the mover reports a reason, when `stop` is set, and when this function fails
     or is cancelled.
@@ -98,8 +98,7 @@ class _Drive:
             if enough():
                 self.enough = True
                 return None
-            speed = min(move.speed, slow) if number <= CHECKED else move.speed
-            ended = await self._one(number, Move(move.target, move.rest, speed))
+            ended = await self._one(number, move)
             if ended is not None:
                 return ended
         return None
@@ -113,14 +112,22 @@ class _Drive:
         self._say(f"move {number} of {len(self._program.moves)}: {described}")
         seconds = _longest(move, self._watch)
         self.underway, self._resting = Underway(move.target, self._watch.joints), None
-        self._watch.begin_move()
+        self._watch.begin_move(self._peaks(move))
         if (why := await unless(self._mover.move(move.target, move.speed), self._why)) is not None:
             return why
         ended = await self._until(lambda: self._watch.rests_at(move.target), seconds)
         if ended is None:
             self.underway, self._resting = None, move.target
+            self._watch.rest()
             ended = await self._until(lambda: False, move.rest, late_is_well=True)
         return ended
+
+    def _peaks(self, move: Move) -> Array | None:
+        """Return the largest speeds of the joints in a move, rad/s; None if it is not known where the arm is."""
+        at = self._watch.joints
+        if at is None or not np.any(move.target != at):
+            return None
+        return self._mover.peaks(move.target - at, move.speed, self._watch.arm.velocity)[0]
 
     def _why(self) -> str | None:
         """Return a reason to stop now, or None."""

@@ -7,10 +7,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import takewhile
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from kreisel.acquisition.rotation_watch import RotationWatch
 from kreisel.devices.events import Arrival, Event, Level
 from kreisel.geometry.rotation import Array
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -33,8 +34,33 @@ less than the rests of programs."""
 MARGIN = math.radians(1.0)
 """rad; an arm is stopped when a joint is within this distance of its limit."""
 
-OVERDUE = 1.5
-"""Seconds without joint angles, or without readings of the IMU, after which the arm is stopped."""
+OVERDUE = 0.2
+"""Seconds without joint angles, or without readings of the IMU, after which the arm is stopped, and four intervals of
+the source at least. Chosen: an arm at 1 rad/s turns by 11 deg meanwhile."""
+
+_INTERVALS = 4.0
+"""Usual intervals of a source that are no silence."""
+
+_STALL = 0.05
+"""s between two looks of this program from which it was late itself: what arrived meanwhile is taken first."""
+
+FASTER = 1.25
+"""Factor on commanded speeds, and on the tool speed allowed, beyond which the arm is stopped."""
+
+_SPEED_SLACK = 0.05
+"""rad/s, and m/s, by which speeds may be higher besides: noise of encoders, over `_SPEED_TIME`."""
+
+_SPEED_TIME = 0.06
+"""s over which speeds are taken. Chosen: longer than the interval of the slowest source, 20 poses a second."""
+
+_FAST_AGAIN = 3
+"""Poses in a row that must be too fast: one angle that is wrong is none."""
+
+_IMU_TIME = 0.1
+"""s over which the IMU's rates are averaged before they are compared with the commanded motion."""
+
+_IMU_SLACK = 0.3
+"""rad/s by which the IMU may turn faster than all joints together."""
 
 ENDED = 1.0
 """Seconds at standstill, with no program running on the controller, after which a move has ended off its target."""
@@ -45,7 +71,7 @@ _KEPT_NS = 4_000_000_000
 
 _FRESH_NS = 300_000_000
 """ns; joint angles that are older say nothing of the present. Chosen: six intervals of the slowest source, 20 poses a
-second, and less than `OVERDUE`."""
+second."""
 
 _FEWEST = 5
 """Poses that show a standstill. Chosen: each half has a mean (`DRIFT`), so that there are two in a half at least; 20
@@ -66,6 +92,10 @@ class Watch:
     ----------
     clock
         The host's monotonic clock, ns, of the readings' times of arrival.
+    overdue
+        Seconds of silence after which the arm is stopped.
+    tool_speed
+        Fastest allowed speed of the reported tool, m/s.
 
     Attributes
     ----------
@@ -75,30 +105,50 @@ class Watch:
         The robot's last sample with joint angles.
     holds
         Whether the controller's last report says that it runs a program or has paused one.
+    arm
+        The model.
     agreement
         The comparison of the model with the reported poses.
+    rotation
+        The comparison of the IMU with the joints.
     """
 
-    def __init__(self, arm: Arm, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        clock: Callable[[], int] = time.monotonic_ns,
+        *,
+        overdue: float = OVERDUE,
+        tool_speed: float = math.inf,
+    ) -> None:
         self.alarm: str | None = None
         self.sample: RobotSample | None = None
         self.holds = False
         self.agreement = Agreement(arm)
-        self._arm, self._clock = arm, clock
+        self.rotation = RotationWatch(arm)
+        self.arm, self._clock = arm, clock
+        self._overdue, self._tool_speed = overdue, tool_speed
+        self._arrivals = {"joint angles": _Arrivals(), "readings of the IMU": _Arrivals()}
+        self._looked_ns = self._trusted_ns = 0
+        self._positions: deque[tuple[int, Array]] = deque()
+        self._fastest: float | None = None
+        self._turning = math.inf
+        self._fast = 0
         self._recent: deque[Row] = deque()
         self._same = [0] * 6
         self._last: tuple[float, ...] | None = None
-        self._imu_ns = 0
-        self._played = False
+        self._played = self._rests = self._ran = False
         self._idle_ns: int | None = None
 
     def take(self, event: Event) -> None:
         """Take an event of a device."""
+        self._note_life()
         if not isinstance(event, Arrival):
             if event.level is Level.LOST:
                 self.alarm = self.alarm or event.text
         elif isinstance(event.sample, ImuSample):
-            self._imu_ns = event.host_ns
+            self._arrivals["readings of the IMU"].take(event.host_ns)
+            self.rotation.reading(event.host_ns, event.sample.stamp_ns, event.sample.rate)
             self._imu(event.sample)
         else:
             self._robot(event.sample, event.host_ns)
@@ -106,11 +156,14 @@ class Watch:
     @property
     def reason(self) -> str | None:
         """The reason to stop now: the alarm, or a device that sends nothing; None if there is no reason."""
-        if self.alarm is None and self.ready:
-            now = self._clock()
-            for what, last_ns in (("joint angles", self._recent[-1][0]), ("readings of the IMU", self._imu_ns)):
-                if now - last_ns > OVERDUE * 1e9:
-                    self.alarm = self.alarm or f"no {what} for {(now - last_ns) * 1e-9:.1f} s"
+        now = self._note_life()
+        if self.alarm is None and self.ready and now > self._trusted_ns:
+            for what, arrivals in self._arrivals.items():
+                silent = (now - arrivals.last_ns) * 1e-9
+                if silent > max(self._overdue, _INTERVALS * arrivals.interval):
+                    self.alarm = self.alarm or f"no {what} for {silent:.1f} s"
+        if self.alarm is None and self.rotation.mean_speed(now, _IMU_TIME) > self._turning:
+            self.alarm = f"the IMU turns faster than the commanded motion can turn it, {self._turning:.2f} rad/s"
         return self.alarm
 
     @property
@@ -156,11 +209,18 @@ class Watch:
             return False
         angles, half = np.array([joints for _, _, joints in rows]), len(rows) // 2
         drift = np.abs(angles[:half].mean(axis=0) - angles[half:].mean(axis=0))
-        return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT))
+        standing = bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT))
+        return standing and self.rotation.still(self._clock(), seconds) is not False
 
-    def begin_move(self) -> None:
-        """Note that a move is sent; see `ended`."""
-        self._played, self._idle_ns = False, None
+    def begin_move(self, peaks: Array | None = None) -> None:
+        """Note that a move is sent, with the joints' largest speeds, rad/s; see `ended`."""
+        self._played, self._idle_ns, self._rests = False, None, False
+        self._fastest = None if peaks is None else FASTER * float(np.max(np.abs(peaks))) + _SPEED_SLACK
+        self._turning = math.inf if peaks is None else FASTER * float(np.sum(np.abs(peaks))) + _IMU_SLACK
+
+    def rest(self) -> None:
+        """Note that the arm rests at its target: another program that begins now is not ours."""
+        self._fastest, self._rests = None, True
 
     def ended(self) -> bool:
         """Return whether the controller began the move, no longer runs a program, and the arm stands still."""
@@ -168,10 +228,21 @@ class Watch:
             return False
         return self.stands(self._idle_ns, ENDED)
 
+    def _note_life(self) -> int:
+        """Return the time; after a stall of this program devices are not called silent at once."""
+        now = self._clock()
+        if self._looked_ns and now - self._looked_ns > _STALL * 1e9:
+            self._trusted_ns = now + round(_STALL * 1e9)
+        self._looked_ns = now
+        return now
+
     def _robot(self, sample: RobotSample, host_ns: int) -> None:
         if sample.blocked:
             self.alarm = self.alarm or f"the controller reports: {sample.blocked}"
         if sample.running is not None:
+            if self._rests and sample.running and not self._ran:
+                self.alarm = self.alarm or "another program has been started on the controller"
+            self._ran = sample.running
             self._played = self._played or sample.running
             ended = self._played and not sample.running
             self._idle_ns = (self._idle_ns or host_ns) if ended else None
@@ -182,14 +253,21 @@ class Watch:
             self.alarm = self.alarm or "the robot's clock leapt: was its controller restarted?"
             self._recent.clear()
         self.sample = sample
+        self._arrivals["joint angles"].take(host_ns)
         self._recent.append((host_ns, sample.stamp_ns, sample.joints))
         while self._recent[0][0] < host_ns - _KEPT_NS:
             self._recent.popleft()
-        self.alarm = self.alarm or next(self._complaints(sample), None)
+        if sample.position is not None:
+            self._positions.append((sample.stamp_ns, np.array(sample.position)))
+            while self._positions[0][0] < sample.stamp_ns - _KEPT_NS:
+                self._positions.popleft()
+        if len(sample.joints) == len(self.arm.joints):
+            self.rotation.pose(host_ns, sample.joints)
+        self.alarm = self.alarm or next(self._complaints(sample), None) or self.rotation.complaint
 
     def _complaints(self, sample: RobotSample) -> Iterator[str]:
         """Yield the faults of a pose."""
-        arm = self._arm
+        arm = self.arm
         if len(sample.joints) != len(arm.joints):
             yield f"the robot reports {len(sample.joints)} joint angles, and the model has {len(arm.joints)} joints"
             return
@@ -199,9 +277,35 @@ class Watch:
                     f"{name} is at {math.degrees(angle):.1f} deg, within a degree of its limits "
                     f"{math.degrees(low):.0f} to {math.degrees(high):.0f} deg"
                 )
+        yield from self._speeding(sample.stamp_ns)
         self.agreement.take(sample)
         if self.agreement.complaint is not None:
             yield self.agreement.complaint
+
+    def _speeding(self, now_ns: int) -> Iterator[str]:
+        """Yield how the arm is faster than it was told, or its tool faster than allowed."""
+        joints = _speed([(stamp, np.array(angles)) for _, stamp, angles in self._latest(self._recent, 1)], now_ns)
+        tool = _speed(self._latest(self._positions, 0), now_ns)
+        fastest = math.inf if self._fastest is None else self._fastest
+        allowed = FASTER * self._tool_speed + _SPEED_SLACK
+        speed, way = float(np.max(np.abs(joints))), float(np.linalg.norm(tool))
+        self._fast = self._fast + 1 if speed > fastest or way > allowed else 0
+        if self._fast < _FAST_AGAIN:
+            return
+        if speed > fastest:
+            yield f"a joint turns at {speed:.2f} rad/s, more than the {fastest:.2f} rad/s of the command"
+        else:
+            yield f"the tool moves at {way:.2f} m/s, more than the {self._tool_speed:g} m/s that are allowed"
+
+    @staticmethod
+    def _latest(of: deque[Any], stamp: int) -> list[Any]:
+        """Return the last rows, newest first, back to the first that is `_SPEED_TIME` older than the newest."""
+        out: list[Any] = []
+        for row in reversed(of):
+            out.append(row)
+            if row[stamp] <= out[0][stamp] - _SPEED_TIME * 1e9:
+                break
+        return out
 
     def _imu(self, sample: ImuSample) -> None:
         """Detect a saturated channel: it stays constant while others change."""
@@ -214,6 +318,30 @@ class Watch:
                     name = ("w_x", "w_y", "w_z", "a_x", "a_y", "a_z")[k]
                     self.alarm = self.alarm or f"the IMU is saturated: {name} stays at {a:.6g} while the others change"
         self._last = values
+
+
+class _Arrivals:
+    """When a source was last heard, and its usual interval."""
+
+    _WEIGHT = 0.02
+    """Of the last interval in the mean."""
+
+    def __init__(self) -> None:
+        self.last_ns = 0
+        self.interval = 0.0
+
+    def take(self, host_ns: int) -> None:
+        """Note an arrival."""
+        if self.last_ns:
+            self.interval += self._WEIGHT * ((host_ns - self.last_ns) * 1e-9 - self.interval)
+        self.last_ns = host_ns
+
+
+def _speed(rows: list[tuple[int, Array]], now_ns: int) -> Array:
+    """Return the mean velocity between the first and the last row, newest first; 0 where they are too close."""
+    if len(rows) < 2 or now_ns - rows[-1][0] < _SPEED_TIME * 1e9:
+        return np.zeros(1)
+    return np.asarray((rows[0][1] - rows[-1][1]) / ((rows[0][0] - rows[-1][0]) * 1e-9))
 
 
 def _span(rows: list[Row], clock: Literal[0, 1]) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.acquisition.motion_watch import MARGIN
+from kreisel.acquisition.motion_watch import MARGIN, OVERDUE
 from kreisel.acquisition.movers import Mover
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
@@ -21,7 +21,7 @@ SLOW = 0.25
 """rad/s; speed of the leading joint to the program's start and in the first move, while poses are compared."""
 
 CHECKED = 1
-"""Number of the last move that is slow."""
+"""Number of the last move that is slow: see `clearance.slowed`."""
 
 _ROUNDING = 1e-6
 """Share of a limit by which a value may exceed it. Chosen: a speed equal to its limit is allowed, with the rounding of
@@ -38,10 +38,16 @@ class Allowed:
         Largest distance of a joint from the program's start, rad.
     tool
         Length of the longest tool that may explain a reported pose, m; None if the base is unknown, too.
+    tool_speed
+        Fastest speed of the tool, m/s.
+    silence
+        Seconds without joint angles, or without readings of the IMU, after which the arm is stopped.
     """
 
     approach: float = math.radians(10.0)
     tool: float | None = 0.3
+    tool_speed: float = math.inf
+    silence: float = OVERDUE
 
 
 def approach_share(program: Program, mover: Mover) -> float:
@@ -63,11 +69,11 @@ def check_program(arm: Arm, program: Program, mover: Mover) -> str:
                 f"{name} has no velocity limit in the model '{arm.name}', expected <limit velocity=…> in rad/s"
             )
     slow = approach_share(program, mover)
-    speeds = [min(move.speed, slow) if k < CHECKED else move.speed for k, move in enumerate(program.moves)]
     at = program.start
     _check_margin(arm, at, "the program's start")
-    for number, (move, share) in enumerate(zip(program.moves, speeds, strict=True), start=1):
+    for number, move in enumerate(program.moves, start=1):
         _check_margin(arm, move.target, f"move {number}")
+        share = min(move.speed, slow) if number <= CHECKED else move.speed
         check_move(arm, mover, move.target - at, share, f"move {number}")
         at = move.target
     return (

@@ -70,7 +70,8 @@ async def run(
     RecordingError
         If the file cannot be written; the motion is then stopped.
     """
-    over, watch, mover = asyncio.Event(), Watch(orders.arm), devices.mover
+    over, mover, allowed = asyncio.Event(), devices.mover, orders.allowed
+    watch = Watch(orders.arm, overdue=allowed.silence, tool_speed=allowed.tool_speed)
     recording = asyncio.ensure_future(
         record(
             devices.imu, devices.robot, output, settings=settings, urdf=orders.arm.urdf, stop=over, observe=watch.take

@@ -40,6 +40,18 @@ def run_program(
     longest_tool: float = typer.Option(
         0.3, min=0.0, help="Longest tool that may explain the difference of the reported pose to the model's, m (rtde)."
     ),
+    tool_speed: float = typer.Option(
+        0.25, "--tool-speed", min=0.01, max=10.0, help="Fastest speed of the tool, m/s; moves are slowed down to it."
+    ),
+    floor: float = typer.Option(
+        0.0, min=-100.0, max=100.0, help="Height of the floor in the base's frame, m; nothing may be below it."
+    ),
+    keep_out: list[str] = typer.Option(
+        [], "--keep-out", help="Box that the arm must not enter, two corners x,y,z,x,y,z in m; may be repeated."
+    ),
+    silence: float = typer.Option(
+        0.2, min=0.05, max=5.0, help="Seconds without joint angles or readings after which the arm is stopped."
+    ),
     until: list[str] = typer.Option(
         [],
         "--until",
@@ -57,11 +69,12 @@ def run_program(
     """
     import math
 
+    from kreisel.acquisition.clearance import Room, check_room, parse_box, slowed
     from kreisel.acquisition.movers import mover_at
     from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.program_run import Devices, Orders
     from kreisel.cli.targets import targets
-    from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address
+    from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address, with_rtde_of
     from kreisel.errors import DeviceError, SettingsError
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
     from kreisel.robot.kinematics import load_arm
@@ -72,24 +85,29 @@ def run_program(
     if mover is None:
         known = "; ".join(scheme.example for scheme in MOVERS.values())
         raise SettingsError(f"{robot} only reports where the arm is; give with --mover where moves are sent: {known}")
-    of_mover = parse_address(mover, MOVERS)
+    of_mover = with_rtde_of(parse_address(mover, MOVERS), of_robot)
     if of_imu.scheme == "mcap":
         raise SettingsError(f"{imu}: a recording does not measure this motion; give the address of the IMU itself")
     wanted = targets(until)
     described = load_arm(model)
-    moves = read_program(program, described)
     sender = mover_at(of_mover, speed, float(described.velocity.max()))
-    checked = check_program(described, moves, sender)
+    room = Room(floor, tuple(parse_box(box) for box in keep_out))
+    written = read_program(program, described)
+    checked = [check_program(described, written, sender), check_room(described, written, room)]
+    moves, slower = slowed(described, written, sender, tool_speed)
+    checked.append(slower)
     if not arm:
         _show_dry(moves, sender, checked)
         return
     if output is None:
         raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
     recorded = RecordingSettings() if settings is None else read_settings(settings)
-    allowed = Allowed(math.radians(approach), longest_tool if of_robot.scheme == "rtde" else None)
+    longest = longest_tool if of_robot.scheme == "rtde" else None
+    allowed = Allowed(math.radians(approach), longest, tool_speed, silence)
     reached = _targets(output, wanted)
     orders = Orders(moves, described, allowed, lambda: reached.reached)
-    _say(checked)
+    for text in checked:
+        _say(text)
     try:
         with page_of(output, port, wanted=dashboard):
             ended, status = _drive(orders, Devices(of_imu, of_robot, sender), output, recorded, seconds)
@@ -114,16 +132,16 @@ _JOIN = 60.0
 """Seconds to wait for the end of the check of the targets."""
 
 
-def _show_dry(moves: Program, mover: Mover, checked: str) -> None:
-    from kreisel.acquisition.preflight import CHECKED, approach_share
+def _show_dry(moves: Program, mover: Mover, checked: list[str]) -> None:
+    from kreisel.acquisition.preflight import approach_share
 
     slow = approach_share(moves, mover)
     typer.echo("nothing is moved (add --arm to move the robot); this would be sent, each once the arm rests:")
     typer.echo(f"  0  {mover.describe(moves.start, slow)}")
     for number, move in enumerate(moves.moves, start=1):
-        speed = min(move.speed, slow) if number <= CHECKED else move.speed
-        typer.echo(f"{number:3d}  {mover.describe(move.target, speed)}   then rest {move.rest:g} s")
-    typer.echo(checked)
+        typer.echo(f"{number:3d}  {mover.describe(move.target, move.speed)}   then rest {move.rest:g} s")
+    for text in checked:
+        typer.echo(text)
     typer.echo(
         "checked only with --arm, before the first move: the distance to the program's start, and the model against "
         "the joints and the pose that the controller reports"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from kreisel.robot.program import Program
     from kreisel.simulation.cell_settings import Cell
 
 
@@ -51,6 +52,12 @@ def virtual_cell(
     obey: bool = typer.Option(
         False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with rtde, rsi or ekrl."
     ),
+    joint_speed: float = typer.Option(
+        1.0, min=0.05, max=3.2, help="With --obey: the --speed that `kreisel run` is given, rad/s."
+    ),
+    tool_speed: float = typer.Option(
+        0.25, "--tool-speed", min=0.01, max=10.0, help="With --obey: the --tool-speed that `kreisel run` is given, m/s."
+    ),
     output: Path | None = typer.Option(
         None, "-o", "--output", help="Folder for truth.json, recording.toml and robot.urdf of the cell."
     ),
@@ -79,7 +86,8 @@ def virtual_cell(
     if output is not None:
         check_output(output)
     with progress_bar() as show:
-        truth, recording = simulate(described, Path("virtual cell"), show)
+        program = _obeyed(described, robot.value, joint_speed, tool_speed) if obey else None
+        truth, recording = simulate(described, Path("virtual cell"), show, program=program)
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
         write_truth(truth, output / "truth.json")
@@ -99,6 +107,23 @@ def virtual_cell(
                 process.join()
         except KeyboardInterrupt:
             return
+
+
+def _obeyed(cell: Cell, robot: str, joint_speed: float, tool_speed: float) -> Program | None:
+    """Return the cell's program with the speeds that `kreisel run` commands; None if it has none."""
+    from kreisel.acquisition.clearance import as_moved, slowed
+    from kreisel.acquisition.movers import mover_at
+    from kreisel.acquisition.virtual_cell import COMMANDED
+    from kreisel.devices.address import MOVERS, parse_address
+    from kreisel.robot.kinematics import load_arm
+    from kreisel.robot.program import read_program
+
+    if cell.motion.program is None:
+        return None
+    arm = load_arm(cell.robot.model, cell.robot.tcp)
+    mover = mover_at(parse_address(f"{COMMANDED[robot]}://virtual", MOVERS), joint_speed, float(arm.velocity.max()))
+    sent, _ = slowed(arm, read_program(Path(cell.motion.program), arm), mover, tool_speed)
+    return as_moved(arm, sent, mover)
 
 
 def _described(cell: Path | None, robot: RobotKind, interval: float | None, changes: dict[str, float | None]) -> Cell:

@@ -5,7 +5,7 @@ A recording can replace a device: ``mcap:///data/run/recording.mcap?speed=10``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
 from kreisel.errors import SettingsError, unknown_name
@@ -98,12 +98,17 @@ def default_mover(robot: Address) -> str | None:
     """Return the mover's address that belongs to a robot's address, None if there is none; see `MOVERS`."""
     for scheme, option, mover in (("rtde", "script", "urscript"), ("ekrl", "moves", "ekrl")):
         if robot.scheme == scheme:
-            options: dict[str, str] = {k: v for k, v in robot.options.items() if k in ("dashboard", "watchdog")}
-            if robot.scheme == "rtde":
-                options["rtde"] = str(robot.port)
+            options = {name: value for name, value in robot.options.items() if name in ("dashboard", "watchdog")}
             where = f"{mover}://{robot.host}:{robot.number(option, MOVERS[mover].port, 1, 65535):.0f}"
             return f"{where}?{urlencode(options)}" if options else where
     return None
+
+
+def with_rtde_of(mover: Address, robot: Address) -> Address:
+    """Return a mover's address with the RTDE port of the robot's, if both are of one controller."""
+    if mover.scheme != "urscript" or robot.scheme != "rtde" or mover.host != robot.host or "rtde" in mover.options:
+        return mover
+    return replace(mover, options={**mover.options, "rtde": str(robot.port)})
 
 
 def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:

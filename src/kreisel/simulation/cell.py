@@ -22,7 +22,7 @@ from kreisel.robot.description import Arm
 from kreisel.robot.excitation import home, random_plan
 from kreisel.robot.kinematics import load_arm
 from kreisel.robot.motion import Limits, Plan, Timeline, plan
-from kreisel.robot.program import read_program
+from kreisel.robot.program import Program, read_program
 from kreisel.simulation.cell_settings import Cell, Errors
 from kreisel.simulation.controller import ArmErrors, Report, Sway, draw_errors, draw_sway, measured, swing
 from kreisel.simulation.device_errors import (
@@ -132,7 +132,11 @@ class _Streams:
 
 
 def simulate(
-    cell: Cell, path: Path, progress: Progress | None = None, trial: int | None = None
+    cell: Cell,
+    path: Path,
+    progress: Progress | None = None,
+    trial: int | None = None,
+    program: Program | None = None,
 ) -> tuple[Truth, Recording]:
     """Return the recording of a virtual cell, and its true values; nothing is written.
 
@@ -142,6 +146,8 @@ def simulate(
         The recording's name.
     trial
         Number of a trial of a study: its random numbers come from that child of the cell's seed.
+    program
+        What the arm does, in the place of the cell's motion.
 
     Raises
     ------
@@ -155,7 +161,7 @@ def simulate(
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
     nominal = load_arm(cell.robot.model, cell.robot.tcp)
-    planned = _path(cell, nominal, streams.motion)
+    planned = _path(cell, nominal, streams.motion, program)
     own = draw_errors(streams.arm, nominal, cell.errors)
     actual = kinematics.with_placement_errors(nominal, own.placement)
     gravity, earth = _site(cell, streams.site)
@@ -194,11 +200,11 @@ def _jacobian(arm: Arm, angles: Array) -> Array:
     return kinematics.derivatives(arm, angles).jacobian
 
 
-def _path(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan | FreePath:
+def _path(cell: Cell, arm: Arm, rng: np.random.Generator, program: Program | None) -> Plan | FreePath:
     """Return the motion of the arm, or of a body that moves without one."""
     kind = cell.motion.kind
     if kind == "arm":
-        return _plan(cell, arm, rng)
+        return _plan(cell, arm, rng, program)
     if cell.reference.kind != "mocap":
         raise SettingsError(f'motion.kind = "{kind}" has no arm: set reference.kind = "mocap"')
     return free_path(rng, kind, cell.seconds, cell.motion.first_rest, cell.motion.range_share / 0.7)
@@ -216,11 +222,12 @@ def _seen(actual: Arm, planned: Plan, sway: Sway, own: ArmErrors, errors: Errors
     return p + sway.at(planned, t)[0], q, angles
 
 
-def _plan(cell: Cell, arm: Arm, rng: np.random.Generator) -> Plan:
+def _plan(cell: Cell, arm: Arm, rng: np.random.Generator, program: Program | None) -> Plan:
     motion = cell.motion
     limits = Limits.of(arm, motion.tool_speed, motion.tool_acceleration)
-    if motion.program is not None:
+    if program is None and motion.program is not None:
         program = read_program(Path(motion.program), arm)
+    if program is not None:
         return plan(arm, program.start, motion.first_rest, program.moves, limits, motion.smoothing)
     return random_plan(
         rng, _held_but(arm, motion.joints), limits, cell.seconds,

@@ -1,0 +1,146 @@
+"""The IMU as a second witness of the motion: how it turns, against how the joints say that the arm turns.
+
+Angles are compared, which do not depend on how the IMU is mounted: the path of the IMU's rotation, and that of the
+tool's by the model at the reported joint angles.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.robot.description import Arm
+from kreisel.robot.kinematics import poses
+
+QUIET = 0.02
+"""rad/s beyond the offset at rest; a larger mean rate is a rotation. Chosen: offsets that change with attitude by
+0.1 deg/s per g stay ten times below it."""
+
+UNKNOWN = 0.1
+"""rad/s; the same before the offset is known. Chosen: twice the largest offset of usual devices, 3 deg/s."""
+
+_WINDOW = 0.2
+"""s over which paths are compared. Chosen: as long as a silence that stops the arm."""
+
+_LATE = 0.05
+"""s by which readings and poses may arrive at different times: the interval of the slowest source."""
+
+_FASTER = 1.3
+"""Factor on the path that the joints report up to which the IMU agrees. Chosen: far above scale errors and noise."""
+
+_SLACK = 0.1
+"""rad/s that the IMU may turn faster besides: vibration, and the noise in the length of its rates."""
+
+_TOLD = 0.3
+"""rad that the joints must turn the tool within a second before an IMU that does not turn is called loose."""
+
+_AGAIN = 3
+"""Comparisons in a row that must disagree."""
+
+_SAMPLING = 0.02
+"""s between poses whose attitude is computed. Chosen: a pose of the slowest source, and little work for others."""
+
+_KEPT = 2.0  # s of history: more than any window
+_FRESH = 0.3  # s; readings that are older say nothing of the present
+_LONGEST = 0.1  # s; a longer interval between readings is a gap, and its rotation is not known
+
+
+class RotationWatch:
+    """Takes readings and joint angles as they come, with their host's times in ns.
+
+    Attributes
+    ----------
+    complaint
+        How the IMU contradicts the joints, or None.
+    loose
+        Whether the joints turned the tool and the IMU did not turn: it is not on the arm.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.complaint: str | None = None
+        self.loose = False
+        self._arm = arm
+        self._offset: Array | None = None
+        self._readings: deque[tuple[float, Array]] = deque()
+        self._of_imu: deque[tuple[float, float]] = deque()
+        self._of_joints: deque[tuple[float, float]] = deque()
+        self._stamp: int | None = None
+        self._attitude: Array | None = None
+        self._disagreed = 0
+
+    def learn_offset(self) -> None:
+        """Take the mean of the last second as the gyros' offset: the arm is known to stand."""
+        if self._readings:
+            last = self._readings[-1][0]
+            self._offset = np.mean([rate for at, rate in self._readings if at > last - 1.0], axis=0)
+
+    def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
+        """Take a reading of the gyros, rad/s."""
+        at, own = host_ns * 1e-9, np.array(rate)
+        seconds = 0.0 if self._stamp is None else (stamp_ns - self._stamp) * 1e-9
+        self._stamp = stamp_ns
+        self._readings.append((at, own))
+        step = self.speed_of(own) * min(max(seconds, 0.0), _LONGEST)
+        self._of_imu.append((at, (self._of_imu[-1][1] if self._of_imu else 0.0) + step))
+        for kept in (self._readings, self._of_imu):
+            while kept[0][0] < at - _KEPT:
+                kept.popleft()
+
+    def pose(self, host_ns: int, joints: tuple[float, ...]) -> None:
+        """Take joint angles, and compare."""
+        at = host_ns * 1e-9
+        if self._of_joints and at - self._of_joints[-1][0] < _SAMPLING:
+            return
+        attitude = poses(self._arm, np.array([joints]))[1][0]
+        turned = 0.0 if self._attitude is None else 2.0 * float(np.arccos(min(1.0, abs(attitude @ self._attitude))))
+        self._attitude = attitude
+        self._of_joints.append((at, (self._of_joints[-1][1] if self._of_joints else 0.0) + turned))
+        while self._of_joints[0][0] < at - _KEPT:
+            self._of_joints.popleft()
+        self._compare(at)
+
+    def speed_of(self, rate: Array) -> float:
+        """Return the length of a rate without the offset, rad/s."""
+        return float(np.linalg.norm(rate if self._offset is None else rate - self._offset))
+
+    def still(self, now_ns: int, seconds: float) -> bool | None:
+        """Return whether the IMU has not turned for so long; None if it does not tell."""
+        now = now_ns * 1e-9
+        rates = [rate for at, rate in self._readings if at > now - seconds]
+        if self.loose or not rates or now - self._readings[-1][0] > _FRESH:
+            return None
+        return self.speed_of(np.mean(rates, axis=0)) < (UNKNOWN if self._offset is None else QUIET)
+
+    def mean_speed(self, now_ns: int, seconds: float) -> float:
+        """Return the mean length of the rates of the last seconds, rad/s; 0 without readings."""
+        now = now_ns * 1e-9
+        rates = [self.speed_of(rate) for at, rate in self._readings if at > now - seconds]
+        return float(np.mean(rates)) if rates else 0.0
+
+    def _compare(self, now: float) -> None:
+        """Compare the paths of both up to a moment ago."""
+        end = now - _LATE
+        if not self._covers(end - 1.0):
+            return
+        turned = _path(self._of_imu, end - _WINDOW, end)
+        told = _path(self._of_joints, end - _WINDOW - _LATE, now)
+        too_far = turned > _FASTER * told + _SLACK * _WINDOW
+        self._disagreed = self._disagreed + 1 if too_far and not self.loose else 0
+        if self._disagreed >= _AGAIN:
+            self.complaint = (
+                f"the IMU turned by {np.degrees(turned):.1f} deg in {_WINDOW:g} s, and the joints are reported to turn "
+                f"it by {np.degrees(told):.1f} deg: are the reported angles frozen, or is the IMU loose?"
+            )
+        told_long, turned_long = _path(self._of_joints, end - 1.0, end), _path(self._of_imu, end - 1.0, end)
+        self.loose = self.loose or (told_long > _TOLD and turned_long < 0.3 * told_long)
+
+    def _covers(self, begin: float) -> bool:
+        return all(len(of) > 1 and of[0][0] <= begin for of in (self._of_imu, self._of_joints))
+
+
+def _path(of: deque[tuple[float, float]], begin: float, end: float) -> float:
+    """Return the path between two moments, s."""
+    times, angles = np.array(of).T
+    return float(np.diff(np.interp([begin, end], times, angles))[0])
