@@ -17,7 +17,7 @@ from contextlib import suppress
 
 HOST = "127.0.0.1"
 TICK = 0.008
-LIMIT = 180.0
+LIMIT = 60.0
 """Seconds after which what is waited for is taken not to come; reached by failures alone."""
 
 UR10E = ((0.1807, 0.0, math.pi / 2), (0.0, -0.6127, 0.0), (0.0, -0.57155, 0.0), (0.17415, 0.0, math.pi / 2),
@@ -39,13 +39,25 @@ def times(a, b):
     return [[sum(a[i][k] * b[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
 
 
-def tool_pose(q, table):
-    """Return position and rotation vector of the flange."""
+def tool_frame(q, table):
+    """Return the flange's frame, 4 x 4."""
     T = [[float(i == j) for j in range(4)] for i in range(4)]
     for angle, (d, a, alpha) in zip(q, table, strict=True):
         c, s, ca, sa = math.cos(angle), math.sin(angle), math.cos(alpha), math.sin(alpha)
         T = times(T, [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
+    return T
+
+
+def tool_pose(q, table):
+    """Return position and rotation vector of the flange."""
+    T = tool_frame(q, table)
     return [T[0][3], T[1][3], T[2][3], *rotation_vector(T)]
+
+
+def turned(before, after, seconds):
+    """Return the angular rate between two frames, rad/s, in the axes of the first."""
+    R = [[sum(before[k][i] * after[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+    return [x / seconds for x in rotation_vector(R)]
 
 
 def rotation_vector(R):
@@ -84,6 +96,9 @@ class UrSimulator:
         Whether the state on the script port comes in pieces of a few bytes, at odd times.
     delay
         Seconds before a move begins.
+    frozen, factor, held_imu
+        Set by a test: joint angles that are reported whatever the arm does; a factor on the speed of moves; whether the
+        IMU is held still instead of being on the flange.
     registers
         Integer registers that a client may write, and those that another client writes already ("in use").
     """
@@ -95,6 +110,9 @@ class UrSimulator:
         self.safety, self.program = 1, 1
         self.script_state = (0, 0)  # emergency, protective
         self.silent = self.cut = False
+        self.frozen = None
+        self.factor = 1.0
+        self.held_imu = False
         self.ticks = 0
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
@@ -177,7 +195,9 @@ class UrSimulator:
             self._now, target = now, self._target
             if target is not None and now >= self._begins:
                 far = max(abs(b - a) for a, b in zip(self.q, target, strict=True))
-                share = min(1.0, self._speed * (now - max(before, self._begins)) / far) if far > 0.0 else 1.0
+                share = (
+                    min(1.0, self.factor * self._speed * (now - max(before, self._begins)) / far) if far > 0.0 else 1.0
+                )
                 self.q = [a + share * (b - a) for a, b in zip(self.q, target, strict=True)]
                 if share == 1.0:
                     self._target, self.program = None, 1
@@ -199,8 +219,8 @@ class UrSimulator:
 
     def _values(self, fields):
         known = {
-            "timestamp": [self._now - self._booted], "actual_q": self.q,
-            "actual_TCP_pose": tool_pose(self.q, self._robot),
+            "timestamp": [self._now - self._booted], "actual_q": self.frozen or self.q,
+            "actual_TCP_pose": tool_pose(self.frozen or self.q, self._robot),
             "safety_status": [self.safety], "safety_mode": [self.safety], "robot_mode": [7],
             "runtime_state": [self.program],
         }  # fmt: skip
@@ -298,11 +318,17 @@ class UrSimulator:
 
     def _send_imu(self, connection):
         connection.sendall(b"#t [ns],w_x [rad/s],w_y,w_z,a_x [m/s^2],a_y,a_z\n")
+        at, frame = time.monotonic(), tool_frame(self.q, self._robot)
         while not self._over.wait(0.01):
             if self.cut:
                 continue
-            k = round((time.monotonic() - self._booted) * 1e2)
-            connection.sendall(f"{k * 10**7},{1e-4 * math.sin(k)},0.0,{1e-4 * math.cos(k)},0.0,0.0,9.8\n".encode())
+            before, earlier = frame, at
+            at, frame = time.monotonic(), tool_frame(self.q, self._robot)
+            k = round((at - self._booted) * 1e2)
+            rate = [0.0] * 3 if self.held_imu else turned(before, frame, at - earlier)
+            values = [w + 1e-4 * math.sin(k + phase) for phase, w in enumerate([*rate, 0.0, 0.0, 9.8])]
+            stamp = round((at - self._booted) * 1e9)
+            connection.sendall(f"{stamp},{','.join(map(str, values))}\n".encode())
 
     # sockets
 

@@ -34,7 +34,9 @@ def stands_after(simulator, act):
     stood = list(simulator.q)
     simulator.wait_for_ticks(40, 0.5)
     assert simulator.q == stood
-    return simulator.barked[0] - at, travelled(simulator, begun)
+    seconds, degrees = simulator.barked[0] - at, travelled(simulator, begun)
+    print(f"stood after {seconds:.2f} s and {degrees:.1f} deg")
+    return seconds, degrees
 
 
 @pytest.mark.parametrize("move", [1, 2])  # the slow first one, and a fast one

@@ -48,7 +48,9 @@ class Ending:
     def __str__(self) -> str:
         if self.stop is None:
             return self.outcome
-        return f"stopped: {self.reason}" if self.stop.confirmed else f"stop NOT confirmed: {self.reason}"
+        if not self.stop.confirmed:
+            return f"stop NOT confirmed: {self.reason}"
+        return f"{'move completed before the stop' if self.stop.late else 'stopped'}: {self.reason}"
 
 
 async def drive(

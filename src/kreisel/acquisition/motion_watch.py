@@ -105,6 +105,10 @@ class Watch:
         The robot's last sample with joint angles.
     holds
         Whether the controller's last report says that it runs a program or has paused one.
+    motion
+        What moved at the last look whether the arm stands; empty if nothing did, or if nothing is known.
+    witness
+        Whether the IMU did not turn either when the arm last stood; None if it does not tell.
     arm
         The model.
     agreement
@@ -124,6 +128,8 @@ class Watch:
         self.alarm: str | None = None
         self.sample: RobotSample | None = None
         self.holds = False
+        self.motion = ""
+        self.witness: bool | None = None
         self.agreement = Agreement(arm)
         self.rotation = RotationWatch(arm)
         self.arm, self._clock = arm, clock
@@ -201,6 +207,7 @@ class Watch:
 
         The duration must be reached on both clocks: delayed readings that arrive together are not sufficient.
         """
+        self.motion = ""
         if not self.hears():
             return False
         begin = max(since_ns, self._recent[-1][0] - round(seconds * 1e9))
@@ -209,8 +216,13 @@ class Watch:
             return False
         angles, half = np.array([joints for _, _, joints in rows]), len(rows) // 2
         drift = np.abs(angles[:half].mean(axis=0) - angles[half:].mean(axis=0))
-        standing = bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT))
-        return standing and self.rotation.still(self._clock(), seconds) is not False
+        if not (np.all(np.ptp(angles, axis=0) < STILL) and np.all(drift < DRIFT)):
+            self.motion = "the joints still move"
+            return False
+        witness = self.rotation.still(self._clock(), seconds)
+        self.motion = "the joints are reported to stand, but the IMU turns" if witness is False else ""
+        self.witness = witness
+        return witness is not False
 
     def begin_move(self, peaks: Array | None = None) -> None:
         """Note that a move is sent, with the joints' largest speeds, rad/s; see `ended`."""
@@ -219,7 +231,7 @@ class Watch:
         self._turning = math.inf if peaks is None else FASTER * float(np.sum(np.abs(peaks))) + _IMU_SLACK
 
     def rest(self) -> None:
-        """Note that the arm rests at its target: another program that begins now is not ours."""
+        """Note that the arm rests at its target: a program that begins after ours has ended is not ours."""
         self._fastest, self._rests = None, True
 
     def ended(self) -> bool:
@@ -240,7 +252,7 @@ class Watch:
         if sample.blocked:
             self.alarm = self.alarm or f"the controller reports: {sample.blocked}"
         if sample.running is not None:
-            if self._rests and sample.running and not self._ran:
+            if self._rests and self._played and sample.running and not self._ran:
                 self.alarm = self.alarm or "another program has been started on the controller"
             self._ran = sample.running
             self._played = self._played or sample.running

@@ -13,7 +13,7 @@ from kreisel.acquisition.motion_watch import Watch
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.preflight import Allowed, check_state
 from kreisel.acquisition.recorder import Status, record
-from kreisel.acquisition.stopping import Say
+from kreisel.acquisition.stopping import SETTLE_TIME, Say
 from kreisel.devices.address import Address
 from kreisel.devices.opening import events
 from kreisel.errors import DeviceError, RecordingError
@@ -24,6 +24,9 @@ from kreisel.robot.program import Program
 _PATIENCE = 10.0
 """s to wait for readings of both devices before the first move. Chosen: time for a second attempt to connect, after the
 5 s of the first (`devices.drivers`); nothing moves meanwhile."""
+
+_STANDING = 3.0
+"""s to wait for the arm to stand before the first move. Chosen: several times `stopping.SETTLE_TIME`."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,8 @@ def _how(ending: Ending) -> str:
     if ending.stop is None:
         return f"; the motion ended: {ending}"
     if ending.stop.confirmed:
-        return f"; the motion was stopped: {ending.stop.text}"
+        did = "the move was completed before the stop" if ending.stop.late else "the motion was stopped"
+        return f"; {did}: {ending.stop.text}"
     return f"; THE STOP IS NOT CONFIRMED: press the emergency stop; {ending.stop.text}"
 
 
@@ -119,12 +123,38 @@ async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event
         return watch.reason or ("stop requested" if halt.is_set() else None)
 
     await _until_seen(watch, halt)
+    if watch.holds:
+        raise DeviceError(
+            "nothing was moved: the controller runs another program, or has paused one; end it there, and begin again"
+        )
+    await _until_standing(watch, why)
+    watch.rotation.learn_offset()
     if watch.sample is not None:
         for text in check_state(orders.arm, orders.program, watch.sample, mover, orders.allowed):
             say(text)
     if (reason := await unless(mover.connect(), why)) is not None:
         raise DeviceError(f"nothing was moved: {reason}")
     say(mover.guard)
+
+
+async def _until_standing(watch: Watch, why: Callable[[], str | None]) -> None:
+    """Wait until joints and IMU have not moved for a while.
+
+    Raises
+    ------
+    DeviceError
+        If they move: somebody else drives the arm.
+    """
+    loop, begun = asyncio.get_running_loop(), watch.now_ns
+    ends = loop.time() + _STANDING
+    while not watch.stands(begun, SETTLE_TIME):
+        if (reason := why()) is not None:
+            raise DeviceError(f"nothing was moved: {reason}")
+        if loop.time() > ends:
+            raise DeviceError(
+                f"nothing was moved: {watch.motion or 'the joints move'}, and the arm must stand before it is driven"
+            )
+        await asyncio.sleep(0.01)
 
 
 async def _until_seen(watch: Watch, halt: asyncio.Event) -> None:

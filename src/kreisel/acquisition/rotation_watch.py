@@ -34,7 +34,10 @@ _SLACK = 0.1
 """rad/s that the IMU may turn faster besides: vibration, and the noise in the length of its rates."""
 
 _TOLD = 0.3
-"""rad that the joints must turn the tool within a second before an IMU that does not turn is called loose."""
+"""rad that the joints must turn the tool within `_LONG` before an IMU that does not turn is called loose."""
+
+_LONG = 1.5
+"""s over which an IMU that does not turn is told from one that does. Chosen: a slow first move turns by `_TOLD` in it."""
 
 _AGAIN = 3
 """Comparisons in a row that must disagree."""
@@ -122,7 +125,7 @@ class RotationWatch:
     def _compare(self, now: float) -> None:
         """Compare the paths of both up to a moment ago."""
         end = now - _LATE
-        if not self._covers(end - 1.0):
+        if not self._covers(end - _LONG):
             return
         turned = _path(self._of_imu, end - _WINDOW, end)
         told = _path(self._of_joints, end - _WINDOW - _LATE, now)
@@ -133,7 +136,7 @@ class RotationWatch:
                 f"the IMU turned by {np.degrees(turned):.1f} deg in {_WINDOW:g} s, and the joints are reported to turn "
                 f"it by {np.degrees(told):.1f} deg: are the reported angles frozen, or is the IMU loose?"
             )
-        told_long, turned_long = _path(self._of_joints, end - 1.0, end), _path(self._of_imu, end - 1.0, end)
+        told_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
         self.loose = self.loose or (told_long > _TOLD and turned_long < 0.3 * told_long)
 
     def _covers(self, begin: float) -> bool:

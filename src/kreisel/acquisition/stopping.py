@@ -66,10 +66,13 @@ class Stop:
         Whether the joints are known to stand still.
     text
         What was done and observed.
+    late
+        Whether the arm stands at the target of its move: the stop had no effect, or came too late.
     """
 
     confirmed: bool
     text: str
+    late: bool = False
 
 
 async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | None, say: Say) -> Stop:
@@ -94,24 +97,30 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
             taken = True
             done.append(f"{name}: sent")
             if await _standing(watch, since, seconds, _WAY):
-                return _confirmed(done, seconds)
+                return _confirmed(done, seconds, watch, underway)
         if await _standing(watch, since, seconds, seconds + _LAST):
             if taken or underway is None or watch.rests_at(underway.target):
-                return _confirmed(done, seconds)
+                return _confirmed(done, seconds, watch, underway)
             return Stop(False, f"the joints stand still now, but no stop could be sent ({'; '.join(done)})")
         if number == 0:
             say("THE STOP IS NOT CONFIRMED: press the emergency stop; trying again")
     return Stop(False, f"{_blind(watch)} ({'; '.join(done)})")
 
 
-def _confirmed(done: list[str], seconds: float) -> Stop:
-    return Stop(True, f"the joints have stood still for {seconds:g} s ({'; '.join(done) or 'no move was under way'})")
+def _confirmed(done: list[str], seconds: float, watch: Watch, underway: Underway | None) -> Stop:
+    seen = "and the IMU does not turn" if watch.witness else "by the joints alone: the IMU does not tell"
+    text = f"the joints have stood still for {seconds:g} s, {seen} ({'; '.join(done) or 'no move was under way'})"
+    if underway is not None and watch.rests_at(underway.target):
+        return Stop(True, f"{text}; the arm stands at the target of its move: it was not stopped on its way", late=True)
+    return Stop(True, text)
 
 
 def _blind(watch: Watch) -> str:
     if watch.holds and watch.stands(watch.now_ns - round(2e9 * SETTLE_TIME), SETTLE_TIME):
         return "the joints stand still now, but the controller still holds a program and may continue it"
-    return "the joints still move" if watch.hears() else "no joint angles are received"
+    if not watch.hears():
+        return "no joint angles are received"
+    return watch.motion or "the joints still move"
 
 
 def _may_begin(underway: Underway | None, watch: Watch) -> bool:

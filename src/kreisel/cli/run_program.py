@@ -70,6 +70,7 @@ def run_program(
     import math
 
     from kreisel.acquisition.clearance import Room, check_room, parse_box, slowed
+    from kreisel.acquisition.driver_lock import only_driver
     from kreisel.acquisition.movers import mover_at
     from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.program_run import Devices, Orders
@@ -109,7 +110,7 @@ def run_program(
     for text in checked:
         _say(text)
     try:
-        with page_of(output, port, wanted=dashboard):
+        with only_driver(of_mover), page_of(output, port, wanted=dashboard):
             ended, status = _drive(orders, Devices(of_imu, of_robot, sender), output, recorded, seconds)
     finally:
         reached.over = True
@@ -121,7 +122,8 @@ def run_program(
         return
     kept = f"what was recorded is kept in {output}"
     if ended.stop.confirmed:
-        raise DeviceError(f"the motion was stopped: {ended.reason}; {kept}; {ended.stop.text}")
+        did = "the move was completed before the stop" if ended.stop.late else "the motion was stopped"
+        raise DeviceError(f"{did}: {ended.reason}; {kept}; {ended.stop.text}")
     raise DeviceError(
         f"THE STOP IS NOT CONFIRMED: press the emergency stop; {ended.stop.text}; it was asked for because: "
         f"{ended.reason}; {kept}"

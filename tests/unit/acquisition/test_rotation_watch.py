@@ -1,0 +1,80 @@
+"""The IMU against the joints; the clock is the test's, and the IMU turns as the flange of the model does."""
+
+import numpy as np
+import pytest
+
+from kreisel.acquisition.rotation_watch import RotationWatch
+from kreisel.robot.kinematics import load_arm, motion
+
+ARM = load_arm("ur10e")
+HERE = np.radians([0.0, -90.0, 60.0, -60.0, -90.0, 0.0])
+WAY = np.array([1.0, 0.2, -0.3, 0.4, 0.1, -0.5])
+OFFSET = np.array([0.05, -0.03, 0.02])
+
+
+class Cell:
+    """Joints that turn at `speed` along `WAY`, and an IMU with an offset, late by some milliseconds."""
+
+    def __init__(self, late=0.0, scale=1.0):
+        self.watch, self.t, self.angle, self.speed, self.frozen = RotationWatch(ARM), 10.0, 0.0, 0.0, None
+        self._late, self._scale, self._generator = late, scale, np.random.default_rng(4)
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.004)):
+            self.t += 0.004
+            self.angle += 0.004 * self.speed
+            joints = HERE + self.angle * WAY
+            w = motion(ARM, joints[None], (self.speed * WAY)[None], np.zeros((1, 6))).rates[0]
+            reading = self._scale * w + OFFSET + 2e-3 * self._generator.normal(size=3)
+            at = round((self.t + self._late) * 1e9)
+            self.watch.reading(at, round(self.t * 1e9), tuple(reading))
+            told = joints if self.frozen is None else self.frozen
+            self.watch.pose(round(self.t * 1e9), tuple(told))
+
+    def still(self):
+        return self.watch.still(round(self.t * 1e9), 0.5)
+
+
+@pytest.mark.parametrize(("late", "scale"), [(0.0, 1.0), (0.03, 1.1), (-0.03, 0.9)])
+def test_an_imu_on_the_arm_agrees_however_it_moves(late, scale):
+    cell = Cell(late, scale)
+    cell.run(2.0)
+    cell.watch.learn_offset()
+    for speed in (0.2, 0.0, 1.5, -1.5, 0.0, 0.7):
+        cell.speed = speed
+        cell.run(1.0)
+        assert cell.watch.complaint is None
+    assert not cell.watch.loose
+    cell.speed = 0.0
+    cell.run(1.0)
+    assert cell.still() is True
+
+
+def test_frozen_joints_are_noticed_within_a_third_of_a_second():
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset()
+    cell.speed = 1.0
+    cell.run(1.0)
+    cell.frozen = HERE + cell.angle * WAY
+    cell.run(0.34)
+    assert "are the reported angles frozen" in cell.watch.complaint
+    assert cell.still() is False
+
+
+def test_an_imu_that_lies_beside_the_arm_is_no_witness():
+    cell = Cell(scale=0.0)
+    cell.run(2.0)
+    cell.watch.learn_offset()
+    assert cell.still() is True
+    cell.speed = 0.3
+    cell.run(2.0)
+    assert cell.watch.loose
+    assert cell.still() is None
+    assert cell.watch.complaint is None
+
+
+def test_what_is_not_heard_is_not_known():
+    watch = RotationWatch(ARM)
+    assert watch.still(10**9, 0.5) is None
+    assert watch.mean_speed(10**9, 0.1) == 0.0
