@@ -21,7 +21,7 @@ from kreisel.protocols.samples import RobotSample
 angles = st.tuples(*[st.floats(-6.0, 6.0)] * 6)
 numbers = st.integers(0, 2**31 - 1)
 moves = st.builds(ekrl.Move, numbers, angles, st.floats(0.001, 1.0))
-commands = moves | st.builds(ekrl.Stop, numbers)
+commands = moves | st.builds(ekrl.Stop, numbers) | st.builds(ekrl.Beat)
 HALF = RobotSample(123_000_000, (1.5, -0.25, 2.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), (0.1,) * 6)
 STATE = ekrl.State(7, ekrl.Doing.MOVING, HALF)
 
@@ -46,7 +46,7 @@ def test_telegrams_are_these_bytes():
 def test_commands_come_back(command):
     found = ekrl.decode(ekrl.encode(command))
     assert type(found) is type(command)
-    assert found.number == command.number
+    assert isinstance(command, ekrl.Beat) or found.number == command.number
     if isinstance(command, ekrl.Move):
         assert found.target == pytest.approx(command.target, abs=1e-7)
         assert found.share == pytest.approx(command.share, abs=1e-5)
@@ -92,7 +92,7 @@ def test_garbage_raises_our_errors_alone(data):
 @pytest.mark.parametrize(
     ("telegram", "said"),
     [
-        (b"<Kreisel></Kreisel>", "holds nothing, expected Move or Stop"),
+        (b"<Kreisel></Kreisel>", "holds nothing, expected Move, Stop or Beat"),
         (ekrl.encode(ekrl.Stop(1)).replace(b">1<", b">-1<"), "expected a whole number"),
         (ekrl.encode(ekrl.Move(1, (0.0,) * 6, 1.0)).replace(b"100.000", b"101"), "a move at 101 per cent"),
         (ekrl.encode(ekrl.Move(1, (0.0,) * 6, 1.0)).replace(b"<A2>0.00000", b"<A2>nan"), "not finite"),
@@ -302,6 +302,7 @@ def test_the_connections_carry_what_is_sent(files):
     assert {e["Tag"]: e["Set_Flag"] for e in received if "Set_Flag" in e} == {
         "Kreisel/Move": "903",
         "Kreisel/Stop": "902",
+        "Kreisel/Beat": "905",
     }
     for name in ("KreiselMove", "KreiselState"):
         paths = [e["Tag"].split("/")[1] for e in tags(files / f"{name}.xml", "SEND")]
@@ -319,6 +320,20 @@ def test_the_program_names_only_what_is_configured_and_declared(files):
     defined = set(re.findall(r"^DEF (\w+)\(", text, re.MULTILINE))
     used = set(re.findall(r"\bkr_\w+", text))
     assert used - defined == {name for name in declared if name.startswith("kr_")}
+
+
+def test_the_program_keeps_external_axes_examines_what_it_reads_and_watches_for_heartbeats(files):
+    text, data = (files / "kreisel.src").read_text(), (files / "kreisel.dat").read_text()
+    take = text.split("DEF kr_take( )")[1].split("END", 1)[0]
+    assert take.index("kr_target = $AXIS_ACT") < take.index("EKI_GetReal")
+    code = [line.strip() for line in take.splitlines() if line.strip() and not line.strip().startswith(";")]
+    assert all(code[k + 1] == "kr_check( )" for k, line in enumerate(code) if line.startswith("kr_ret ="))
+    assert re.search(r"kr_patience = (\d+)", data)[1] == str(round(1e3 * ekrl.BEAT_PATIENCE))
+    assert ekrl.BEAT_INTERVAL < 0.5 * ekrl.BEAT_PATIENCE
+    switched = {part: set(re.findall(rf"INTERRUPT {part} (\d+)", text)) for part in ("ON", "OFF")}
+    declared = set(re.findall(r"INTERRUPT DECL (\d+)", text))
+    assert switched["ON"] == declared
+    assert switched["OFF"] == declared - {"24"}  # poses are sent until the program ends
 
 
 @pytest.mark.parametrize("name", ["kreisel.src", "kreisel_serial.src"])

@@ -3,12 +3,18 @@
 The twin is `tests/ur_simulator.py`; its watchdogs are those of the maker's description of URScript.
 """
 
+import json
 import math
 import signal
+import subprocess
 import time
 
+import numpy as np
 import pytest
 
+from kreisel.formats.loading import load
+
+from .test_run import KUKA, command, run_kuka
 from .test_run_faults import BACK, LONG, controller, ended, started
 
 WITHIN = 0.5
@@ -102,3 +108,31 @@ def test_the_last_way_to_stop_is_silence(tmp_path):
         assert simulator.barked
     assert "the motion was stopped" in errors
     assert "no more heartbeats for the watchdog: sent" in errors
+
+
+def test_a_kuka_arm_brakes_when_the_process_hangs(tmp_path):
+    """Against the simulated controller: joints as `kreisel record` reads them beside the hanging process."""
+    (tmp_path / "program.toml").write_text(KUKA)
+    (tmp_path / "cell.toml").write_text('seed = 3\n[robot]\nmodel = "kr125"\n[motion]\nprogram = "program.toml"\n')
+    cell = subprocess.Popen(
+        command("virtual-cell", "cell.toml", "--robot", "ekrl", "--imu", "csv", "--obey"),
+        cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    process = None
+    try:
+        where = json.loads(cell.stdout.readline())
+        process = subprocess.Popen(run_kuka(where, tmp_path), stderr=subprocess.PIPE, text=True)
+        while "move 1 of" not in process.stderr.readline():
+            pass
+        time.sleep(1.0)
+        process.send_signal(signal.SIGSTOP)
+        recorded = command("record", "--robot", where["robot"], "--imu", where["imu"], "--seconds", "6", "-o", "seen")
+        subprocess.run(recorded, cwd=tmp_path, check=True, capture_output=True, timeout=100)
+    finally:
+        for one in (process, cell):
+            if one is not None:
+                one.kill()
+                one.communicate()
+    angles = load(tmp_path / "seen").joints.angles
+    assert np.ptp(angles[len(angles) // 4 :], axis=0).max() < 1e-9
+    assert 0.01 < abs(angles[-1, 0]) < np.radians(29.0)  # on its way from 0 to 30 deg

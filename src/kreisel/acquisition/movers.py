@@ -295,6 +295,7 @@ class EkrlMover:
         self._states: asyncio.Queue[ekrl.State | None] = asyncio.Queue()
         self._streams: Streams | None = None
         self._listening: asyncio.Task[None] | None = None
+        self._beating: asyncio.Task[None] | None = None
 
     async def connect(self) -> None:
         """Open the connection.
@@ -306,6 +307,8 @@ class EkrlMover:
         """
         self._streams = await _reach(self._address, "does kreisel's program run there?")
         self._listening = asyncio.ensure_future(self._listen(self._streams[0]))
+        if self._address.scheme == "ekrl":
+            self._beating = asyncio.ensure_future(self._beat(self._streams[1]))
 
     async def move(self, target: Array, speed: float) -> None:
         """Send one move, and wait until the controller accepts it.
@@ -330,8 +333,8 @@ class EkrlMover:
                 "NOTHING STOPS THE ARM IF THIS COMPUTER FAILS: a serial line does not tell; stay at the emergency stop"
             )
         return (
-            "kreisel's program on the controller brakes when the connection closes, as after a crash; A COMPUTER THAT "
-            "HANGS OR A CABLE THAT IS CUT DOES NOT CLOSE IT: stay at the emergency stop"
+            f"kreisel's program on the controller (of this version) brakes when it gets no heartbeat for "
+            f"{ekrl.BEAT_PATIENCE:g} s: after a crash, a computer that hangs, or a cable that is cut"
         )
 
     @property
@@ -349,9 +352,10 @@ class EkrlMover:
 
     async def close(self) -> None:
         """Close the connection."""
-        if self._listening is not None:
-            self._listening.cancel()
-            await asyncio.gather(self._listening, return_exceptions=True)
+        for task in (self._listening, self._beating):
+            if task is not None:
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
         if self._streams is not None:
             self._streams[1].close()
         self.trouble = self.trouble or "the connection is closed"
@@ -386,6 +390,16 @@ class EkrlMover:
                 f"{self._address}: the connection to the controller is lost ({error.strerror})"
             ) from error
         raise DeviceError(f"{self._address}: the controller has closed the connection")
+
+    async def _beat(self, writer: asyncio.StreamWriter) -> None:
+        """Tell the program that this process lives, and its loop turns."""
+        try:
+            while True:
+                writer.write(ekrl.encode(ekrl.Beat()))
+                await writer.drain()
+                await asyncio.sleep(ekrl.BEAT_INTERVAL)
+        except OSError as error:
+            self.trouble = self.trouble or f"{self._address}: the heartbeat has ended ({error.strerror or error})"
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:
         splitter = ekrl.Splitter("Robot")

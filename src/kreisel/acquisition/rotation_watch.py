@@ -37,7 +37,7 @@ _TOLD = 0.3
 """rad that the joints must turn the tool within `_LONG` before an IMU that does not turn is called loose."""
 
 _LONG = 1.5
-"""s over which an IMU that does not turn is told from one that does. Chosen: a slow first move turns by `_TOLD` in it."""
+"""s over which an IMU that does not turn is told from one that does. Chosen: the slow first move turns by `_TOLD`."""
 
 _AGAIN = 3
 """Comparisons in a row that must disagree."""

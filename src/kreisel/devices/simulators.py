@@ -128,10 +128,15 @@ async def ekrl_simulator(arm: Commanded, reader: asyncio.StreamReader, writer: a
         writer.write(ekrl.encode_state(ekrl.State(number, doing, no_pose)))
 
     arrives: asyncio.Task[None] | None = None
+    heard = time.monotonic()
 
     async def arrive(number: int) -> None:
         while arm.moving:
             await asyncio.sleep(0.01)
+            if time.monotonic() - heard > ekrl.BEAT_PATIENCE:
+                arm.stop()
+                answer(number, ekrl.Doing.STOPPED)
+                return
         answer(number, ekrl.Doing.ARRIVED)
 
     try:
@@ -141,10 +146,13 @@ async def ekrl_simulator(arm: Commanded, reader: asyncio.StreamReader, writer: a
                     command = ekrl.decode(telegram)
                 except ProtocolError:
                     continue
-                if isinstance(command, ekrl.Stop):
+                if isinstance(command, ekrl.Beat):
+                    heard = time.monotonic()
+                elif isinstance(command, ekrl.Stop):
                     arm.stop()
                     answer(command.number, ekrl.Doing.STOPPED)
                 elif arm.move(command.target) is None:
+                    heard = time.monotonic()
                     answer(command.number, ekrl.Doing.MOVING)
                     arrives = asyncio.ensure_future(arrive(command.number))
                 else:

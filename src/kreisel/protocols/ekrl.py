@@ -1,8 +1,9 @@
 """Telegrams between a PC and kreisel's program on a KUKA controller: XML over EthernetKRL (TCP), or a serial line.
 
-The PC sends moves and stops, ``<Kreisel><Move>…</Move></Kreisel>`` or ``<Kreisel><Stop>…``; the controller sends
-states, ``<Robot>…``. Angles are degrees, lengths mm, A, B, C intrinsic rotations about z, y', x'', times ms of a timer
-of the program. Values are in elements, not in attributes, so that both EthernetKRL and a format of CREAD can read them.
+The PC sends moves and stops, ``<Kreisel><Move>…</Move></Kreisel>`` or ``<Kreisel><Stop>…``, and over EthernetKRL a
+heartbeat, ``<Kreisel><Beat>…``, without which the program brakes; the controller sends states, ``<Robot>…``. Angles are
+degrees, lengths mm, A, B, C intrinsic rotations about z, y', x'', times ms of a timer of the program. Values are in
+elements, not in attributes, so that both EthernetKRL and a format of CREAD can read them.
 """
 
 from __future__ import annotations
@@ -55,7 +56,18 @@ class Stop:
     number: int
 
 
-Command = Move | Stop
+@dataclass(frozen=True)
+class Beat:
+    """A heartbeat: the PC lives."""
+
+
+BEAT_INTERVAL = 0.1
+"""s between two heartbeats."""
+
+BEAT_PATIENCE = 0.3
+"""s without one after which the program brakes; `kr_patience` in kreisel.dat. Chosen: three heartbeats."""
+
+Command = Move | Stop | Beat
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,8 @@ class State:
 
 def encode(command: Command) -> bytes:
     """Return the telegram of a command."""
+    if isinstance(command, Beat):
+        return b"<Kreisel><Beat></Beat></Kreisel>"
     if isinstance(command, Stop):
         return f"<Kreisel><Stop><Id>{command.number}</Id></Stop></Kreisel>".encode()
     axes = "".join(f"<{name}>{angle / _DEGREE:.5f}</{name}>" for name, angle in zip(_AXES, command.target, strict=True))
@@ -85,10 +99,12 @@ def decode(telegram: bytes) -> Command:
     """
     root = parse_xml(telegram, _NAME, "Kreisel")
     parts = [part.tag for part in root]
+    if parts == ["Beat"]:
+        return Beat()
     if parts == ["Stop"]:
         return Stop(_whole(root[0], "Id", _MAX_NUMBER))
     if parts != ["Move"]:
-        raise ProtocolError(_NAME, f"<Kreisel> holds {', '.join(parts)[:60] or 'nothing'}, expected Move or Stop")
+        raise ProtocolError(_NAME, f"<Kreisel> holds {', '.join(parts)[:60] or 'nothing'}, expected Move, Stop or Beat")
     share = _numbers(root[0], ("V",))[0] / 100.0
     if not 0.0 < share <= 1.0:
         raise ProtocolError(_NAME, f"a move at {100.0 * share:g} per cent of full speed, expected above 0 to 100")
