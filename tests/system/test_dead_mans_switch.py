@@ -135,9 +135,11 @@ def test_a_kuka_arm_brakes_when_the_process_hangs(tmp_path):
         process = subprocess.Popen(run_kuka(where, tmp_path), stderr=subprocess.PIPE, text=True)
         while "move 1 of" not in process.stderr.readline():
             pass
-        time.sleep(1.0)
+        port = int(urlsplit(where["robot"]).port)
+        while abs(states(port, 0.2)[-1, 0]) < 0.05:
+            pass
         process.send_signal(signal.SIGSTOP)
-        seen = states(int(urlsplit(where["robot"]).port), seconds=2.0)
+        seen = states(port, seconds=2.0)
     finally:
         for one in (process, cell):
             if one is not None:
