@@ -3,6 +3,7 @@
 import random
 from itertools import pairwise
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -166,3 +167,19 @@ def attack_all(data):
             attack()
         except ProtocolError as error:
             assert str(error).isprintable()
+
+
+@pytest.mark.parametrize("prefix", ["", "$"])
+def test_lines_with_checksums_are_read_if_they_are_right(prefix):
+    """The exclusive or of the characters, worked out by hand for the first: 1 xor 2 is 03."""
+    assert line.without_checksum("12*03") == "12"
+    values = "1000,0.1,0.2,0.3,0,0,9.8"
+    checksum = 0
+    for character in values:
+        checksum ^= ord(character)
+    decoder = line.Decoder(line.Columns.parse(line.COLUMNS))
+    (good,) = decoder.receive(f"{prefix}{values}*{checksum:02X}\r\n".encode())
+    assert good == line.decode(values, decoder.columns)
+    for wrong in (f"{checksum ^ 1:02X}", "", "0", "XYZ", "é"):
+        (told,) = decoder.receive(f"{prefix}{values}*{wrong}\n".encode())
+        assert "the checksum" in str(told)

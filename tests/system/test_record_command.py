@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,7 +22,7 @@ from kreisel.devices.events import Arrival
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.recover import recover
-from kreisel.protocols import line
+from kreisel.protocols import line, rsi
 
 from .live import (
     HOST,
@@ -31,6 +31,7 @@ from .live import (
     Enough,
     free_port,
     lines,
+    pose,
     reading,
     recorder,
     run,
@@ -277,3 +278,60 @@ def test_the_virtual_cell_is_recorded_and_found_again(tmp_path, robot):
         abs(document["timing"]["offset"] - truth["time_offset"])
         < 4.0 * document["standard_deviation"]["timing"]["offset"]
     )
+
+
+@pytest.mark.parametrize(("options", "status"), [("", 1), ("?from=127.0.0.1", 0), ("?from=127.0.0.2", 0)])
+def test_a_robot_that_is_locked_out_is_told_at_the_end(tmp_path, options, status):
+    """A stranger speaks first, from another address of this machine; the robot's own is 127.0.0.2."""
+
+    async def all_of_it():
+        port = free_port()
+        async with (
+            serving(lines(lambda: (line.encode(reading(k)) for k in itertools.count()))) as imu,
+            speaking("127.0.0.1", port),
+            speaking("127.0.0.2", port),
+        ):
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "kreisel.cli.main", "record", "--robot", f"rsi://{HOST}:{port}{options}",
+                "--imu", f"csv://{HOST}:{imu}", "--seconds", "1", "-o", str(tmp_path / "run"),
+                stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
+            _, errors = await asyncio.wait_for(process.communicate(), LIMIT)
+            return process.returncode, errors.decode()
+
+    code, errors = asyncio.run(all_of_it())
+    told = "which of them is the robot? State its host as ?from=HOST" in errors
+    assert (code, told) == (status, status == 1)
+    assert (tmp_path / "run" / "recording.mcap").stat().st_size > 1000
+
+
+@asynccontextmanager
+async def speaking(host, port):
+    """Send poses to a port from an address of this machine."""
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        asyncio.DatagramProtocol, local_addr=(host, 0), remote_addr=(HOST, port)
+    )
+
+    async def send():
+        for k in itertools.count():
+            transport.sendto(rsi.encode(pose(k)))
+            await asyncio.sleep(0.004)
+
+    task = asyncio.ensure_future(send())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        transport.close()
+
+
+def test_an_arm_is_not_driven_by_whoever_speaks_first(tmp_path):
+    (tmp_path / "program.toml").write_text("start_deg = [0, -90, 90, 0, 30, 0]\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "kreisel.cli.main", "run", "program.toml", "--robot", "rsi://0.0.0.0:49152",
+         "--mover", "ekrl://192.168.1.10", "--imu", "csv://127.0.0.1:9", "--model", "kr125"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "give the controller's address, rsi://0.0.0.0:49152?from=" in done.stderr

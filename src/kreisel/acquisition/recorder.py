@@ -67,7 +67,10 @@ class Excitation:
 
 @dataclass
 class Status:
-    """The status of a recorder while it runs."""
+    """The status of a recorder while it runs.
+
+    `locked_out` says that another sender than the recorded one may be the robot; empty if there was none.
+    """
 
     began_ns: int
     imu: Stream = field(default_factory=Stream)
@@ -76,6 +79,7 @@ class Status:
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     written: int = 0
+    locked_out: str = ""
 
     @property
     def empty(self) -> bool:
@@ -118,6 +122,7 @@ class Recorder:
     def take(self, source: str, event: Event) -> list[Event]:
         """Write an event of a device, by its name; return the events kept, among them readings held before."""
         if not isinstance(event, Arrival):
+            self.status.locked_out = self.status.locked_out or (event.text if event.level is Level.LOCKED_OUT else "")
             self.note(event.text, event.host_ns, WARN if event.level is not Level.INFO else INFO)
             return [event]
         stream = self.status.imu if isinstance(event.sample, ImuSample) else self.status.robot

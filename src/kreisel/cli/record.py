@@ -93,6 +93,8 @@ def check_complete(status: Status, imu: Address, robot: Address | None, place: P
     from kreisel.errors import DeviceError
 
     if status.complete(with_robot=robot is not None):
+        if status.locked_out:
+            raise DeviceError(f"{status.locked_out}; what was recorded is kept in {place.file}, and may be of another")
         return
     counts = ((imu, "readings", status.imu.count), (robot, "poses", status.robot.count))
     missing = [(address, what) for address, what, count in counts if address is not None and not count]

@@ -75,13 +75,14 @@ def run_program(
     from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.program_run import Devices, Orders
     from kreisel.cli.targets import targets
-    from kreisel.devices.address import IMUS, MOVERS, ROBOTS, default_mover, parse_address, with_rtde_of
+    from kreisel.devices.address import IMUS, MOVERS, ROBOTS, check_sender, default_mover, parse_address, with_rtde_of
     from kreisel.errors import DeviceError, SettingsError
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
     from kreisel.robot.kinematics import load_arm
     from kreisel.robot.program import read_program
 
     of_imu, of_robot = parse_address(imu, IMUS), parse_address(robot, ROBOTS)
+    check_sender(of_robot)
     mover = mover or default_mover(of_robot)
     if mover is None:
         known = "; ".join(scheme.example for scheme in MOVERS.values())

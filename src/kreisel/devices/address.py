@@ -32,10 +32,13 @@ class Scheme:
 
 ROBOTS = {
     "rsi": Scheme(
-        49152, "rsi://0.0.0.0:49152 (listens; ?answer=yes if the controller needs answers)", ("answer",), True
+        49152,
+        "rsi://0.0.0.0:49152?from=192.168.1.10 (listens; &answer=yes if the controller needs answers)",
+        ("answer", "from"),
+        True,
     ),
     "rtde": Scheme(30004, "rtde://192.168.1.20 (?rate=500)", ("rate", "script", "dashboard", "watchdog")),
-    "egm": Scheme(6510, "egm://0.0.0.0:6510 (listens)", (), True),
+    "egm": Scheme(6510, "egm://0.0.0.0:6510?from=192.168.1.10 (listens)", ("from",), True),
     "ekrl": Scheme(54601, "ekrl://192.168.1.10 (poses of kreisel's KRL program, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
@@ -109,6 +112,21 @@ def with_rtde_of(mover: Address, robot: Address) -> Address:
     if mover.scheme != "urscript" or robot.scheme != "rtde" or mover.host != robot.host or "rtde" in mover.options:
         return mover
     return replace(mover, options={**mover.options, "rtde": str(robot.port)})
+
+
+def check_sender(robot: Address) -> None:
+    """Check that only one host may tell where an arm is that is driven.
+
+    Raises
+    ------
+    SettingsError
+        If anybody who reaches the port may: it listens beyond this machine, and no host is stated.
+    """
+    if ROBOTS[robot.scheme].listens and "from" not in robot.options and not robot.host.startswith("127."):
+        raise SettingsError(
+            f"{robot}: whoever reaches this port could tell where the arm is; give the controller's address, "
+            f"{robot.scheme}://{robot.host}:{robot.port}?from=192.168.1.10"
+        )
 
 
 def parse_address(text: str, schemes: dict[str, Scheme]) -> Address:

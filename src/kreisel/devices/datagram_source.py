@@ -1,4 +1,4 @@
-"""The sender whose datagrams a port accepts: the first one, as long as it sends."""
+"""The sender whose datagrams a port accepts: that of a stated host, or the first one, as long as it sends."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ HANDOVER_NS = 2_000_000_000
 SETTLED = 5
 """Telegrams after which only the same host can replace a sender; one that falls silent earlier is replaced by any."""
 
+LOCKED_OUT = 10
+"""Dropped datagrams from which on they are no stray ones."""
+
 Sender = tuple[str, int]
 
 
 class Source:
     """The sender a port accepts, and the number of datagrams from others.
+
+    Parameters
+    ----------
+    host
+        The only host that is accepted, as an IP address; None for any.
 
     Attributes
     ----------
@@ -22,7 +30,8 @@ class Source:
         Number of datagrams of other senders.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, host: str | None = None) -> None:
+        self._host = host
         self.sender: Sender | None = None
         self.dropped = 0
         self._count = 0
@@ -35,11 +44,16 @@ class Source:
             return True
         self.dropped += 1
         if str(self.dropped).strip("0") == "1":  # 1, 10, 100, …: so that the number of reports stays small
+            accepted = self._host or f"{_name(self.sender or sender)}, which sent first"
             self._news.append(
-                f"datagrams from {_name(sender)} dropped, {self.dropped} so far: this port accepts only "
-                f"{_name(self.sender or sender)}, which sent first"
+                f"datagrams from {_name(sender)} dropped, {self.dropped} so far: this port accepts only {accepted}"
             )
         return False
+
+    @property
+    def locked_out(self) -> bool:
+        """Whether another sender was turned away again and again, and no host is stated: it may be the robot."""
+        return self._host is None and self.dropped >= LOCKED_OUT
 
     def keep(self, sender: Sender, now_ns: int) -> None:
         """Note a telegram of a sender that `takes` accepted."""
@@ -60,6 +74,8 @@ class Source:
 
     def _free(self, sender: Sender, now_ns: int) -> bool:
         """Return whether a new sender may replace the present one."""
+        if self._host is not None and sender[0] != self._host:
+            return False
         if self.sender is None:
             return True
         same_host = sender[0] == self.sender[0]

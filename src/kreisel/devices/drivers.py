@@ -86,10 +86,10 @@ Decode = Callable[[bytes], RobotSample]
 class _Receiver(asyncio.DatagramProtocol):
     """Puts the datagrams of one sender into a queue, with their times of arrival; see `Source`."""
 
-    def __init__(self, clock: Clock, decode: Decode, *, answers: bool) -> None:
+    def __init__(self, clock: Clock, decode: Decode, *, answers: bool, host: str | None = None) -> None:
         self.queue: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue(_WAITING)
         self.dropped = 0
-        self.source = Source()
+        self.source = Source(host)
         self._clock, self._decode, self._answers = clock, decode, answers
         self._transport: Any = None
 
@@ -125,7 +125,8 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
     """Yield what a controller sends to a port of this machine."""
     decode: Decode = {"rsi": rsi.decode, "egm": egm.decode}[address.scheme]
     answers = address.options.get("answer", "no").lower() in ("yes", "true", "1")
-    transport, receiver = await _listen(address, lambda: _Receiver(clock, decode, answers=answers))
+    host = await _resolved(address)
+    transport, receiver = await _listen(address, lambda: _Receiver(clock, decode, answers=answers, host=host))
     faults, reports, silent, heard = _Faults(), _Reports(address, receiver), False, clock()
     try:
         while True:
@@ -151,6 +152,24 @@ async def _datagrams(address: Address, clock: Clock) -> AsyncIterator[Event]:
             yield Arrival(sample, now)
     finally:
         transport.close()
+
+
+async def _resolved(address: Address) -> str | None:
+    """Return the IP address of the only host that may send, None where none is stated.
+
+    Raises
+    ------
+    DeviceError
+        If its name is not known.
+    """
+    name = address.options.get("from")
+    if name is None:
+        return None
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(name, None, family=socket.AF_INET)
+    except OSError as error:
+        raise DeviceError(f"{address}: the host '{name}' is not known ({error.strerror or error})") from error
+    return str(found[0][4][0])
 
 
 async def _listen(address: Address, receiver: Callable[[], _Receiver]) -> tuple[asyncio.DatagramTransport, _Receiver]:
@@ -184,6 +203,7 @@ class _Reports:
     def __init__(self, address: Address, receiver: _Receiver) -> None:
         self._address, self._receiver = address, receiver
         self._dropped = self._late = 0
+        self._locked_out = False
 
     def take(self, data: bytes, now: int) -> list[Notice]:
         """Return notices; `data` is the datagram that was to be answered, empty if there is none."""
@@ -198,7 +218,12 @@ class _Reports:
                 "a few: is this machine busy?"
             )
         self._late = missed if data else self._late
-        return [Notice(Level.WARNING, f"{self._address}: {text}", now) for text in texts]
+        notices = [Notice(Level.WARNING, f"{self._address}: {text}", now) for text in texts]
+        if self._receiver.source.locked_out and not self._locked_out:
+            self._locked_out = True
+            text = "another sender was turned away: which of them is the robot? State its host as ?from=HOST"
+            notices.append(Notice(Level.LOCKED_OUT, f"{self._address}: {text}", now))
+        return notices
 
 
 async def _stream(address: Address, clock: Clock, session: Callable[[], Session]) -> AsyncIterator[Event]:

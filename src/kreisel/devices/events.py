@@ -17,11 +17,12 @@ class Arrival:
 
 
 class Level(StrEnum):
-    """Severity of a notice."""
+    """Severity of a notice; LOCKED_OUT: another sender than the one that is recorded may be the device."""
 
     INFO = "info"
     WARNING = "warning"
     LOST = "lost"
+    LOCKED_OUT = "locked out"
 
 
 @dataclass(frozen=True, slots=True)

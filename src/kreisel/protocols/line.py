@@ -7,8 +7,10 @@ named. Columns with other names are skipped.
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass
+from operator import xor
 
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, checked_stamp, finite
@@ -119,9 +121,29 @@ class Decoder:
             return None
         if not text:
             return None
+        text = without_checksum(text)
         if self.columns is None:
             raise ProtocolError(_NAME, "no header received; name the columns, for example '?columns=" + COLUMNS + "'")
         return decode(text, self.columns)
+
+
+def without_checksum(text: str) -> str:
+    """Return a line without the checksum at its end, if it has one: ``*`` and two hexadecimal digits, as in NMEA 0183.
+
+    It is the exclusive or of all characters before the asterisk, but for a ``$`` at the beginning.
+
+    Raises
+    ------
+    ProtocolError
+        If it is not that of the line.
+    """
+    content, star, stated = text.rpartition("*")
+    if not star:
+        return text
+    content = content.removeprefix("$")
+    if not re.fullmatch(r"[0-9A-Fa-f]{2}", stated) or int(stated, 16) != functools.reduce(xor, content.encode(), 0):
+        raise ProtocolError(_NAME, f"the checksum '*{stated[:8]}' is not that of the line '{content[:60]}'")
+    return content
 
 
 def decode(text: str, columns: Columns) -> ImuSample:

@@ -1,6 +1,6 @@
 """Which sender a port takes datagrams from."""
 
-from kreisel.devices.datagram_source import HANDOVER_NS, SETTLED, Source
+from kreisel.devices.datagram_source import HANDOVER_NS, LOCKED_OUT, SETTLED, Source
 
 FIRST, OTHER, RESTARTED = ("10.0.0.1", 4000), ("10.0.0.2", 4000), ("10.0.0.1", 4001)
 CYCLE_NS = 4_000_000
@@ -44,3 +44,22 @@ def test_a_sender_of_a_few_telegrams_is_given_up_for_any_other():
     source, now = kept(SETTLED - 1)
     assert not source.takes(OTHER, now + HANDOVER_NS)
     assert source.takes(OTHER, now + HANDOVER_NS + 1)
+
+
+def test_a_stated_host_is_the_only_one_whoever_speaks_first():
+    source = Source("10.0.0.1")
+    for k in range(50):
+        assert not source.takes(OTHER, k * CYCLE_NS)
+    assert "this port accepts only 10.0.0.1" in source.news()[0]
+    assert source.takes(FIRST, 50 * CYCLE_NS)
+    source.keep(FIRST, 50 * CYCLE_NS)
+    assert not source.takes(OTHER, 100 * HANDOVER_NS)
+    assert not source.locked_out  # nobody who may be the robot was turned away
+
+
+def test_a_sender_that_goes_on_beside_the_first_may_be_the_robot():
+    source, now = kept()
+    for k in range(LOCKED_OUT):
+        assert not source.locked_out
+        assert not source.takes(OTHER, now + k * CYCLE_NS)
+    assert source.locked_out
