@@ -23,7 +23,8 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_text
-from kreisel.formats.bounds import Budget, bounded, check_files, unpack, unzstd
+from kreisel.formats.bounds import bounded, check_files, unpack, unzstd
+from kreisel.formats.budget import Budget
 from kreisel.formats.mcap import (
     IMU_TOPIC,
     JOINT_TOPIC,

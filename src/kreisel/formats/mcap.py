@@ -26,7 +26,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.formats.bounds import MAX_CHUNK, Budget, chunk_content, within
+from kreisel.formats.bounds import chunk_content, within
+from kreisel.formats.budget import MAX_CHUNK, Budget
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.recording_settings import RecordingSettings
 

@@ -6,9 +6,10 @@ import csv
 import gzip
 import io
 import re
+import struct
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.formats.budget import MAX_CHUNK, MAX_EXPANSION, Budget, TooLargeError
 from kreisel.formats.csv_table import is_number
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import split_unit
@@ -31,6 +33,10 @@ _EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_BYTES = 1 << 31
 """Bytes of text after unpacking, 2 GiB. Chosen: the text is held whole, with lists of its lines; a few packed bytes can
 stand for any number of them."""
+
+_COMPRESSED = 15  # kind of an element, by the description of MATLAB's files of version 5
+_PIECE = 1 << 20  # bytes unpacked at once
+_CELL = 8  # bytes of a number
 
 _SNIFFED = 60
 """Lines that show the delimiter: all have as many cells. Chosen: more than those in which another character comes as
@@ -217,6 +223,7 @@ def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
         from scipy.io.matlab import MatReadError
     except ImportError as error:
         raise RecordingError("MATLAB files need SciPy: pip install 'kreisel[tables]'", file=path) from error
+    _check_packed(path)
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
@@ -233,6 +240,29 @@ def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
     return out
 
 
+def _check_packed(path: Path) -> None:
+    """Raise an error if the compressed elements of a MATLAB file (version 5) are larger than real ones can be."""
+    budget, at, data = Budget(path.stat().st_size), 128, path.read_bytes()
+    order = ">" if data[126:128] == b"MI" else "<"
+    with _told(path), suppress(zlib.error):  # what is damaged is told by the reader
+        while at + 8 <= len(data):
+            kind, size = struct.unpack_from(f"{order}II", data, at)
+            element, left = zlib.decompressobj(), data[at + 8 : at + 8 + size] if kind == _COMPRESSED else b""
+            while left and not element.eof:
+                budget.take(len(element.decompress(left, _PIECE)))
+                left = element.unconsumed_tail
+            at += 8 + size
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Tell what is too large for memory as an error of the file."""
+    try:
+        yield
+    except TooLargeError as error:
+        raise RecordingError(f"is not unpacked: {error}", file=path) from error
+
+
 def _is_hdf5(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(1024).find(b"\x89HDF\r\n\x1a\n") >= 0
@@ -244,9 +274,13 @@ def _hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
     except ImportError as error:
         raise RecordingError("MATLAB 7.3 files need h5py: pip install 'kreisel[tables]'", file=path) from error
     out: dict[str, NDArray[Any]] = {}
+    budget = Budget(path.stat().st_size)
 
     def add(name: str, item: Any) -> None:
         _check_inside(name, item, path)
+        if isinstance(item, h5py.Dataset):
+            with _told(path):
+                budget.take(item.size * item.dtype.itemsize)
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub" and not name.startswith("#"):
             with suppress(TypeError, ValueError, OSError):  # empty or odd ones that nobody needs
                 out[name.replace("/", ".")] = np.asarray(item).T  # MATLAB's first index is the last one here
@@ -281,6 +315,9 @@ def _parquet_arrays(path: Path) -> dict[str, NDArray[Any]]:
     except ImportError as error:
         raise RecordingError("Parquet files need pyarrow: pip install 'kreisel[tables]'", file=path) from error
     try:
+        facts = parquet.read_metadata(path)
+        with _told(path):
+            Budget(path.stat().st_size).take(facts.num_rows * facts.num_columns * _CELL)
         table = parquet.read_table(path)
     except (ArrowException, ValueError) as error:
         raise RecordingError(f"is not a Parquet file that can be read: {error}", file=path) from error
@@ -298,12 +335,13 @@ def _text_of(path: Path) -> str:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     try:
+        most = min(_MAX_BYTES, MAX_CHUNK + MAX_EXPANSION * path.stat().st_size) if packed else _MAX_BYTES
         with gzip.open(path) if packed else path.open("rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
+            data = stream.read(most + 1)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise RecordingError(f"is not a whole gzip file ({error}); copy it again", file=path) from error
-    if len(data) > _MAX_BYTES:
-        raise RecordingError(f"is longer than {_MAX_BYTES} bytes; split it", file=path)
+    if len(data) > most:
+        raise RecordingError(f"is longer than {most} bytes{' when unpacked' if packed else ''}; split it", file=path)
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", errors="replace")
     if b"\0" in data[:4096]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import lz4.frame
+import numpy as np
 import pytest
 import zstandard
 from mcap.writer import MCAP0_MAGIC, Writer
@@ -19,13 +20,15 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, RobotError
 from kreisel.formats.bag import WANTED, load_bag
-from kreisel.formats.bounds import MAX_CHUNK, Budget, TooLargeError, chunk_content, unbz2, unlz4, unzstd
+from kreisel.formats.bounds import chunk_content, unbz2, unlz4, unzstd
+from kreisel.formats.budget import MAX_CHUNK, Budget, TooLargeError
 from kreisel.formats.csv_table import read_table
 from kreisel.formats.diadem import read_diadem
 from kreisel.formats.folder import load_folder
 from kreisel.formats.kuka_trace import read_trace
 from kreisel.formats.mcap import read_mcap
 from kreisel.formats.robot_description import description_beside
+from kreisel.formats.sheet import read_sheet
 from kreisel.recording.recording_settings import RecordingSettings, read_settings
 from kreisel.robot.kinematics import load_arm
 
@@ -271,3 +274,53 @@ def test_arrays_that_stand_for_much_are_not_read(tmp_path: Path) -> None:
     (tmp_path / "covariance.npz").write_bytes(b"garbage")
     with pytest.raises(RecordingError, match="not an archive"):
         Calibration.load(tmp_path)
+
+
+def tables_that_stand_for_much(folder):
+    """Tables of a megabyte at most that stand for `BOMB` bytes of zeros and more."""
+    import gzip
+
+    h5py, arrow, io = (pytest.importorskip(name) for name in ("h5py", "pyarrow.parquet", "scipy.io"))
+    pa = pytest.importorskip("pyarrow")
+    rows = BOMB // 8
+    with gzip.open(folder / "text.csv.gz", "wb") as file:
+        file.write(b"t,x\n")
+        for _ in range(BOMB // MIB):
+            file.write(b"0,0\n" * (MIB // 4))
+    io.savemat(folder / "packed.mat", {"imu": np.zeros((rows // 7, 7))}, do_compression=True)
+    with h5py.File(folder / "newer.mat", "w") as file:
+        file.create_dataset("imu", shape=(rows, 7), dtype="f8", chunks=(100_000, 7), compression="gzip")
+    arrow.write_table(pa.table({"t": np.zeros(rows)}), folder / "table.parquet")
+
+
+def test_tables_that_stand_for_much_are_refused(tmp_path):
+    tables_that_stand_for_much(tmp_path)
+    for name, words in (
+        ("text.csv.gz", "bytes when unpacked"),
+        ("packed.mat", "content of more than"),
+        ("newer.mat", "content of more than"),
+        ("table.parquet", "content of more than"),
+    ):
+        assert (tmp_path / name).stat().st_size < MIB
+        with memory(300 * MIB), pytest.raises(RecordingError, match=words):
+            read_sheet(tmp_path / name)
+
+
+def test_a_table_that_shrinks_well_is_read(tmp_path):
+    """Stamps and readings of a device at rest, with few digits, in every form of file."""
+    import gzip
+
+    h5py, arrow, io = (pytest.importorskip(name) for name in ("h5py", "pyarrow.parquet", "scipy.io"))
+    pa = pytest.importorskip("pyarrow")
+    columns = {"t": np.arange(200_000) * 0.0025, "w_x": np.zeros(200_000), "a_z": np.full(200_000, 9.81)}
+    text = "t,w_x,a_z\n" + "".join(f"{t:.4f},0,9.81\n" for t in columns["t"])
+    (tmp_path / "text.csv.gz").write_bytes(gzip.compress(text.encode()))
+    io.savemat(tmp_path / "packed.mat", columns, do_compression=True)
+    with h5py.File(tmp_path / "newer.mat", "w") as file:
+        for name, values in columns.items():
+            file.create_dataset(name, data=values, compression="gzip")
+    arrow.write_table(pa.table(columns), tmp_path / "table.parquet")
+    for name in ("text.csv.gz", "packed.mat", "newer.mat", "table.parquet"):
+        found = read_sheet(tmp_path / name)
+        k = found.names.index("a_z")
+        np.testing.assert_allclose(found.columns[k].astype(float), 9.81)
