@@ -21,8 +21,11 @@ def read_bytes(path: Path, most: int = MAX_TEXT) -> bytes:
     Raises
     ------
     OSError
-        If it cannot be read, or is longer: no more than `most` is taken into memory.
+        If it cannot be read, is longer (no more than `most` is taken into memory), or is no regular file: reading a
+        pipe could wait for ever.
     """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
     with path.open("rb") as file:
         data = file.read(most + 1)
     if len(data) > most:

@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from urllib.error import HTTPError
+from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 
 import numpy as np
@@ -333,9 +333,32 @@ def test_strangers_are_kept_out(small, tmp_path):
             urlopen(Request(url, headers={"Host": "evil.example"}))
     with page(file, "--host", "0.0.0.0") as url:
         port, token = re.fullmatch(r"http://0\.0\.0\.0:(\d+)/\?token=(\S{20,})", url).groups()
-        with pytest.raises(HTTPError, match="403"):
-            urlopen(f"http://127.0.0.1:{port}/")
+        for wrong in ("", "?token=", "?token=%C3%A4", f"?token={token[:-1]}"):
+            with pytest.raises(HTTPError, match="403"):
+                urlopen(f"http://127.0.0.1:{port}/{wrong}")
         assert "<title>kreisel" in urlopen(f"http://127.0.0.1:{port}/?token={token}").read().decode()
+
+
+def test_a_page_ends_with_its_recorder_however_that_ends(tmp_path):
+    recorder = subprocess.Popen(
+        [sys.executable, "-m", "kreisel.cli.main", "record", "--imu", "csv://127.0.0.1:9", "-o", "run",
+         "--dashboard", "--port", "0"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    url = recorder.stdout.readline().strip()
+    with urlopen(url) as answer:
+        assert "<title>kreisel" in answer.read().decode()
+    recorder.kill()
+    recorder.communicate()
+
+    def gone():
+        try:
+            urlopen(url, timeout=5.0).close()
+        except URLError:
+            return True
+        return False
+
+    wait_until(gone)
 
 
 def test_other_pages_are_kept_out(small, tmp_path):

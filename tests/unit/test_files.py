@@ -1,5 +1,6 @@
 """Files that are of one result, written while the process may be killed at any moment."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -127,3 +128,9 @@ def test_a_file_is_read_as_far_as_it_may_be_long(tmp_path: Path) -> None:
     assert read_bytes(tmp_path / "a", 10) == bytes(10)
     with pytest.raises(OSError, match="longer than 9 bytes"):
         read_bytes(tmp_path / "a", 9)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "recording.toml")
+    with pytest.raises(OSError, match="not a regular file"):
+        read_bytes(tmp_path / "recording.toml")

@@ -46,6 +46,7 @@ def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host:
     guide
         Whether it is that of `kreisel static --live`.
     """
+    import os
     import subprocess
     import sys
 
@@ -54,7 +55,9 @@ def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host:
         return
     program = [sys.executable, "-P", "-m", "kreisel.cli.main"]  # -P: no modules from the working folder
     page = "--guide" if guide else "--dashboard"
-    server = subprocess.Popen([*program, "watch", str(output), page, "--port", str(port), "--host", host])
+    environment = {**os.environ, _PARENT: str(os.getpid())}
+    watching = [*program, "watch", str(output), page, "--port", str(port), "--host", host]
+    server = subprocess.Popen(watching, env=environment)
     try:
         yield
     finally:
@@ -101,7 +104,9 @@ def _summary(deviations: dict[str, float]) -> str:
 
 
 def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
+    import os
     import socket
+    import threading
 
     from kreisel.errors import DeviceError, SettingsError
 
@@ -132,4 +137,21 @@ def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
     secret = "" if token is None else f"/?token={token}"
     typer.echo(f"http://{host}:{listener.getsockname()[1]}{secret}")
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio"))
+    if os.environ.get(_PARENT):
+        parent = int(os.environ[_PARENT])
+        threading.Thread(target=_end_with, args=(parent, server), daemon=True).start()
     server.run(sockets=[listener])
+
+
+_PARENT = "KREISEL_PAGE_OF"
+"""Environment variable with the process whose recording the page shows."""
+
+
+def _end_with(parent: int, server: Any) -> None:
+    """End a page whose recorder has ended, however that happened."""
+    import os
+    import time
+
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    server.should_exit = True

@@ -143,7 +143,7 @@ def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.htm
     token = None if host in _LOOPBACK else secrets.token_urlsafe(16)
 
     def may(given: str | None) -> bool:
-        return token is None or secrets.compare_digest(given or "", token)
+        return token is None or secrets.compare_digest((given or "").encode(), token.encode())
 
     async def page(request: Request) -> Response:
         if not _is_own(request):
