@@ -21,11 +21,13 @@ import pytest
 import kreisel
 from kreisel.acquisition.recorder import Recorder
 from kreisel.acquisition.tail import Tail
+from kreisel.dashboard import online as online_calibration
 from kreisel.dashboard.feed import MAX_ESTIMATES, Feed
 from kreisel.dashboard.live_estimate import LiveEstimate
-from kreisel.dashboard.online import SHARE, Online
+from kreisel.dashboard.online import GROWN, SHARE, Online
 from kreisel.devices.events import Arrival
 from kreisel.devices.simulators import imu_samples, robot_samples
+from kreisel.errors import RecordingError
 from kreisel.recording.recording_settings import RecordingSettings
 
 from ..small_cell import simulate
@@ -322,6 +324,33 @@ def test_a_page_that_was_let_go_comes_back_up_to_date(small, tmp_path, monkeypat
         grow(file, parts[2])
         wait_until(lambda: int(tab.inner_text("#imu-count")) > before)
         browser.close()
+
+
+def test_a_complaint_is_shown_once_it_has_lasted(small, tmp_path, monkeypatch):
+    """A faultless cell was told of a left-handed triad after five seconds; exchanged columns are told later."""
+    file, parts = tmp_path / "growing.mcap", chunks(small, 40)
+    said = ["the gyro axes form a left-handed triad, 1.5 times"]
+
+    def calibration(recording, settings):
+        del recording, settings
+        raise RecordingError(f"{said[0]} {time.monotonic()}")
+
+    monkeypatch.setattr(online_calibration, "run_calibration", calibration)
+    file.write_bytes(parts[0])
+    now = [0.0]
+    online = Online(Tail(file), clock=lambda: now[0])
+    summaries = []
+    for part in parts[1:]:
+        grow(file, part)
+        now[0] += 100.0
+        found = online.look()
+        if found is not None and found.seconds > 0.0:
+            summaries.append((found.seconds, found.summary))
+    first = summaries[0][0]
+    for seconds, summary in summaries:
+        assert ("left-handed" in summary) == (seconds > GROWN * first)
+        assert summary.startswith("nothing yet: ")
+    assert "left-handed" in summaries[-1][1]
 
 
 def test_strangers_are_kept_out(small, tmp_path):

@@ -6,6 +6,7 @@ one processor: the longer one takes, the longer the pause before the next.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,7 +17,7 @@ import numpy as np
 from kreisel.acquisition.tail import Tail
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.dashboard.live_estimate import LiveEstimate
-from kreisel.errors import KreiselError
+from kreisel.errors import ExcitationError, KreiselError
 from kreisel.model.calibration_settings import CalibrationSettings
 
 SHARE = 0.2
@@ -24,6 +25,9 @@ SHARE = 0.2
 
 PAUSE = 2.0
 """Shortest pause between two calibrations, s."""
+
+GROWN = 1.5
+"""Factor by which a recording must have grown before a complaint about its columns or units that lasts is shown."""
 
 
 class Online:
@@ -35,6 +39,7 @@ class Online:
         self.tail, self._settings, self._clock = tail, settings or CalibrationSettings(), clock
         self._next = -np.inf
         self._done = False
+        self._accused: tuple[str, float] | None = None
 
     def step(self) -> LiveEstimate | None:
         """Return a new estimate if one is due; always a last one when the recording has ended."""
@@ -66,13 +71,29 @@ class Online:
         try:
             outcome = run_calibration(recording, self._settings)
         except KreiselError as error:
-            return _nothing(seconds, error)
+            return self._not_yet(seconds, error)
+        self._accused = None
         found = outcome.calibration
         n = len(found.names)
         accepted = outcome.verdict.accepted
         text = "accepted" if accepted else "; ".join(outcome.verdict.reasons)
         row = found.estimates[-1]
         return LiveEstimate(seconds, tuple(found.names), row[1 : 1 + n], row[1 + n :], accepted, text, found)
+
+    def _not_yet(self, seconds: float, error: KreiselError) -> LiveEstimate:
+        """Return that there is no estimate, with the reason once it has lasted while the recording grew.
+
+        A few seconds of motion along few axes can look like exchanged columns or wrong signs.
+        """
+        what = re.sub(r"[-+.\d]+", "", str(error))
+        if self._accused is None or self._accused[0] != what:
+            self._accused = (what, seconds)
+        lasted = self.tail.ended or seconds > GROWN * self._accused[1]
+        if lasted or isinstance(error, ExcitationError):
+            return _nothing(seconds, error)
+        return LiveEstimate(
+            seconds, (), np.zeros(0), np.zeros(0), False, "nothing yet: too little of the motion to tell anything"
+        )
 
 
 class Targets:
