@@ -210,8 +210,9 @@ class UrSimulator:
         """Stop the program whose register was not written in time; watchdogs end with their program."""
         if self._target is None or self._deaf == "all":
             self._guards = {}
+        if now - self._now > 5.0 * TICK:  # this thread was late: the one that reads comes first
+            self._written = dict.fromkeys(self._written, now)
         for register, (least, since) in list(self._guards.items()):
-            # two ticks more, for this thread and the one that reads run late on a busy machine
             if now - max(since, self._written.get(register, -math.inf)) > 1.0 / least + 2.0 * TICK:
                 self.barked.append(now)
                 self.halt()

@@ -159,12 +159,16 @@ async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Conn
 Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
 
 
+_LATE = 0.05
+"""s between two looks of the watchdog from which this process was late. Chosen: some ticks, half a watchdog's time."""
+
+
 class _Guard:
     """The watchdog of a program: it stops the arm when an RTDE input is no longer written."""
 
     def __init__(self, cell: CommandedArm) -> None:
         self._cell = cell
-        self._heard = -math.inf
+        self._heard = self._looked = -math.inf
         self._watchdog: urscript.Watchdog | None = None
 
     def heard(self) -> None:
@@ -177,7 +181,13 @@ class _Guard:
         self._heard = max(self._heard, time.monotonic() - _TICK)
 
     def look(self, now: float) -> None:
-        """Stop the arm if the input was not written in time; a watchdog ends with its program."""
+        """Stop the arm if the input was not written in time; a watchdog ends with its program.
+
+        If this process was late itself, what it was sent meanwhile comes first.
+        """
+        if now - self._looked > _LATE:
+            self._heard = now
+        self._looked = now
         if not self._cell.moving:
             self._watchdog = None
         elif self._watchdog is not None and now - self._heard > 1.0 / self._watchdog.least + _TICK:

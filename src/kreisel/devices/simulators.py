@@ -17,6 +17,10 @@ _ROWS = 1000
 """Readings that are converted at once. Chosen: seconds of an IMU, so that the first of a long recording comes at once,
 and conversion of whole arrays is still fast."""
 
+_TICK = 0.01  # s between two looks at the arm
+_LATE = 0.05
+"""s from which this process was late itself, and not its peer. Chosen: five times `_TICK`."""
+
 
 def imu_samples(imu: ImuSamples) -> Iterator[ImuSample]:
     """Yield the readings of a recording one by one; they are converted in parts, so that the first comes at once."""
@@ -131,8 +135,12 @@ async def ekrl_simulator(arm: Commanded, reader: asyncio.StreamReader, writer: a
     heard = time.monotonic()
 
     async def arrive(number: int) -> None:
+        nonlocal heard
         while arm.moving:
-            await asyncio.sleep(0.01)
+            before = time.monotonic()
+            await asyncio.sleep(_TICK)
+            if time.monotonic() - before > _LATE:  # this process was late: what it was sent meanwhile comes first
+                heard = time.monotonic()
             if time.monotonic() - heard > ekrl.BEAT_PATIENCE:
                 arm.stop()
                 answer(number, ekrl.Doing.STOPPED)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.cross_validation import TRAINING, _drift, _navigation_only, cross_validate
+from kreisel.calibration.cross_validation import TRAINING, _drift, cross_validate, navigation_only
 from kreisel.calibration.injection import _errors, inject
 from kreisel.fitting.fit import Fit
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
@@ -98,7 +98,7 @@ def test_a_nominal_cell_drifts_by_its_errors(crossed):
 
 def test_navigation_alone_learns_nothing():
     problem = calibrated().estimate.problem
-    alone = _navigation_only(part_of(problem, slice(30, 60)))
+    alone = navigation_only(part_of(problem, slice(30, 60)))
     assert alone.groups == ()
     known = replace(problem.prior.start, gravity=9.8)
     run = run_filter(alone, known, gate=np.inf)
