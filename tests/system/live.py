@@ -52,10 +52,10 @@ async def paced(items, interval):
 
 
 @asynccontextmanager
-async def sending(port, datagrams, interval=CYCLE_NS * 1e-9):
-    """Send datagrams to a port while the block runs."""
+async def sending(port, datagrams, interval=CYCLE_NS * 1e-9, host=HOST):
+    """Send datagrams to a port while the block runs, from an address of this machine."""
     transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-        asyncio.DatagramProtocol, remote_addr=(HOST, port)
+        asyncio.DatagramProtocol, local_addr=(host, 0), remote_addr=(HOST, port)
     )
 
     async def send():

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,7 +22,7 @@ from kreisel.devices.events import Arrival
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.recover import recover
-from kreisel.protocols import line, rsi
+from kreisel.protocols import line
 
 from .live import (
     HOST,
@@ -31,7 +31,6 @@ from .live import (
     Enough,
     free_port,
     lines,
-    pose,
     reading,
     recorder,
     run,
@@ -303,27 +302,6 @@ def test_a_robot_that_is_locked_out_is_told_at_the_end(tmp_path, options, status
     told = "which of them is the robot? State its host as ?from=HOST" in errors
     assert (code, told) == (status, status == 1)
     assert (tmp_path / "run" / "recording.mcap").stat().st_size > 1000
-
-
-@asynccontextmanager
-async def speaking(host, port):
-    """Send poses to a port from an address of this machine."""
-    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-        asyncio.DatagramProtocol, local_addr=(host, 0), remote_addr=(HOST, port)
-    )
-
-    async def send():
-        for k in itertools.count():
-            transport.sendto(rsi.encode(pose(k)))
-            await asyncio.sleep(0.004)
-
-    task = asyncio.ensure_future(send())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        transport.close()
 
 
 def test_an_arm_is_not_driven_by_whoever_speaks_first(tmp_path):
