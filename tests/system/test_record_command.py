@@ -287,8 +287,8 @@ def test_a_robot_that_is_locked_out_is_told_at_the_end(tmp_path, options, status
         port = free_port()
         async with (
             serving(lines(lambda: (line.encode(reading(k)) for k in itertools.count()))) as imu,
-            speaking("127.0.0.1", port),
-            speaking("127.0.0.2", port),
+            sending(port, (rsi.encode(pose(k)) for k in itertools.count())),
+            sending(port, (rsi.encode(pose(k)) for k in itertools.count()), host="127.0.0.2"),
         ):
             process = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "kreisel.cli.main", "record", "--robot", f"rsi://{HOST}:{port}{options}",
