@@ -22,7 +22,7 @@ from kreisel.devices.events import Arrival
 from kreisel.errors import DeviceError, ProtocolError, RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.recover import recover
-from kreisel.protocols import line
+from kreisel.protocols import line, rsi
 
 from .live import (
     HOST,
@@ -31,9 +31,11 @@ from .live import (
     Enough,
     free_port,
     lines,
+    pose,
     reading,
     recorder,
     run,
+    sending,
     serving,
     steady,
     with_imu,
