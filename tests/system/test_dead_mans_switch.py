@@ -121,6 +121,17 @@ def states(port, seconds):
     return np.array(out)
 
 
+def test_a_computer_that_is_late_is_told_why_the_arm_stopped(tmp_path, twin):
+    process = started(tmp_path, twin)
+    twin.wait_for_move(2)
+    process.send_signal(signal.SIGSTOP)
+    twin.wait(lambda: twin.barked)
+    process.send_signal(signal.SIGCONT)
+    errors = ended(process, 1)
+    assert "the controller has ended the move away from its target: its watchdog did so" in errors
+    assert "this computer is too busy" in errors
+
+
 def test_a_kuka_arm_brakes_when_the_process_hangs(tmp_path):
     """Against the simulated controller, whose poses are read beside the hanging process."""
     (tmp_path / "program.toml").write_text(KUKA)

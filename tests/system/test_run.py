@@ -61,6 +61,7 @@ class Arm:
     """
 
     full_speed = 1.0
+    excuse = ""
 
     def __init__(self, watch, *, arrives=True, obeys=True):
         self.told = []

@@ -163,7 +163,8 @@ class _Drive:
             if done():
                 return None
             if self.underway is not None and self._watch.ended():
-                return "the controller has ended the move away from its target"
+                excuse = self._mover.excuse
+                return f"the controller has ended the move away from its target{f': {excuse}' if excuse else ''}"
             if asyncio.get_running_loop().time() > ends:
                 return None if late_is_well else f"the arm did not come to rest at its target within {seconds:.0f} s"
             await asyncio.sleep(_TICK)

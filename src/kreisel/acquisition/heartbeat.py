@@ -37,12 +37,15 @@ class DeadMansSwitch:
         Why there is none; empty if there is one.
     trouble
         Why it no longer works; None if it does.
+    slowest
+        Longest time between two heartbeats, s.
     """
 
     def __init__(self, address: Address) -> None:
         self.watchdog: Watchdog | None = None
         self.missing = "not connected yet"
         self.trouble: str | None = None
+        self.slowest = 0.0
         self._host, self._port = address.host, int(address.number("rtde", _PORT, 1, 65535))
         number = int(address.number("watchdog", REGISTER, 0, 47))
         self._register = f"input_int_register_{number}"
@@ -112,10 +115,13 @@ class DeadMansSwitch:
             self._streams[1].close()
 
     async def _beat(self, writer: asyncio.StreamWriter) -> None:
+        loop = asyncio.get_running_loop()
+        last = loop.time()
         try:
             while True:
                 writer.write(self._codec.beat())
                 await writer.drain()
+                self.slowest, last = max(self.slowest, loop.time() - last), loop.time()
                 await asyncio.sleep(1.0 / RATE)
         except OSError as error:
             self._ended(error.strerror or str(error))

@@ -81,6 +81,10 @@ class Mover(Protocol):
     def guard(self) -> str:
         """What stops the arm when this program no longer runs, or that nothing does; known once connected."""
 
+    @property
+    def excuse(self) -> str:
+        """Why the controller may have ended a move that nobody stopped; empty if nothing is known."""
+
     def describe(self, target: Array, speed: float) -> str:
         """Return the text of the command for a move."""
 
@@ -197,6 +201,13 @@ class UrScriptMover:
             if line.ended is not None:
                 return f"{self._address}: the script connection has ended ({line.ended})"
         return self._switch.trouble
+
+    @property
+    def excuse(self) -> str:
+        """Why the controller may have ended a move that nobody stopped; empty if nothing is known."""
+        if self._switch.watchdog is None or self._switch.slowest < 1.0 / self._switch.watchdog.least:
+            return ""
+        return f"its watchdog did so, for a heartbeat was {self._switch.slowest:.2f} s late: this computer is too busy"
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -336,6 +347,11 @@ class EkrlMover:
             f"kreisel's program on the controller (of this version) brakes when it gets no heartbeat for "
             f"{ekrl.BEAT_PATIENCE:g} s: after a crash, a computer that hangs, or a cable that is cut"
         )
+
+    @property
+    def excuse(self) -> str:
+        """Nothing is known: the program tells when it has stopped a move."""
+        return ""
 
     @property
     def ways(self) -> tuple[Way, ...]:
