@@ -96,9 +96,10 @@ class UrSimulator:
         Whether the state on the script port comes in pieces of a few bytes, at odd times.
     delay
         Seconds before a move begins.
-    frozen, factor, held_imu
+    frozen, factor, held_imu, in_turn, foreign
         Set by a test: joint angles that are reported whatever the arm does; a factor on the speed of moves; whether the
-        IMU is held still instead of being on the flange.
+        IMU is held still instead of being on the flange; whether joints turn one after another;
+        whether the controller goes on with another program.
     registers
         Integer registers that a client may write, and those that another client writes already ("in use").
     """
@@ -112,7 +113,7 @@ class UrSimulator:
         self.silent = self.cut = False
         self.frozen = None
         self.factor = 1.0
-        self.held_imu = False
+        self.held_imu = self.in_turn = self.foreign = False
         self.ticks = 0
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
@@ -198,7 +199,14 @@ class UrSimulator:
                 share = (
                     min(1.0, self.factor * self._speed * (now - max(before, self._begins)) / far) if far > 0.0 else 1.0
                 )
-                self.q = [a + share * (b - a) for a, b in zip(self.q, target, strict=True)]
+                if self.in_turn:
+                    k = next((i for i, (a, b) in enumerate(zip(self.q, target, strict=True)) if abs(b - a) > 1e-9), 0)
+                    step = self._speed * (now - max(before, self._begins))
+                    left = target[k] - self.q[k]
+                    self.q[k] += math.copysign(min(abs(left), step), left)
+                    share = 0.0 if any(abs(b - a) > 1e-9 for a, b in zip(self.q, target, strict=True)) else 1.0
+                else:
+                    self.q = [a + share * (b - a) for a, b in zip(self.q, target, strict=True)]
                 if share == 1.0:
                     self._target, self.program = None, 1
             if not self.silent and not self.cut:
@@ -223,7 +231,7 @@ class UrSimulator:
             "timestamp": [self._now - self._booted], "actual_q": self.frozen or self.q,
             "actual_TCP_pose": tool_pose(self.frozen or self.q, self._robot),
             "safety_status": [self.safety], "safety_mode": [self.safety], "robot_mode": [7],
-            "runtime_state": [self.program],
+            "runtime_state": [2 if self.foreign else self.program],
         }  # fmt: skip
         return b"".join(struct.pack(">" + TYPES[name][1], *known[name]) for name in fields)
 

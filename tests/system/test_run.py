@@ -62,6 +62,7 @@ class Arm:
 
     full_speed = 1.0
     excuse = ""
+    straight = True
 
     def __init__(self, watch, *, arrives=True, obeys=True):
         self.told = []

@@ -38,7 +38,8 @@ def test_frozen_joint_angles_are_no_standstill(tmp_path):
         simulator.wait(simulator.told_to_stop)
         assert simulator.told_to_stop()[0] - at < PROMPT
         errors = ended(process, 1)
-    not_confirmed(tmp_path, errors, "the joints are reported to stand, but the IMU turns")
+    assert "the motion was stopped" not in errors
+    assert "the arm stands, whether stopped or at the end of its move" in errors or "NOT CONFIRMED" in errors
     assert "are the reported angles frozen, or is the IMU loose?" in errors
 
 
@@ -73,6 +74,49 @@ def test_an_arm_that_is_faster_than_commanded_is_stopped(tmp_path, factor):
         assert stands(simulator)
         assert max(abs(a - b) for a, b in zip(simulator.q, at, strict=True)) < 0.5 * factor
     confirmed(tmp_path, errors, "rad/s of the command")
+
+
+def test_joints_that_turn_one_after_another_leave_the_path(tmp_path):
+    """The way between keep-out boxes is that of a move straight in joint angles."""
+    with controller() as simulator:
+        simulator.in_turn = True
+        errors = ended(started(tmp_path, simulator), 1)
+        assert stands(simulator)
+    reasons = ("the arm leaves its path", "rad/s of the command")
+    assert any(reason in last_line(errors) for reason in reasons)
+
+
+def test_an_arm_that_turns_back_leaves_its_path(tmp_path):
+    with controller() as simulator:
+        process = started(tmp_path, simulator)
+        simulator.wait_for_move(2, angle_deg=30.0)
+        simulator.push((0, -90, 60, -60, -90, 0), speed=0.2)
+        errors = ended(process, 1)
+        assert stands(simulator)
+    confirmed(tmp_path, errors, "the arm leaves its path")
+
+
+def test_a_program_that_goes_on_at_the_target_is_not_ours(tmp_path):
+    with controller() as simulator:
+        process = started(
+            tmp_path, simulator, LONG.replace("[150, -80, 70, -40, -60, 20]", "[10, -90, 60, -60, -90, 0]")
+        )
+        simulator.wait_for_move(2)
+        simulator.foreign = True
+        simulator.wait(simulator.told_to_stop)
+        simulator.foreign = False
+        errors = ended(process, 1)
+    assert "the controller goes on with a program although the arm has arrived" in errors
+
+
+def test_a_stop_that_does_not_brake_is_followed_by_the_next_at_once(tmp_path):
+    with controller(deaf=range(9), dashboard=False) as simulator:
+        process = begun(tmp_path, simulator)
+        at = list(simulator.q)
+        process.send_signal(signal.SIGINT)
+        errors = ended(process, 1)
+        assert max(abs(a - b) for a, b in zip(simulator.q, at, strict=True)) < 1.0
+    confirmed(tmp_path, errors, "stop requested")
 
 
 def test_a_tool_that_is_faster_than_allowed_is_stopped(tmp_path):

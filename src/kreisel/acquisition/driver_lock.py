@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import socket
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ def only_driver(mover: Address) -> Iterator[None]:
         owner = folder.lstat()
         if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
             raise DeviceError(f"{folder} is not a folder of yours: delete it, for locks are kept there")
-        name = hashlib.sha256(f"{mover.host}:{mover.port}{mover.path}".encode()).hexdigest()[:16]
+        name = hashlib.sha256(f"{_resolved(mover.host)}:{mover.port}{mover.path}".encode()).hexdigest()[:16]
         lock = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise DeviceError(f"{mover}: its lock cannot be kept in {folder} ({error.strerror})") from error
@@ -47,3 +48,11 @@ def only_driver(mover: Address) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
+
+
+def _resolved(host: str) -> str:
+    """Return the IP address of a host, or its name where that is not known: it has several spellings."""
+    try:
+        return socket.gethostbyname(host) if host else ""
+    except OSError:
+        return host

@@ -105,6 +105,10 @@ class Watch:
         The robot's last sample with joint angles.
     holds
         Whether the controller's last report says that it runs a program or has paused one.
+    paused
+        Whether it has paused one.
+    tells_programs
+        Whether it reports that at all.
     motion
         What moved at the last look whether the arm stands; empty if nothing did, or if nothing is known.
     witness
@@ -127,7 +131,7 @@ class Watch:
     ) -> None:
         self.alarm: str | None = None
         self.sample: RobotSample | None = None
-        self.holds = False
+        self.holds = self.paused = self.tells_programs = False
         self.motion = ""
         self.witness: bool | None = None
         self.agreement = Agreement(arm)
@@ -137,7 +141,7 @@ class Watch:
         self._arrivals = {"joint angles": _Arrivals(), "readings of the IMU": _Arrivals()}
         self._looked_ns = self._trusted_ns = 0
         self._positions: deque[tuple[int, Array]] = deque()
-        self._fastest: float | None = None
+        self._fastest: Array | None = None
         self._turning = math.inf
         self._fast = 0
         self._recent: deque[Row] = deque()
@@ -192,7 +196,7 @@ class Watch:
         return bool(self._recent) and self._clock() - self._recent[-1][0] < _FRESH_NS
 
     def rests_at(self, target: Array) -> bool:
-        """Return whether the arm rests at a target."""
+        """Return whether the arm rests at a target, by joints and IMU."""
         if not self._recent:
             return False
         last_ns = self._recent[-1][1]
@@ -200,7 +204,8 @@ class Watch:
         if last_ns - rows[-1][1] < SETTLED * 0.9e9:
             return False
         angles = np.array([joints for _, _, joints in rows])
-        return bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(np.abs(angles[0] - target) < NEAR))
+        arrived = bool(np.all(np.ptp(angles, axis=0) < STILL) and np.all(np.abs(angles[0] - target) < NEAR))
+        return arrived and self.rotation.still(self._clock(), SETTLED) is not False
 
     def stands(self, since_ns: int, seconds: float) -> bool:
         """Return whether the joints have stood still for the last `seconds` seconds, by samples after `since_ns`.
@@ -224,10 +229,16 @@ class Watch:
         self.witness = witness
         return witness is not False
 
+    @property
+    def speed(self) -> float:
+        """The largest speed of a joint just now, rad/s."""
+        rows = [(stamp, np.array(angles)) for _, stamp, angles in self._latest(self._recent, 1)]
+        return float(np.max(np.abs(_speed(rows, rows[0][0])))) if rows else 0.0
+
     def begin_move(self, peaks: Array | None = None) -> None:
         """Note that a move is sent, with the joints' largest speeds, rad/s; see `ended`."""
         self._played, self._idle_ns, self._rests = False, None, False
-        self._fastest = None if peaks is None else FASTER * float(np.max(np.abs(peaks))) + _SPEED_SLACK
+        self._fastest = None if peaks is None else FASTER * np.abs(peaks) + _SPEED_SLACK
         self._turning = math.inf if peaks is None else FASTER * float(np.sum(np.abs(peaks))) + _IMU_SLACK
 
     def rest(self) -> None:
@@ -259,6 +270,8 @@ class Watch:
             ended = self._played and not sample.running
             self._idle_ns = (self._idle_ns or host_ns) if ended else None
         self.holds = bool(sample.holds)
+        self.paused = self.holds and sample.running is False
+        self.tells_programs = self.tells_programs or sample.running is not None
         if not sample.joints:
             return
         if self._recent and sample.stamp_ns <= self._recent[-1][1]:
@@ -298,14 +311,17 @@ class Watch:
         """Yield how the arm is faster than it was told, or its tool faster than allowed."""
         joints = _speed([(stamp, np.array(angles)) for _, stamp, angles in self._latest(self._recent, 1)], now_ns)
         tool = _speed(self._latest(self._positions, 0), now_ns)
-        fastest = math.inf if self._fastest is None else self._fastest
-        allowed = FASTER * self._tool_speed + _SPEED_SLACK
-        speed, way = float(np.max(np.abs(joints))), float(np.linalg.norm(tool))
-        self._fast = self._fast + 1 if speed > fastest or way > allowed else 0
+        allowed, way = FASTER * self._tool_speed + _SPEED_SLACK, float(np.linalg.norm(tool))
+        over = np.zeros(1) if self._fastest is None else np.abs(joints) / self._fastest
+        k = int(np.argmax(over))
+        self._fast = self._fast + 1 if over[k] > 1.0 or way > allowed else 0
         if self._fast < _FAST_AGAIN:
             return
-        if speed > fastest:
-            yield f"a joint turns at {speed:.2f} rad/s, more than the {fastest:.2f} rad/s of the command"
+        if self._fastest is not None and over[k] > 1.0:
+            yield (
+                f"{self.arm.joints[k]} turns at {abs(joints[k]):.2f} rad/s, more than the {self._fastest[k]:.2f} rad/s "
+                "of the command"
+            )
         else:
             yield f"the tool moves at {way:.2f} m/s, more than the {self._tool_speed:g} m/s that are allowed"
 

@@ -50,9 +50,12 @@ class Mover(Protocol):
     ----------
     full_speed
         Speed of the leading joint at full share, rad/s.
+    straight
+        Whether moves are straight in joint angles.
     """
 
     full_speed: float
+    straight: bool
 
     async def connect(self) -> None:
         """Open the connection.
@@ -159,6 +162,8 @@ class UrScriptMover:
     speed
         The leading joint's speed at full share, rad/s.
     """
+
+    straight = True
 
     def __init__(self, address: Address, speed: float) -> None:
         self.full_speed = speed
@@ -296,6 +301,8 @@ class EkrlMover:
     speed
         The leading joint's speed at full share, rad/s.
     """
+
+    straight = False
 
     def __init__(self, address: Address, share: float, speed: float = 1.0) -> None:
         self.full_speed = speed

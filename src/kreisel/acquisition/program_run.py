@@ -80,7 +80,7 @@ async def run(
             devices.imu, devices.robot, output, settings=settings, urdf=orders.arm.urdf, stop=over, observe=watch.take
         )
     )
-    watching = asyncio.ensure_future(_watch_on(recording, devices.robot, watch))
+    watching = asyncio.ensure_future(_watch_on(recording, devices, watch))
     try:
         await _begin(orders, mover, watch, halt, say)
         ending = await drive(orders.program, mover, watch, halt, say, orders.enough)
@@ -102,18 +102,21 @@ def _how(ending: Ending) -> str:
     if ending.stop is None:
         return f"; the motion ended: {ending}"
     if ending.stop.confirmed:
-        did = "the move was completed before the stop" if ending.stop.late else "the motion was stopped"
-        return f"; {did}: {ending.stop.text}"
+        return f"; {ending.stop.did}: {ending.stop.text}"
     return f"; THE STOP IS NOT CONFIRMED: press the emergency stop; {ending.stop.text}"
 
 
-async def _watch_on(recording: asyncio.Future[Status], robot: Address, watch: Watch) -> None:
-    """Stop the motion if the recorder fails, and continue to read the arm's joints, to confirm the stop."""
+async def _watch_on(recording: asyncio.Future[Status], devices: Devices, watch: Watch) -> None:
+    """Stop the motion if the recorder fails, and continue to read joints and IMU, to confirm the stop."""
     await asyncio.wait([recording])
     watch.alarm = watch.alarm or f"the recorder has ended: {recording.exception() or 'no more data'}"
-    with suppress(DeviceError):
-        async for event in events(robot):
-            watch.take(event)
+
+    async def read_on(address: Address) -> None:
+        with suppress(DeviceError):
+            async for event in events(address):
+                watch.take(event)
+
+    await asyncio.gather(read_on(devices.robot), read_on(devices.imu))
 
 
 async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> None:
@@ -128,13 +131,15 @@ async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event
             "nothing was moved: the controller runs another program, or has paused one; end it there, and begin again"
         )
     await _until_standing(watch, why)
-    watch.rotation.learn_offset()
+    watch.rotation.learn_offset(SETTLE_TIME)
     if watch.sample is not None:
         for text in check_state(orders.arm, orders.program, watch.sample, mover, orders.allowed):
             say(text)
     if (reason := await unless(mover.connect(), why)) is not None:
         raise DeviceError(f"nothing was moved: {reason}")
     say(mover.guard)
+    if not watch.tells_programs:
+        say("the controller does not report whether it runs a program: a stop is not told from a pause")
 
 
 async def _until_standing(watch: Watch, why: Callable[[], str | None]) -> None:

@@ -36,6 +36,9 @@ _SLACK = 0.1
 _TOLD = 0.3
 """rad that the joints must turn the tool within `_LONG` before an IMU that does not turn is called loose."""
 
+_SHORT = 0.1
+"""s over which rates are averaged when the IMU is asked whether it turns: a swing has no mean over its period."""
+
 _LONG = 1.5
 """s over which an IMU that does not turn is told from one that does. Chosen: the slow first move turns by `_TOLD`."""
 
@@ -73,11 +76,11 @@ class RotationWatch:
         self._attitude: Array | None = None
         self._disagreed = 0
 
-    def learn_offset(self) -> None:
-        """Take the mean of the last second as the gyros' offset: the arm is known to stand."""
+    def learn_offset(self, seconds: float) -> None:
+        """Take the mean of the last seconds, in which the arm stood, as the gyros' offset: it drifts."""
         if self._readings:
             last = self._readings[-1][0]
-            self._offset = np.mean([rate for at, rate in self._readings if at > last - 1.0], axis=0)
+            self._offset = np.mean([rate for at, rate in self._readings if at > last - seconds], axis=0)
 
     def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
         """Take a reading of the gyros, rad/s."""
@@ -110,11 +113,14 @@ class RotationWatch:
 
     def still(self, now_ns: int, seconds: float) -> bool | None:
         """Return whether the IMU has not turned for so long; None if it does not tell."""
-        now = now_ns * 1e-9
-        rates = [rate for at, rate in self._readings if at > now - seconds]
-        if self.loose or not rates or now - self._readings[-1][0] > _FRESH:
+        now, limit = now_ns * 1e-9, UNKNOWN if self._offset is None else QUIET
+        if self.loose or not self._readings or now - self._readings[-1][0] > _FRESH:
             return None
-        return self.speed_of(np.mean(rates, axis=0)) < (UNKNOWN if self._offset is None else QUIET)
+        pieces: dict[int, list[Array]] = {}
+        for at, rate in self._readings:
+            if at > now - seconds:
+                pieces.setdefault(int((now - at) / _SHORT), []).append(rate)
+        return all(self.speed_of(np.mean(rates, axis=0)) < limit for rates in pieces.values() if len(rates) > 1)
 
     def mean_speed(self, now_ns: int, seconds: float) -> float:
         """Return the mean length of the rates of the last seconds, rad/s; 0 without readings."""

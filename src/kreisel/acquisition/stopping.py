@@ -35,6 +35,20 @@ for a connection that failed for a moment; more would delay the report."""
 _TICK = 0.02  # s between two checks; chosen: a few poses, and a small part of `_BLIND`
 _BEGUN = 1e-2  # rad; an arm that has moved farther since a move was sent has begun it
 
+STOPPED = "the motion was stopped"
+"""What became of a motion that a stop ended."""
+
+LATE = "the move was completed before the stop"
+"""What became of a motion that a stop did not end: it had no effect, or came too late."""
+
+_BRAKING = 0.25
+"""s after which an arm that was told to stop is visibly slower; otherwise the next way follows at once."""
+
+_MOVING = 0.05  # rad/s from which a joint's speed is compared
+
+_SLOWER = 0.8
+"""Share of its speed above which an arm does not brake."""
+
 Say = Callable[[str], None]
 Way = tuple[str, Callable[[], Awaitable[None]]]
 """A way to stop: its description and its action, which raises DeviceError if it fails."""
@@ -66,13 +80,13 @@ class Stop:
         Whether the joints are known to stand still.
     text
         What was done and observed.
-    late
-        Whether the arm stands at the target of its move: the stop had no effect, or came too late.
+    did
+        What became of the motion, where it is confirmed.
     """
 
     confirmed: bool
     text: str
-    late: bool = False
+    did: str = STOPPED
 
 
 async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | None, say: Say) -> Stop:
@@ -110,8 +124,11 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
 def _confirmed(done: list[str], seconds: float, watch: Watch, underway: Underway | None) -> Stop:
     seen = "and the IMU does not turn" if watch.witness else "by the joints alone: the IMU does not tell"
     text = f"the joints have stood still for {seconds:g} s, {seen} ({'; '.join(done) or 'no move was under way'})"
+    if watch.rotation.complaint is not None:
+        text = f"the IMU has not turned for {seconds:g} s; the joints contradicted it, and tell neither where nor why"
+        return Stop(True, f"{text} ({'; '.join(done)})", "the arm stands, whether stopped or at the end of its move")
     if underway is not None and watch.rests_at(underway.target):
-        return Stop(True, f"{text}; the arm stands at the target of its move: it was not stopped on its way", late=True)
+        return Stop(True, f"{text}; the arm stands at the target of its move: it was not stopped on its way", LATE)
     return Stop(True, text)
 
 
@@ -140,8 +157,11 @@ async def _standing(watch: Watch, since_ns: int, seconds: float, patience: float
     """
     loop = asyncio.get_running_loop()
     ends = loop.time() + patience
+    looks, fast = loop.time() + _BRAKING, watch.speed
     blind_ends = loop.time() + (_BLIND if patience == _WAY else patience)
     while watch.holds or not watch.stands(since_ns, seconds):
+        if patience == _WAY and loop.time() > looks and fast > _MOVING and watch.speed > _SLOWER * fast:
+            return False
         if loop.time() > (ends if watch.hears() else blind_ends):
             return False
         await asyncio.sleep(_TICK)

@@ -123,8 +123,7 @@ def run_program(
         return
     kept = f"what was recorded is kept in {output}"
     if ended.stop.confirmed:
-        did = "the move was completed before the stop" if ended.stop.late else "the motion was stopped"
-        raise DeviceError(f"{did}: {ended.reason}; {kept}; {ended.stop.text}")
+        raise DeviceError(f"{ended.stop.did}: {ended.reason}; {kept}; {ended.stop.text}")
     raise DeviceError(
         f"THE STOP IS NOT CONFIRMED: press the emergency stop; {ended.stop.text}; it was asked for because: "
         f"{ended.reason}; {kept}"

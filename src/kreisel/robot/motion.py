@@ -18,13 +18,18 @@ from kreisel.robot.kinematics import check_range
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a move: joint velocity, acceleration and jerk (joints,), tool speed and acceleration."""
+    """Limits of a move: joint velocity, acceleration and jerk (joints,), tool speed and acceleration.
+
+    `straight` moves are straight in joint angles, as those of Universal Robots; in others the joints begin and end
+    together, each with an acceleration of its own.
+    """
 
     velocity: Array
     acceleration: Array
     jerk: Array
     tool_speed: float
     tool_acceleration: float
+    straight: bool = False
 
     @classmethod
     def of(cls, arm: Arm, tool_speed: float, tool_acceleration: float) -> Limits:
@@ -187,7 +192,7 @@ def _timed(arm: Arm, q: Array, move: Move, limits: Limits) -> Any:
 
 def _ruckig(start: Array, target: Array, limits: Limits) -> Any:
     try:
-        from ruckig import InputParameter, Result, Ruckig, Trajectory
+        from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
     except ImportError as error:
         raise RobotError("planning motion needs ruckig: pip install ruckig, which compiles it") from error
     n = start.size
@@ -195,6 +200,8 @@ def _ruckig(start: Array, target: Array, limits: Limits) -> Any:
     given.current_position, given.target_position = start.tolist(), target.tolist()
     given.max_velocity, given.max_acceleration = limits.velocity.tolist(), limits.acceleration.tolist()
     given.max_jerk = limits.jerk.tolist()
+    if limits.straight:
+        given.synchronization = Synchronization.Phase
     result = Ruckig(n).calculate(given, trajectory)
     if result not in (Result.Working, Result.Finished):
         raise RobotError(f"no motion found from {np.degrees(start).round(1)} to {np.degrees(target).round(1)} deg")

@@ -147,7 +147,7 @@ def simulate(
     trial
         Number of a trial of a study: its random numbers come from that child of the cell's seed.
     program
-        What the arm does, in the place of the cell's motion.
+        What the arm does, in the place of the cell's motion; its moves are straight in joint angles.
 
     Raises
     ------
@@ -225,7 +225,9 @@ def _seen(actual: Arm, planned: Plan, sway: Sway, own: ArmErrors, errors: Errors
 def _plan(cell: Cell, arm: Arm, rng: np.random.Generator, program: Program | None) -> Plan:
     motion = cell.motion
     limits = Limits.of(arm, motion.tool_speed, motion.tool_acceleration)
-    if program is None and motion.program is not None:
+    if program is not None:
+        limits = replace(limits, straight=True)
+    elif motion.program is not None:
         program = read_program(Path(motion.program), arm)
     if program is not None:
         return plan(arm, program.start, motion.first_rest, program.moves, limits, motion.smoothing)

@@ -39,7 +39,7 @@ class Cell:
 def test_an_imu_on_the_arm_agrees_however_it_moves(late, scale):
     cell = Cell(late, scale)
     cell.run(2.0)
-    cell.watch.learn_offset()
+    cell.watch.learn_offset(0.5)
     for speed in (0.2, 0.0, 1.5, -1.5, 0.0, 0.7):
         cell.speed = speed
         cell.run(1.0)
@@ -53,7 +53,7 @@ def test_an_imu_on_the_arm_agrees_however_it_moves(late, scale):
 def test_frozen_joints_are_noticed_within_a_third_of_a_second():
     cell = Cell()
     cell.run(2.0)
-    cell.watch.learn_offset()
+    cell.watch.learn_offset(0.5)
     cell.speed = 1.0
     cell.run(1.0)
     cell.frozen = HERE + cell.angle * WAY
@@ -65,7 +65,7 @@ def test_frozen_joints_are_noticed_within_a_third_of_a_second():
 def test_an_imu_that_lies_beside_the_arm_is_no_witness():
     cell = Cell(scale=0.0)
     cell.run(2.0)
-    cell.watch.learn_offset()
+    cell.watch.learn_offset(0.5)
     assert cell.still() is True
     cell.speed = 0.3
     cell.run(2.0)
@@ -78,3 +78,15 @@ def test_what_is_not_heard_is_not_known():
     watch = RotationWatch(ARM)
     assert watch.still(10**9, 0.5) is None
     assert watch.mean_speed(10**9, 0.1) == 0.0
+
+
+def test_a_swing_is_no_standstill():
+    """Four times a second: its mean rate over the time of a standstill is zero."""
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    cell.frozen = HERE
+    for k in range(100):
+        cell.speed = 1.0 if (k // 12) % 2 else -1.0
+        cell.run(0.01)
+    assert cell.still() is False
