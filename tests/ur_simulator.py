@@ -96,8 +96,9 @@ class UrSimulator:
         Whether the state on the script port comes in pieces of a few bytes, at odd times.
     delay
         Seconds before a move begins.
-    frozen, factor, held_imu, in_turn, foreign
-        Set by a test: joint angles that are reported whatever the arm does; a factor on the speed of moves; whether the
+    frozen, factor, gyro_offset, held_imu, in_turn, foreign
+        Set by a test: joint angles that are reported whatever the arm does; a factor on the speed of moves; rad/s
+        of the gyro x; whether the
         IMU is held still instead of being on the flange; whether joints turn one after another;
         whether the controller goes on with another program.
     registers
@@ -112,7 +113,7 @@ class UrSimulator:
         self.script_state = (0, 0)  # emergency, protective
         self.silent = self.cut = False
         self.frozen = None
-        self.factor = 1.0
+        self.factor, self.gyro_offset = 1.0, 0.0
         self.held_imu = self.in_turn = self.foreign = False
         self.ticks = 0
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
@@ -335,7 +336,10 @@ class UrSimulator:
             at, frame = time.monotonic(), tool_frame(self.q, self._robot)
             k = round((at - self._booted) * 1e2)
             rate = [0.0] * 3 if self.held_imu else turned(before, frame, at - earlier)
-            values = [w + 1e-4 * math.sin(k + phase) for phase, w in enumerate([*rate, 0.0, 0.0, 9.8])]
+            values = [
+                w + 1e-4 * math.sin(k + phase)
+                for phase, w in enumerate([rate[0] + self.gyro_offset, *rate[1:], 0.0, 0.0, 9.8])
+            ]
             stamp = round((at - self._booted) * 1e9)
             connection.sendall(f"{stamp},{','.join(map(str, values))}\n".encode())
 

@@ -52,6 +52,13 @@ def test_a_stop_is_seen_by_joints_and_imu(tmp_path):
     assert "and the IMU does not turn" in last_line(errors)
 
 
+def test_the_offset_of_a_cheap_gyro_is_no_motion(tmp_path):
+    with controller() as simulator:
+        simulator.gyro_offset = 0.3  # 17 deg/s
+        ended(started(tmp_path, simulator, SHORT), 0)
+    assert len(simulator.moves()) == 3
+
+
 def test_an_imu_that_is_not_on_the_arm_is_not_taken_for_a_witness(tmp_path):
     with controller() as simulator:
         simulator.held_imu = True

@@ -7,6 +7,8 @@ tool's by the model at the reported joint angles.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
+from itertools import takewhile
 
 import numpy as np
 
@@ -17,9 +19,6 @@ from kreisel.robot.kinematics import poses
 QUIET = 0.02
 """rad/s beyond the offset at rest; a larger mean rate is a rotation. Chosen: offsets that change with attitude by
 0.1 deg/s per g stay ten times below it."""
-
-UNKNOWN = 0.1
-"""rad/s; the same before the offset is known. Chosen: twice the largest offset of usual devices, 3 deg/s."""
 
 _WINDOW = 0.2
 """s over which paths are compared. Chosen: as long as a silence that stops the arm."""
@@ -78,9 +77,12 @@ class RotationWatch:
 
     def learn_offset(self, seconds: float) -> None:
         """Take the mean of the last seconds, in which the arm stood, as the gyros' offset: it drifts."""
-        if self._readings:
-            last = self._readings[-1][0]
-            self._offset = np.mean([rate for at, rate in self._readings if at > last - seconds], axis=0)
+        if not self._readings:
+            return
+        if self._offset is None:  # what was gathered contains it
+            self._of_imu.clear()
+            self._of_joints.clear()
+        self._offset = np.mean([rate for _, rate in self._last(seconds)], axis=0)
 
     def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
         """Take a reading of the gyros, rad/s."""
@@ -112,26 +114,35 @@ class RotationWatch:
         return float(np.linalg.norm(rate if self._offset is None else rate - self._offset))
 
     def still(self, now_ns: int, seconds: float) -> bool | None:
-        """Return whether the IMU has not turned for so long; None if it does not tell."""
-        now, limit = now_ns * 1e-9, UNKNOWN if self._offset is None else QUIET
+        """Return whether the IMU has not turned for so long; None if it does not tell.
+
+        Before its offset is known, a rate that does not change is taken for it.
+        """
+        now = now_ns * 1e-9
         if self.loose or not self._readings or now - self._readings[-1][0] > _FRESH:
             return None
         pieces: dict[int, list[Array]] = {}
-        for at, rate in self._readings:
-            if at > now - seconds:
-                pieces.setdefault(int((now - at) / _SHORT), []).append(rate)
-        return all(self.speed_of(np.mean(rates, axis=0)) < limit for rates in pieces.values() if len(rates) > 1)
+        for at, rate in self._last(seconds):
+            pieces.setdefault(int((now - at) / _SHORT), []).append(rate)
+        means = np.array([np.mean(rates, axis=0) for rates in pieces.values() if len(rates) > 1]).reshape(-1, 3)
+        offset = self._offset if self._offset is not None else means.mean(axis=0) if len(means) else np.zeros(3)
+        return bool(np.all(np.linalg.norm(means - offset, axis=1) < QUIET))
 
     def mean_speed(self, now_ns: int, seconds: float) -> float:
-        """Return the mean length of the rates of the last seconds, rad/s; 0 without readings."""
-        now = now_ns * 1e-9
-        rates = [self.speed_of(rate) for at, rate in self._readings if at > now - seconds]
-        return float(np.mean(rates)) if rates else 0.0
+        """Return the mean length of the rates of the last seconds, rad/s; 0 without fresh readings or an offset."""
+        if self._offset is None or not self._readings or now_ns * 1e-9 - self._readings[-1][0] > _FRESH:
+            return 0.0
+        return float(np.mean([self.speed_of(rate) for _, rate in self._last(seconds)]))
+
+    def _last(self, seconds: float) -> Iterator[tuple[float, Array]]:
+        """Yield the readings of the last seconds, the newest first."""
+        newest = self._readings[-1][0]
+        return takewhile(lambda one: one[0] > newest - seconds, reversed(self._readings))
 
     def _compare(self, now: float) -> None:
         """Compare the paths of both up to a moment ago."""
         end = now - _LATE
-        if not self._covers(end - _LONG):
+        if self._offset is None or not self._covers(end - _WINDOW - _LATE):
             return
         turned = _path(self._of_imu, end - _WINDOW, end)
         told = _path(self._of_joints, end - _WINDOW - _LATE, now)
@@ -142,6 +153,8 @@ class RotationWatch:
                 f"the IMU turned by {np.degrees(turned):.1f} deg in {_WINDOW:g} s, and the joints are reported to turn "
                 f"it by {np.degrees(told):.1f} deg: are the reported angles frozen, or is the IMU loose?"
             )
+        if not self._covers(end - _LONG):
+            return
         told_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
         self.loose = self.loose or (told_long > _TOLD and turned_long < 0.3 * told_long)
 
