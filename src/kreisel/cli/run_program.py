@@ -64,8 +64,8 @@ def run_program(
 ) -> None:
     """Move a robot through a program, one move at a time, while the IMU is recorded and calibrated.
 
-    The motion is stopped when a device is silent, the IMU is saturated or contradicts the joints, the arm is faster than
-    commanded or leaves its path, the controller reports a stop or ends the connection, or you interrupt. A stop is
+    The motion is stopped when a device is silent, the IMU is saturated or contradicts the joints, the arm is faster
+    than commanded or leaves its path, the controller reports a stop or ends the connection, or you interrupt. A stop is
     confirmed if the joints stand still and the IMU does not turn.
     """
     import math
