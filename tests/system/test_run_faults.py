@@ -40,11 +40,12 @@ def controller(**how):
         simulator.close()
 
 
-def started(tmp_path, simulator, program=LONG + BACK, *more, **how):
+def started(tmp_path, simulator, program=LONG + BACK, *more, silence="1", **how):
+    """Start a run; where a test is not about silence, threads of the twin may be late."""
     (tmp_path / "program.toml").write_text(program)
     return subprocess.Popen(
         [sys.executable, "-m", "kreisel.cli.main", "run", "program.toml", "--robot", simulator.robot,
-         "--imu", simulator.imu, "--model", "ur10e", "--tool-speed", "3", *more, "-o", "run", "--arm"],
+         "--imu", simulator.imu, "--model", "ur10e", "--tool-speed", "3", "--silence", silence, *more, "-o", "run", "--arm"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how,
     )  # fmt: skip
 
@@ -306,7 +307,7 @@ def test_a_stop_that_cannot_be_seen_is_not_confirmed(tmp_path):
 @pytest.mark.slow
 def test_a_silent_robot_stream_stops_the_arm(tmp_path):
     with controller() as simulator:
-        process = started(tmp_path, simulator)
+        process = started(tmp_path, simulator, silence="0.2")
         simulator.wait_for_move(2)
         simulator.silent = True
         errors = ended(process, 1)

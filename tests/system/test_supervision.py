@@ -136,7 +136,8 @@ def test_a_tool_that_is_faster_than_allowed_is_stopped(tmp_path):
 
 def test_a_silent_device_is_noticed_within_a_third_of_a_second(tmp_path):
     with controller() as simulator:
-        process = begun(tmp_path, simulator)
+        process = started(tmp_path, simulator, silence="0.2")
+        simulator.wait_for_move(2)
         at = time.monotonic()
         simulator.silent = True
         simulator.wait(simulator.told_to_stop)

@@ -74,6 +74,7 @@ class RotationWatch:
         self._stamp: int | None = None
         self._attitude: Array | None = None
         self._disagreed = 0
+        self._trusted = 0.0
 
     def learn_offset(self, seconds: float) -> None:
         """Take the mean of the last seconds, in which the arm stood, as the gyros' offset: it drifts."""
@@ -87,6 +88,7 @@ class RotationWatch:
     def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
         """Take a reading of the gyros, rad/s."""
         at, own = host_ns * 1e-9, np.array(rate)
+        self._note_gap(at, self._of_imu)
         seconds = 0.0 if self._stamp is None else (stamp_ns - self._stamp) * 1e-9
         self._stamp = stamp_ns
         self._readings.append((at, own))
@@ -101,6 +103,7 @@ class RotationWatch:
         at = host_ns * 1e-9
         if self._of_joints and at - self._of_joints[-1][0] < _SAMPLING:
             return
+        self._note_gap(at, self._of_joints)
         attitude = poses(self._arm, np.array([joints]))[1][0]
         turned = 0.0 if self._attitude is None else 2.0 * float(np.arccos(min(1.0, abs(attitude @ self._attitude))))
         self._attitude = attitude
@@ -142,7 +145,7 @@ class RotationWatch:
     def _compare(self, now: float) -> None:
         """Compare the paths of both up to a moment ago."""
         end = now - _LATE
-        if self._offset is None or not self._covers(end - _WINDOW - _LATE):
+        if self._offset is None or now < self._trusted or not self._covers(end - _WINDOW - _LATE):
             return
         turned = _path(self._of_imu, end - _WINDOW, end)
         told = _path(self._of_joints, end - _WINDOW - _LATE, now)
@@ -157,6 +160,11 @@ class RotationWatch:
             return
         told_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
         self.loose = self.loose or (told_long > _TOLD and turned_long < 0.3 * told_long)
+
+    def _note_gap(self, at: float, of: deque[tuple[float, float]]) -> None:
+        """Compare nothing for a moment after a gap: what was late arrives together, and looks like a fast rotation."""
+        if of and at - of[-1][0] > 2.0 * _LATE:
+            self._trusted = at + _WINDOW + 2.0 * _LATE
 
     def _covers(self, begin: float) -> bool:
         return all(len(of) > 1 and of[0][0] <= begin for of in (self._of_imu, self._of_joints))
