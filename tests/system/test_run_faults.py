@@ -45,7 +45,8 @@ def started(tmp_path, simulator, program=LONG + BACK, *more, silence="1", **how)
     (tmp_path / "program.toml").write_text(program)
     return subprocess.Popen(
         [sys.executable, "-m", "kreisel.cli.main", "run", "program.toml", "--robot", simulator.robot,
-         "--imu", simulator.imu, "--model", "ur10e", "--tool-speed", "3", "--silence", silence, *more, "-o", "run", "--arm"],
+         "--imu", simulator.imu, "--model", "ur10e", "--tool-speed", "3", "--silence", silence, *more,
+         "-o", "run", "--arm"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how,
     )  # fmt: skip
 
