@@ -19,10 +19,6 @@ from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import poses, skeleton
 from kreisel.robot.program import Program
 
-TOOL_SPEED = 0.25
-"""m/s; the tool is not moved faster unless stated otherwise. It is the limit of ISO 10218-1 for manual operation at
-reduced speed."""
-
 RADIUS = 0.06
 """m; of the capsules about the links. Chosen: a slim arm of ten kilograms' payload; thicker ones come closer."""
 
@@ -74,15 +70,14 @@ def slowed(arm: Arm, program: Program, mover: Mover, tool_speed: float) -> tuple
 
     tool_speed: the fastest allowed, m/s.
     """
-    slow, at, moves, lowered = approach_share(program, mover), program.start, [], []
-    for number, move in enumerate(program.moves, start=1):
+    slow, moves, lowered = approach_share(program, mover), [], []
+    for number, at, move in program.legs():
         share = min(move.speed, slow) if number <= CHECKED else move.speed
         fastest = tool_peak(arm, mover, at, move.target, share)
         if fastest > tool_speed:
             share *= tool_speed / fastest
             lowered.append((number, fastest))
         moves.append(replace(move, speed=share))
-        at = move.target
     sent = replace(program, moves=tuple(moves))
     if not lowered:
         return sent, f"the tool stays below {tool_speed:g} m/s"
@@ -95,13 +90,12 @@ def slowed(arm: Arm, program: Program, mover: Mover, tool_speed: float) -> tuple
 
 def as_moved(arm: Arm, program: Program, mover: Mover) -> Program:
     """Return the program whose moves have, as shares of the model's velocities, the speeds that a mover commands."""
-    at, moves = program.start, []
-    for move in program.moves:
-        way = np.abs(move.target - at)
-        peaks = mover.peaks(move.target - at, move.speed, arm.velocity)[0]
+    moves = []
+    for _, at, move in program.legs():
+        way = move.target - at
+        peaks = mover.peaks(way, move.speed, arm.velocity)[0]
         share = 1.0 if not way.any() else float(np.max(np.abs(peaks) / arm.velocity))
         moves.append(replace(move, speed=min(1.0, share)))
-        at = move.target
     return replace(program, moves=tuple(moves))
 
 
@@ -124,16 +118,14 @@ def check_room(arm: Arm, program: Program, room: Room) -> str:
     RobotError
         If it touches; names the move, the place, and the option that says otherwise.
     """
-    lowest, closest, at = math.inf, math.inf, program.start
-    for number, move in enumerate(program.moves, start=1):
+    lowest = closest = math.inf
+    for number, at, move in program.legs():
         for angles in _path(at, move.target):
-            points = skeleton(arm, angles)
-            links = _links(points)
+            links = _links(skeleton(arm, angles))
             lowest = min(lowest, _check_height(links, room.floor, number))
             closest = min(closest, _check_apart(links, number))
             for box in room.boxes:
                 _check_box(links, box, number)
-        at = move.target
     return (
         f"the arm stays {lowest:.2f} m above the floor (at {room.floor:g} m of the base, --floor), and its links "
         f"{closest:.2f} m apart (capsules of {1e3 * RADIUS:.0f} mm radius; not the tool, cables, or what stands around)"

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kreisel.acquisition.background import cancel
 from kreisel.acquisition.motion_watch import SETTLED, Watch
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.preflight import approach_share
@@ -226,8 +227,7 @@ async def unless(action: Coroutine[Any, Any, None], why: Callable[[], str | None
     except DeviceError as error:
         return str(error)
     finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        await cancel(task)
     return None
 
 

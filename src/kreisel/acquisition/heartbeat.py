@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 
+from kreisel.acquisition.background import cancel
 from kreisel.devices.address import Address
 from kreisel.errors import DeviceError, ProtocolError
 from kreisel.protocols.rtde_heartbeat import RATE, Heartbeat
@@ -31,8 +32,6 @@ class DeadMansSwitch:
 
     Attributes
     ----------
-    watchdog
-        What a program must begin with; None where the controller has no such heartbeat.
     missing
         Why there is none; empty if there is one.
     trouble
@@ -42,7 +41,6 @@ class DeadMansSwitch:
     """
 
     def __init__(self, address: Address) -> None:
-        self.watchdog: Watchdog | None = None
         self.missing = "not connected yet"
         self.trouble: str | None = None
         self.slowest = 0.0
@@ -58,6 +56,11 @@ class DeadMansSwitch:
     def planned(self) -> Watchdog:
         """What programs begin with where the controller has such a heartbeat."""
         return Watchdog(self._register, LEAST)
+
+    @property
+    def watchdog(self) -> Watchdog | None:
+        """What a program must begin with; None where the controller has no such heartbeat."""
+        return None if self.missing else self.planned
 
     async def connect(self) -> None:
         """Begin to write the register, if the controller has it.
@@ -88,7 +91,7 @@ class DeadMansSwitch:
         if not self._codec.running:
             self.missing = self._codec.unsupported or "it closes the connection"
             return
-        self.watchdog, self.missing = self.planned, ""
+        self.missing = ""
         self._beating = asyncio.ensure_future(self._beat(writer))
         self._reading = asyncio.ensure_future(self._read(reader))
         await asyncio.sleep(2.0 / RATE)  # the first must be there before a program watches
@@ -101,16 +104,13 @@ class DeadMansSwitch:
         DeviceError
             If no program watches.
         """
-        if self.watchdog is None or self._beating is None:
+        if self._beating is None:
             raise DeviceError("there is none")
         self._beating.cancel()
 
     async def close(self) -> None:
         """Close the connection."""
-        for task in (self._beating, self._reading):
-            if task is not None:
-                task.cancel()
-                await asyncio.gather(task, return_exceptions=True)
+        await cancel(self._beating, self._reading)
         if self._streams is not None:
             self._streams[1].close()
 

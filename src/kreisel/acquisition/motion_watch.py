@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import takewhile
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -140,7 +140,7 @@ class Watch:
         self._overdue, self._tool_speed = overdue, tool_speed
         self._arrivals = {"joint angles": _Arrivals(), "readings of the IMU": _Arrivals()}
         self._looked_ns = self._trusted_ns = 0
-        self._positions: deque[tuple[int, Array]] = deque()
+        self._positions: deque[tuple[int, tuple[float, ...]]] = deque()
         self._fastest: Array | None = None
         self._turning = math.inf
         self._fast = 0
@@ -232,8 +232,10 @@ class Watch:
     @property
     def speed(self) -> float:
         """The largest speed of a joint just now, rad/s."""
-        rows = [(stamp, np.array(angles)) for _, stamp, angles in self._latest(self._recent, 1)]
-        return float(np.max(np.abs(_speed(rows, rows[0][0])))) if rows else 0.0
+        return float(np.max(np.abs(self._joint_velocity())))
+
+    def _joint_velocity(self) -> Array:
+        return _velocity((stamp, joints) for _, stamp, joints in reversed(self._recent))
 
     def begin_move(self, peaks: Array | None = None) -> None:
         """Note that a move is sent, with the joints' largest speeds, rad/s; see `ended`."""
@@ -283,7 +285,7 @@ class Watch:
         while self._recent[0][0] < host_ns - _KEPT_NS:
             self._recent.popleft()
         if sample.position is not None:
-            self._positions.append((sample.stamp_ns, np.array(sample.position)))
+            self._positions.append((sample.stamp_ns, sample.position))
             while self._positions[0][0] < sample.stamp_ns - _KEPT_NS:
                 self._positions.popleft()
         if len(sample.joints) == len(self.arm.joints):
@@ -302,15 +304,14 @@ class Watch:
                     f"{name} is at {math.degrees(angle):.1f} deg, within a degree of its limits "
                     f"{math.degrees(low):.0f} to {math.degrees(high):.0f} deg"
                 )
-        yield from self._speeding(sample.stamp_ns)
+        yield from self._speeding()
         self.agreement.take(sample)
         if self.agreement.complaint is not None:
             yield self.agreement.complaint
 
-    def _speeding(self, now_ns: int) -> Iterator[str]:
-        """Yield how the arm is faster than it was told, or its tool faster than allowed."""
-        joints = _speed([(stamp, np.array(angles)) for _, stamp, angles in self._latest(self._recent, 1)], now_ns)
-        tool = _speed(self._latest(self._positions, 0), now_ns)
+    def _speeding(self) -> Iterator[str]:
+        """Yield how the arm is faster than commanded, or its tool faster than allowed."""
+        joints, tool = self._joint_velocity(), _velocity(reversed(self._positions))
         allowed, way = FASTER * self._tool_speed + _SPEED_SLACK, float(np.linalg.norm(tool))
         over = np.zeros(1) if self._fastest is None else np.abs(joints) / self._fastest
         k = int(np.argmax(over))
@@ -324,16 +325,6 @@ class Watch:
             )
         else:
             yield f"the tool moves at {way:.2f} m/s, more than the {self._tool_speed:g} m/s that are allowed"
-
-    @staticmethod
-    def _latest(of: deque[Any], stamp: int) -> list[Any]:
-        """Return the last rows, newest first, back to the first that is `_SPEED_TIME` older than the newest."""
-        out: list[Any] = []
-        for row in reversed(of):
-            out.append(row)
-            if row[stamp] <= out[0][stamp] - _SPEED_TIME * 1e9:
-                break
-        return out
 
     def _imu(self, sample: ImuSample) -> None:
         """Detect a saturated channel: it stays constant while others change."""
@@ -365,11 +356,18 @@ class _Arrivals:
         self.last_ns = host_ns
 
 
-def _speed(rows: list[tuple[int, Array]], now_ns: int) -> Array:
-    """Return the mean velocity between the first and the last row, newest first; 0 where they are too close."""
-    if len(rows) < 2 or now_ns - rows[-1][0] < _SPEED_TIME * 1e9:
-        return np.zeros(1)
-    return np.asarray((rows[0][1] - rows[-1][1]) / ((rows[0][0] - rows[-1][0]) * 1e-9))
+def _velocity(rows: Iterable[tuple[int, tuple[float, ...]]]) -> Array:
+    """Return the mean velocity over `_SPEED_TIME`, of rows of stamps in ns and places, the newest first.
+
+    It is zero, (1,), where they do not last so long.
+    """
+    newest: tuple[int, tuple[float, ...]] | None = None
+    for stamp, place in rows:
+        newest = newest or (stamp, place)
+        seconds = (newest[0] - stamp) * 1e-9
+        if seconds >= _SPEED_TIME:
+            return np.subtract(newest[1], place) / seconds
+    return np.zeros(1)
 
 
 def _span(rows: list[Row], clock: Literal[0, 1]) -> int:

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from kreisel.acquisition.background import cancel
 from kreisel.acquisition.heartbeat import DeadMansSwitch
 from kreisel.acquisition.stopping import Way
 from kreisel.devices.address import Address
@@ -140,8 +141,7 @@ class _Line:
             raise DeviceError(f"the script connection has ended ({self.ended})")
 
     async def close(self) -> None:
-        self._reading.cancel()
-        await asyncio.gather(self._reading, return_exceptions=True)
+        await cancel(self._reading)
         self._writer.close()
 
     async def _read(self) -> None:
@@ -347,9 +347,7 @@ class EkrlMover:
     def guard(self) -> str:
         """What stops the arm when this program no longer runs, or that nothing does."""
         if self._address.scheme == "serial":
-            return (
-                "NOTHING STOPS THE ARM IF THIS COMPUTER FAILS: a serial line does not tell; stay at the emergency stop"
-            )
+            return "NOTHING STOPS THE ARM IF THIS COMPUTER FAILS: a serial line hides it; stay at the emergency stop"
         return (
             f"kreisel's program on the controller (of this version) brakes when it gets no heartbeat for "
             f"{ekrl.BEAT_PATIENCE:g} s: after a crash, a computer that hangs, or a cable that is cut"
@@ -375,10 +373,7 @@ class EkrlMover:
 
     async def close(self) -> None:
         """Close the connection."""
-        for task in (self._listening, self._beating):
-            if task is not None:
-                task.cancel()
-                await asyncio.gather(task, return_exceptions=True)
+        await cancel(self._listening, self._beating)
         if self._streams is not None:
             self._streams[1].close()
         self.trouble = self.trouble or "the connection is closed"

@@ -69,13 +69,11 @@ def check_program(arm: Arm, program: Program, mover: Mover) -> str:
                 f"{name} has no velocity limit in the model '{arm.name}', expected <limit velocity=…> in rad/s"
             )
     slow = approach_share(program, mover)
-    at = program.start
-    _check_margin(arm, at, "the program's start")
-    for number, move in enumerate(program.moves, start=1):
+    _check_margin(arm, program.start, "the program's start")
+    for number, at, move in program.legs():
         _check_margin(arm, move.target, f"move {number}")
         share = min(move.speed, slow) if number <= CHECKED else move.speed
         check_move(arm, mover, move.target - at, share, f"move {number}")
-        at = move.target
     return (
         f"checked against the model '{arm.name}': angles, velocities and accelerations of {len(program.moves)} moves "
         f"are within its limits ({_limits_known(arm)})"

@@ -139,7 +139,7 @@ async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event
         raise DeviceError(f"nothing was moved: {reason}")
     say(mover.guard)
     if not watch.tells_programs:
-        say("the controller does not report whether it runs a program: a stop is not told from a pause")
+        say("the controller does not report whether it runs a program: a stop cannot be distinguished from a pause")
 
 
 async def _until_standing(watch: Watch, why: Callable[[], str | None]) -> None:

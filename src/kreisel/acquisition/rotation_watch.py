@@ -32,14 +32,14 @@ _FASTER = 1.3
 _SLACK = 0.1
 """rad/s that the IMU may turn faster besides: vibration, and the noise in the length of its rates."""
 
-_TOLD = 0.3
+_REPORTED = 0.3
 """rad that the joints must turn the tool within `_LONG` before an IMU that does not turn is called loose."""
 
 _SHORT = 0.1
 """s over which rates are averaged when the IMU is asked whether it turns: a swing has no mean over its period."""
 
 _LONG = 1.5
-"""s over which an IMU that does not turn is told from one that does. Chosen: the slow first move turns by `_TOLD`."""
+"""s over which an IMU that turns differs from one that does not. Chosen: in the slow first move `_REPORTED`."""
 
 _AGAIN = 3
 """Comparisons in a row that must disagree."""
@@ -148,18 +148,18 @@ class RotationWatch:
         if self._offset is None or now < self._trusted or not self._covers(end - _WINDOW - _LATE):
             return
         turned = _path(self._of_imu, end - _WINDOW, end)
-        told = _path(self._of_joints, end - _WINDOW - _LATE, now)
-        too_far = turned > _FASTER * told + _SLACK * _WINDOW
+        reported = _path(self._of_joints, end - _WINDOW - _LATE, now)
+        too_far = turned > _FASTER * reported + _SLACK * _WINDOW
         self._disagreed = self._disagreed + 1 if too_far and not self.loose else 0
         if self._disagreed >= _AGAIN:
             self.complaint = (
                 f"the IMU turned by {np.degrees(turned):.1f} deg in {_WINDOW:g} s, and the joints are reported to turn "
-                f"it by {np.degrees(told):.1f} deg: are the reported angles frozen, or is the IMU loose?"
+                f"it by {np.degrees(reported):.1f} deg: are the reported angles frozen, or is the IMU loose?"
             )
         if not self._covers(end - _LONG):
             return
-        told_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
-        self.loose = self.loose or (told_long > _TOLD and turned_long < 0.3 * told_long)
+        reported_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
+        self.loose = self.loose or (reported_long > _REPORTED and turned_long < 0.3 * reported_long)
 
     def _note_gap(self, at: float, of: deque[tuple[float, float]]) -> None:
         """Compare nothing for a moment after a gap: what was late arrives together, and looks like a fast rotation."""

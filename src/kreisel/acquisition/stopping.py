@@ -41,6 +41,9 @@ STOPPED = "the motion was stopped"
 LATE = "the move was completed before the stop"
 """What became of a motion that a stop did not end: it had no effect, or came too late."""
 
+UNCLEAR = "the arm stands, whether stopped or at the end of its move"
+"""What became of a motion whose joints the IMU has contradicted."""
+
 _BRAKING = 0.25
 """s after which an arm that was told to stop is visibly slower; otherwise the next way follows at once."""
 
@@ -126,7 +129,7 @@ def _confirmed(done: list[str], seconds: float, watch: Watch, underway: Underway
     text = f"the joints have stood still for {seconds:g} s, {seen} ({'; '.join(done) or 'no move was under way'})"
     if watch.rotation.complaint is not None:
         text = f"the IMU has not turned for {seconds:g} s; the joints contradicted it, and tell neither where nor why"
-        return Stop(True, f"{text} ({'; '.join(done)})", "the arm stands, whether stopped or at the end of its move")
+        return Stop(True, f"{text} ({'; '.join(done)})", UNCLEAR)
     if underway is not None and watch.rests_at(underway.target):
         return Stop(True, f"{text}; the arm stands at the target of its move: it was not stopped on its way", LATE)
     return Stop(True, text)

@@ -5,14 +5,16 @@ Once with nominal and once with calibrated parameters; no truth is needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
 from kreisel.calibration.evidence import CrossValidation, Drift
 from kreisel.fitting.fit import Fit
+from kreisel.geometry.rotation import Array
 from kreisel.model.layout import without
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, part_of
@@ -21,6 +23,9 @@ from kreisel.refinement.estimate import Estimate
 
 TRAINING = 0.6
 """Share of the updates that the calibration for the cross-validation uses."""
+
+NOTHING: Mapping[str, Array] = MappingProxyType({})
+"""Groups of parameters that are uncertain: none."""
 
 
 def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossValidation:
@@ -55,10 +60,12 @@ def drift_of(
     return _drift(navigate(navigation_only(unseen), known))
 
 
-def navigation_only(problem: Problem) -> Problem:
-    """Return the problem with every parameter assumed known."""
-    prior = replace(problem.prior, start_covariance={}, covariance={})
-    return replace(problem, layout=without(problem.layout, problem.groups), prior=prior)
+def navigation_only(problem: Problem, uncertain: Mapping[str, Array] = NOTHING) -> Problem:
+    """Return the problem with every parameter assumed known, but for groups whose covariances are given."""
+    kept = {group: covariance for group, covariance in uncertain.items() if group in problem.groups}
+    known = tuple(group for group in problem.groups if group not in kept)
+    prior = replace(problem.prior, start_covariance=kept, covariance=kept)
+    return replace(problem, layout=without(problem.layout, known), prior=prior)
 
 
 def _drift(run: Fit) -> Drift:

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.calibration.cross_validation import navigation_only
 from kreisel.calibration.outcome import Outcome
 from kreisel.errors import RecordingError
 from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array, Mask
-from kreisel.model.layout import without
 from kreisel.model.problem import Problem, part_of, with_rarer_updates, with_readings
 from kreisel.progress import Progress
 from kreisel.refinement.estimate import Estimate
@@ -50,7 +50,8 @@ _UNKNOWN = 0.7
 """Deviation of a logarithm from which gaps do not tell a size, and that of shorter gaps holds: a factor of two."""
 
 _OFFSETS = {"gyro_offset": 1e-3, "accel_offset": 0.02}
-"""Deviations with which a filter begins, rad/s and m/s^2. Chosen: what is left after calibration, of most devices."""
+"""Deviations of the offsets at the beginning, rad/s and m/s^2: every filter estimates them. Chosen: what is left after
+calibration, of most devices."""
 
 _LARGER = 1.25
 """Factor on the density at rest from which its excess is split. Chosen: three deviations of a usual recording."""
@@ -186,7 +187,7 @@ def motion_noise(outcome: Outcome, progress: Progress | None = None) -> MotionNo
     seen = np.sqrt(np.mean(problem.noise.observed**2, axis=1))
     measured = np.isfinite(seen)
     at_rest = np.where(measured, seen, np.array(imu_density(problem)))
-    known = _with_known_parameters(found)
+    known = navigation_only(problem, {group: np.eye(3) * sd**2 for group, sd in _OFFSETS.items()})
     lengths = [k for k in range(20) if GAPS[0] < known.schedule.interval * 2**k < GAPS[1]]
     resting = np.append(at_rest, 1.0)
     gaps: list[GapNoise] = []
@@ -206,16 +207,6 @@ def motion_noise(outcome: Outcome, progress: Progress | None = None) -> MotionNo
     walks = [problem.noise.offset_walk.get(f"{name}_offset", 0.0) for name in ("gyro", "accel")]
     shares = np.array([_shares(gaps, at_rest, i) for i in range(2)])
     return MotionNoise(at_rest, (bool(measured[0]), bool(measured[1])), tuple(gaps), np.array(walks), shares)
-
-
-def _with_known_parameters(found: Estimate) -> Problem:
-    """Return the problem with every parameter known but the offsets, which every filter estimates."""
-    problem = found.problem
-    offsets = tuple(group for group in problem.groups if group in _OFFSETS)
-    covariance = {group: np.eye(3) * _OFFSETS[group] ** 2 for group in offsets}
-    others = tuple(group for group in problem.groups if group not in offsets)
-    prior = replace(problem.prior, start_covariance=covariance, covariance=covariance)
-    return replace(problem, layout=without(problem.layout, others), prior=prior)
 
 
 def _over_gaps(found: Estimate, phases: list[Problem], at_rest: Array, begin: Array) -> GapNoise | None:

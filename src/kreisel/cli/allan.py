@@ -82,13 +82,14 @@ def _show_moving(recording: Path, found: MotionNoise, output: Path | None, *, js
     from kreisel.inertial.noise_figures import settings_table
     from kreisel.report.motion_noise_page import COLUMNS, remarks_of, rows_of, write_motion_noise
 
-    document = found.document | {"remarks": remarks_of(found)}
+    remarks = remarks_of(found)
+    document = found.document | {"remarks": remarks}
     if output is not None:
         _write(document, output)
         write_motion_noise(recording.resolve().name, found, output / "allan.html")
     title = "noise in motion, over noise at rest"
     table = settings_table(found.figures)
-    _show(title, COLUMNS, rows_of(found), remarks_of(found), table, document, output, json=json)
+    _show(title, COLUMNS, rows_of(found), remarks, table, document, output, json=json)
 
 
 def _write(document: dict[str, Any], output: Path) -> None:

@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from kreisel.robot.program import Program
 
 
+JOINT_SPEED = 1.0
+"""rad/s of the leading joint at full share, by default. Chosen: half the limit of a usual arm."""
+
+TOOL_SPEED = 0.25
+"""m/s; the tool is not moved faster unless stated otherwise. It is the limit of ISO 10218-1 for manual operation at
+reduced speed."""
+
+
 def run_program(
     program: Path = typer.Argument(..., help="A program of moves (`kreisel simulate --example-program` prints one)."),
     robot: str = typer.Option(
@@ -33,7 +41,9 @@ def run_program(
     model: str = typer.Option(..., "--model", help="The robot: kr125, ur10e, or a .urdf file."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     arm: bool = typer.Option(False, "--arm", help="Move the robot. Without it, only print what would be sent."),
-    speed: float = typer.Option(1.0, min=0.05, max=3.2, help="Speed of the leading joint at full share, rad/s."),
+    speed: float = typer.Option(
+        JOINT_SPEED, min=0.05, max=3.2, help="Speed of the leading joint at full share, rad/s."
+    ),
     approach: float = typer.Option(
         10.0, min=0.0, max=720.0, help="Largest distance of a joint from the program's start for the move to it, deg."
     ),
@@ -41,7 +51,11 @@ def run_program(
         0.3, min=0.0, help="Longest tool that may explain the difference of the reported pose to the model's, m (rtde)."
     ),
     tool_speed: float = typer.Option(
-        0.25, "--tool-speed", min=0.01, max=10.0, help="Fastest speed of the tool, m/s; moves are slowed down to it."
+        TOOL_SPEED,
+        "--tool-speed",
+        min=0.01,
+        max=10.0,
+        help="Fastest speed of the tool, m/s; moves are slowed down to it.",
     ),
     floor: float = typer.Option(
         0.0, min=-100.0, max=100.0, help="Height of the floor in the base's frame, m; nothing may be below it."

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli.run_program import JOINT_SPEED, TOOL_SPEED
+
 if TYPE_CHECKING:
     from kreisel.robot.program import Program
     from kreisel.simulation.cell_settings import Cell
@@ -53,10 +55,14 @@ def virtual_cell(
         False, "--obey", help="The arm waits at every rest of its program for `kreisel run`; with rtde, rsi or ekrl."
     ),
     joint_speed: float = typer.Option(
-        1.0, min=0.05, max=3.2, help="With --obey: the --speed that `kreisel run` is given, rad/s."
+        JOINT_SPEED, min=0.05, max=3.2, help="With --obey: the --speed that `kreisel run` is given, rad/s."
     ),
     tool_speed: float = typer.Option(
-        0.25, "--tool-speed", min=0.01, max=10.0, help="With --obey: the --tool-speed that `kreisel run` is given, m/s."
+        TOOL_SPEED,
+        "--tool-speed",
+        min=0.01,
+        max=10.0,
+        help="With --obey: the --tool-speed that `kreisel run` is given, m/s.",
     ),
     output: Path | None = typer.Option(
         None, "-o", "--output", help="Folder for truth.json, recording.toml and robot.urdf of the cell."

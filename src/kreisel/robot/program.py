@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,13 @@ class Program:
 
     start: Array
     moves: tuple[Move, ...]
+
+    def legs(self) -> Iterator[tuple[int, Array, Move]]:
+        """Yield the number of each move, from 1, the joint angles at which it begins, and the move."""
+        at = self.start
+        for number, move in enumerate(self.moves, start=1):
+            yield number, at, move
+            at = move.target
 
 
 def read_program(path: Path, arm: Arm) -> Program:
