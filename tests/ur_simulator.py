@@ -101,12 +101,15 @@ class UrSimulator:
         of the gyro x; whether the
         IMU is held still instead of being on the flange; whether joints turn one after another;
         whether the controller goes on with another program.
+    patience
+        Seconds that its watchdogs wait besides: the client shares the machine, and may be late where that is busy.
+        Tests of watchdogs give none.
     registers
         Integer registers that a client may write, and those that another client writes already ("in use").
     """
 
     def __init__(self, joints_deg, *, offered=tuple(TYPES)[3:], robot=UR10E, deaf=(), dashboard=True, pieces=False,
-                 delay=0.0, registers=range(48), in_use=()):  # fmt: skip
+                 delay=0.0, registers=range(48), in_use=(), patience=0.5):  # fmt: skip
         self.told = []
         self.q = [math.radians(a) for a in joints_deg]
         self.safety, self.program = 1, 1
@@ -119,7 +122,7 @@ class UrSimulator:
         self._offered, self._robot, self._deaf, self._pieces, self._delay = offered, robot, deaf, pieces, delay
         self._target, self._speed, self._begins = None, 0.0, 0.0
         self.barked = []
-        self._registers, self._in_use = registers, in_use
+        self._registers, self._in_use, self._patience = registers, in_use, patience
         self._written, self._guards, self._pending = {}, {}, {}
         self._over = threading.Event()
         self._now = time.monotonic()
@@ -222,7 +225,7 @@ class UrSimulator:
         if now - self._now > 5.0 * TICK:  # this thread was late: the one that reads comes first
             self._written = dict.fromkeys(self._written, now)
         for register, (least, since) in list(self._guards.items()):
-            if now - max(since, self._written.get(register, -math.inf)) > 1.0 / least + 2.0 * TICK:
+            if now - max(since, self._written.get(register, -math.inf)) > 1.0 / least + 2.0 * TICK + self._patience:
                 self.barked.append(now)
                 self.halt()
                 self._guards = {}

@@ -25,7 +25,7 @@ WITHIN = 0.5
 
 @pytest.fixture
 def twin():
-    with controller() as simulator:
+    with controller(patience=0.0) as simulator:
         yield simulator
 
 

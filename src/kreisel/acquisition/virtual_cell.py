@@ -16,6 +16,7 @@ from typing import Any
 
 from kreisel.devices.commanded_arm import CommandedArm
 from kreisel.devices.simulators import (
+    SHARED,
     Datagrams,
     Pace,
     TcpSimulator,
@@ -190,7 +191,7 @@ class _Guard:
         self._looked = now
         if not self._cell.moving:
             self._watchdog = None
-        elif self._watchdog is not None and now - self._heard > 1.0 / self._watchdog.least + _TICK:
+        elif self._watchdog is not None and now - self._heard > SHARED / self._watchdog.least:
             self._cell.stop()
 
 
