@@ -19,7 +19,7 @@ and conversion of whole arrays is still fast."""
 
 SHARED = 3.0
 """Factor on the time in which a simulated controller expects a heartbeat. Chosen: it shares a machine with its peer,
-and either waits for the other where that is busy (heartbeats of 0.1 s came 0.16 s apart beside three busy processes)."""
+and either waits for the other where that is busy (heartbeats of 0.1 s came 0.16 s apart beside three processes)."""
 
 _TICK = 0.01  # s between two looks at the arm
 _LATE = 0.05
