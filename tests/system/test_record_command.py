@@ -301,7 +301,7 @@ def test_a_robot_that_is_locked_out_is_told_at_the_end(tmp_path, options, status
             return process.returncode, errors.decode()
 
     code, errors = asyncio.run(all_of_it())
-    told = "which of them is the robot? State its host as ?from=HOST" in errors
+    told = "which of them is the device? State its host as ?from=HOST" in errors
     assert (code, told) == (status, status == 1)
     assert (tmp_path / "run" / "recording.mcap").stat().st_size > 1000
 

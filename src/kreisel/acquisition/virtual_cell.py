@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from kreisel.devices.autopilot_simulator import AutopilotSimulator
 from kreisel.devices.commanded_arm import CommandedArm
 from kreisel.devices.simulators import (
     SHARED,
@@ -58,7 +59,7 @@ def running(
     Parameters
     ----------
     robot, imu
-        `rsi`, `rtde` or `egm`; `ixcom` or `csv`.
+        `rsi`, `rtde` or `egm`; `ixcom`, `csv` or `mavlink`.
     speed
         How many seconds pass in the cell in one second of real time.
     robot_port, imu_port
@@ -77,7 +78,7 @@ def running(
     try:
         for what, scheme, port in (("robot", robot, robot_port), ("imu", imu, imu_port)):
             ours, theirs = context.Pipe()
-            if scheme in ("rsi", "egm") and not port:
+            if scheme in ("rsi", "egm", "mavlink") and not port:
                 port = _free_port()
             process: BaseProcess = context.Process(
                 target=_play, args=(what, scheme, port, recording, speed, began, theirs), daemon=True
@@ -139,14 +140,14 @@ def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None
 
 
 async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
-    cell, of_imu = CommandedArm(recording), TcpSimulator(imu)
+    cell, of_imu = CommandedArm(recording), _imu_at(imu)
     guard = _Guard(cell)
     listen = _take_lines(cell, guard) if robot == "rtde" else _take_telegrams(cell)
     of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot, on_write=guard.heard)
     ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
     mover = await asyncio.start_server(listen, _HOST, 0)
     ready.send(int(mover.sockets[0].getsockname()[1]))
-    ready.send(await of_imu.serve(_HOST, 0))
+    ready.send(await of_imu.serve(_HOST, _free_port() if imu == "mavlink" else 0))
     now = time.monotonic()
     while True:
         await asyncio.sleep(_TICK)
@@ -155,6 +156,11 @@ async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Conn
         readings, poses = cell.advance(now - before)
         of_imu.send(readings)
         of_robot.send(poses)
+
+
+def _imu_at(scheme: str, on_client: Callable[[], None] = lambda: None) -> TcpSimulator | AutopilotSimulator:
+    """Return the simulated IMU of a protocol."""
+    return AutopilotSimulator(on_client) if scheme == "mavlink" else TcpSimulator(scheme, on_client)
 
 
 Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
@@ -282,7 +288,7 @@ async def _device(
         if what == "imu" and began.value < 0.0:
             began.value = time.monotonic() + _HEAD_START
 
-    simulator = TcpSimulator(scheme, begin)
+    simulator = _imu_at(scheme, begin) if what == "imu" else TcpSimulator(scheme, begin)
     try:
         ready.send(await simulator.serve(_HOST, port))
     except OSError as error:

@@ -30,6 +30,7 @@ class ImuKind(StrEnum):
 
     ixcom = "ixcom"
     csv = "csv"
+    mavlink = "mavlink"
 
 
 def virtual_cell(

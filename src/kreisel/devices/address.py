@@ -47,14 +47,26 @@ ROBOTS = {
 `devices.krl`. RSI and EGM send to the port that their configuration names: 49152, the first dynamic one (RFC 6335), is
 chosen; 6510 is usual for EGM, and 7000 for KUKAVARPROXY; no document is known for these."""
 
+_MAVLINK = ("message", "rate", "system")
+
 IMUS = {
     "ixcom": Scheme(3000, "ixcom://192.168.1.30:3000 (?channel=0&divider=1)", ("channel", "divider")),
     "csv": Scheme(4000, "csv://127.0.0.1:4000 (?columns=t [ms],w_x [deg/s],…)", ("columns",)),
-    "serial": Scheme(0, "serial:///dev/ttyUSB0?baud=115200 (&columns=…)", ("columns", "baud")),
+    "serial": Scheme(
+        0,
+        "serial:///dev/ttyUSB0?baud=115200 (&columns=…, or &protocol=mavlink)",
+        ("columns", "baud", "protocol", *_MAVLINK),
+    ),
+    "mavlink": Scheme(
+        14550,
+        "mavlink://0.0.0.0:14550?from=192.168.1.40 (listens; ?link=tcp connects; &message=HIGHRES_IMU&rate=200)",
+        ("from", "link", *_MAVLINK),
+        True,
+    ),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/imu/data_raw&speed=1)", ("topic", "speed"), device="imu"),
 }
 """Protocols for readings, with their usual ports. 3000 is usual for iXCOM; no document is known for it. 4000 is chosen:
-lines of text have no usual port."""
+lines of text have no usual port. 14550 is where autopilots send to ground stations (mavlink.io, "Router")."""
 
 MOVERS = {
     "urscript": Scheme(30002, "urscript://192.168.1.20 (?watchdog=24)", ("dashboard", "rtde", "watchdog")),

@@ -6,7 +6,8 @@ import time
 from collections.abc import AsyncIterator
 
 from kreisel.devices.address import Address
-from kreisel.devices.drivers import Clock, device_events
+from kreisel.devices.datagrams import Clock
+from kreisel.devices.drivers import device_events
 from kreisel.devices.events import Event
 from kreisel.devices.replay import REPLAY, replay
 

@@ -2,42 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+
 from kreisel.devices.address import Address
-from kreisel.errors import ProtocolError
-from kreisel.protocols import ekrl, ixcom, line, rtde, varproxy
-from kreisel.protocols.samples import ImuSample, RobotSample
-
-Found = ImuSample | RobotSample | ProtocolError
-
-
-class Session:
-    """The state of one connection to a device; every connection gets a new one.
-
-    Attributes
-    ----------
-    period
-        Seconds between two requests, if a device sends only what is requested; otherwise None.
-    """
-
-    period: float | None = None
-
-    def begin(self) -> bytes:
-        """Return what to send first."""
-        return b""
-
-    def ask(self, now_ns: int) -> bytes:
-        """Return the next request; `now_ns` is on the host's clock."""
-        raise NotImplementedError(f"{type(self).__name__} at {now_ns} sends no requests")
-
-    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
-        """Return the readings and errors in bytes received at `now_ns`, and what to send.
-
-        Raises
-        ------
-        ProtocolError
-            If the connection is no longer usable.
-        """
-        raise NotImplementedError(f"{type(self).__name__} reads nothing of {len(data)} bytes at {now_ns}")
+from kreisel.devices.dialogue import Found, Session
+from kreisel.devices.mavlink_session import MavlinkSession
+from kreisel.errors import ProtocolError, SettingsError, unknown_name
+from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, varproxy
 
 
 class RtdeSession(Session):
@@ -157,12 +129,67 @@ class EkrlSession(Session):
         return out, b""
 
 
-SESSIONS: dict[str, type[Session]] = {
+class RsiSession(Session):
+    """A KUKA controller that sends telegrams to a port, and may need an answer to each."""
+
+    def __init__(self, address: Address) -> None:
+        self._answers = address.options.get("answer", "no").lower() in ("yes", "true", "1")
+        self._late = 0
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return the pose of a telegram and its answer, and an error about answers that came late."""
+        out: list[Found] = []
+        try:
+            out.append(rsi.decode(data))
+        except ProtocolError as error:  # it is answered all the same if that is possible: else the robot is stopped
+            out.append(error)
+        if not self._answers:
+            return out, b""
+        answer = b""
+        with suppress(ProtocolError):
+            answer = rsi.encode_answer(data)
+        late = rsi.late_answers(data)
+        if late > self._late:
+            text = f"{late - self._late} answers reached the controller late, {late} in all; it stops the robot after "
+            out.append(ProtocolError("RSI", f"{text}a few: is this machine busy?"))
+        self._late = late
+        return out, answer
+
+
+class EgmSession(Session):
+    """An ABB controller that sends its poses to a port."""
+
+    def __init__(self, address: Address) -> None:
+        """Take nothing from the address; all sessions have this signature."""
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:  # noqa: ARG002 - the device stamps
+        """Return the pose of a telegram."""
+        return [egm.decode(data)], b""
+
+
+SESSIONS: dict[str, Callable[[Address], Session]] = {
     "rtde": RtdeSession,
     "ixcom": IxcomSession,
     "csv": LineSession,
     "serial": LineSession,
     "varproxy": VarproxySession,
     "ekrl": EkrlSession,
+    "rsi": RsiSession,
+    "egm": EgmSession,
+    "mavlink": MavlinkSession,
 }
-"""Session classes by the scheme of the address; each is constructed from an address."""
+"""Session classes by protocol; each is constructed from an address."""
+
+
+def session_at(address: Address) -> Session:
+    """Return the beginning of the dialogue with the device at an address.
+
+    Raises
+    ------
+    SettingsError, ProtocolError
+        If an option of the address is invalid.
+    """
+    protocol = address.options.get("protocol", address.scheme)
+    if address.scheme == "serial" and protocol not in ("serial", "csv", "mavlink"):
+        raise SettingsError(f"{address}: {unknown_name('protocol', protocol, ('csv', 'mavlink'))}")
+    return SESSIONS[protocol](address)

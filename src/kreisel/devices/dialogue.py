@@ -1,0 +1,42 @@
+"""What a dialogue over one connection is: bytes in, readings and answers out. No sockets here."""
+
+from __future__ import annotations
+
+from kreisel.errors import ProtocolError
+from kreisel.protocols.samples import ImuSample, RobotSample
+
+Found = ImuSample | RobotSample | ProtocolError | str
+"""A reading, a fault, or something to report that is no fault."""
+
+
+class Session:
+    """The state of one connection to a device; every connection gets a new one.
+
+    Attributes
+    ----------
+    period
+        Seconds between two requests, if a device sends only what is requested; otherwise None.
+    silence
+        What to say when no reading is received.
+    """
+
+    period: float | None = None
+    silence: str = "nothing is received; is the robot's program running?"
+
+    def begin(self) -> bytes:
+        """Return what to send first."""
+        return b""
+
+    def ask(self, now_ns: int) -> bytes:
+        """Return the next request; `now_ns` is on the host's clock."""
+        raise NotImplementedError(f"{type(self).__name__} at {now_ns} sends no requests")
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[list[Found], bytes]:
+        """Return the readings and errors in bytes received at `now_ns`, and what to send.
+
+        Raises
+        ------
+        ProtocolError
+            If the connection is no longer usable.
+        """
+        raise NotImplementedError(f"{type(self).__name__} reads nothing of {len(data)} bytes at {now_ns}")
