@@ -16,6 +16,7 @@ from typing import Any
 
 from kreisel.devices.autopilot_simulator import AutopilotSimulator
 from kreisel.devices.commanded_arm import CommandedArm
+from kreisel.devices.ros2_simulator import FRAMES_AND_JOINTS, Ros2Simulator, free_domain
 from kreisel.devices.simulators import (
     SHARED,
     Datagrams,
@@ -26,11 +27,11 @@ from kreisel.devices.simulators import (
     play_datagrams,
     robot_samples,
 )
-from kreisel.errors import DeviceError, ProtocolError
+from kreisel.errors import DeviceError, KreiselError, ProtocolError
 from kreisel.protocols import secondary, urscript
 from kreisel.recording.recording import Recording
 
-INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004}
+INTERVALS = {"rsi": 0.012, "rtde": 0.002, "egm": 0.004, "ekrl": 0.024, "varproxy": 0.004, "ros2": 0.002}
 """Default time between two poses of each kind of controller, s."""
 
 _HOST = "127.0.0.1"
@@ -59,11 +60,11 @@ def running(
     Parameters
     ----------
     robot, imu
-        `rsi`, `rtde` or `egm`; `ixcom`, `csv` or `mavlink`.
+        A protocol of `devices.address`, of those that are simulated.
     speed
         How many seconds pass in the cell in one second of real time.
     robot_port, imu_port
-        0 for any free port.
+        0 for any free port; the number of the domain for `ros2`.
 
     Raises
     ------
@@ -75,10 +76,13 @@ def running(
     processes: list[BaseProcess] = []
     pipes = []
     ports = []
+    domain = free_domain(_HOST)
     try:
         for what, scheme, port in (("robot", robot, robot_port), ("imu", imu, imu_port)):
             ours, theirs = context.Pipe()
-            if scheme in ("rsi", "egm", "mavlink") and not port:
+            if scheme == "ros2":
+                port = port or domain
+            elif scheme in ("rsi", "egm", "mavlink") and not port:
                 port = _free_port()
             process: BaseProcess = context.Process(
                 target=_play, args=(what, scheme, port, recording, speed, began, theirs), daemon=True
@@ -88,7 +92,7 @@ def running(
             pipes.append(ours)  # a device ends when its end of the pipe breaks
             theirs.close()
             ports.append(_answer(ours, f"{scheme}://{_HOST}:{port}"))
-        yield Urls(f"{robot}://{_HOST}:{ports[0]}", f"{imu}://{_HOST}:{ports[1]}"), processes
+        yield Urls(_url(robot, ports[0], f"&{FRAMES_AND_JOINTS}"), _url(imu, ports[1])), processes
     finally:
         for process in processes:
             process.terminate()
@@ -127,7 +131,7 @@ def commanded(recording: Recording, robot: str, imu: str) -> Iterator[tuple[Urls
         of_robot, of_mover, of_imu = (_answer(ours, f"{imu}://{_HOST}") for _ in range(3))
         mover = f"{COMMANDED[robot]}://{_HOST}:{of_mover}"
         option = f"{_MOVES_AT[robot]}{of_mover}" if robot in _MOVES_AT else ""
-        yield Urls(f"{robot}://{_HOST}:{of_robot}{option}", f"{imu}://{_HOST}:{of_imu}", mover), [process]
+        yield Urls(f"{robot}://{_HOST}:{of_robot}{option}", _url(imu, of_imu), mover), [process]
     finally:
         process.terminate()
         process.join()
@@ -140,14 +144,14 @@ def _obey(recording: Recording, robot: str, imu: str, ready: Connection) -> None
 
 
 async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Connection) -> None:
-    cell, of_imu = CommandedArm(recording), _imu_at(imu)
+    cell, of_imu = CommandedArm(recording), _simulator("imu", imu)
     guard = _Guard(cell)
     listen = _take_lines(cell, guard) if robot == "rtde" else _take_telegrams(cell)
     of_robot = Datagrams("rsi", _HOST, _free_port()) if robot == "rsi" else TcpSimulator(robot, on_write=guard.heard)
     ready.send(await of_robot.open() if isinstance(of_robot, Datagrams) else await of_robot.serve(_HOST, 0))
     mover = await asyncio.start_server(listen, _HOST, 0)
     ready.send(int(mover.sockets[0].getsockname()[1]))
-    ready.send(await of_imu.serve(_HOST, _free_port() if imu == "mavlink" else 0))
+    ready.send(await of_imu.serve(_HOST, _free_place(imu)))
     now = time.monotonic()
     while True:
         await asyncio.sleep(_TICK)
@@ -158,9 +162,16 @@ async def _commanded_arm(recording: Recording, robot: str, imu: str, ready: Conn
         of_robot.send(poses)
 
 
-def _imu_at(scheme: str, on_client: Callable[[], None] = lambda: None) -> TcpSimulator | AutopilotSimulator:
-    """Return the simulated IMU of a protocol."""
+def _simulator(what: str, scheme: str, on_client: Callable[[], None] = lambda: None) -> Any:
+    """Return the simulated device of a protocol; it has the methods of `TcpSimulator`."""
+    if scheme == "ros2":
+        return Ros2Simulator(what, on_client)
     return AutopilotSimulator(on_client) if scheme == "mavlink" else TcpSimulator(scheme, on_client)
+
+
+def _url(scheme: str, port: int, options: str = "") -> str:
+    """Return the address of a device at a port, or in the domain of that number."""
+    return f"ros2://{_HOST}?domain={port}{options}" if scheme == "ros2" else f"{scheme}://{_HOST}:{port}"
 
 
 Listener = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
@@ -250,6 +261,13 @@ def _answer(connection: Connection, address: str) -> int:
     return int(found)
 
 
+def _free_place(scheme: str) -> int:
+    """Return where a simulated IMU may send to: a port, a domain, or 0 if clients connect to it."""
+    if scheme == "ros2":
+        return free_domain(_HOST)
+    return _free_port() if scheme == "mavlink" else 0
+
+
 def _free_port() -> int:
     """Return a free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -288,10 +306,10 @@ async def _device(
         if what == "imu" and began.value < 0.0:
             began.value = time.monotonic() + _HEAD_START
 
-    simulator = _imu_at(scheme, begin) if what == "imu" else TcpSimulator(scheme, begin)
+    simulator = _simulator(what, scheme, begin)
     try:
         ready.send(await simulator.serve(_HOST, port))
-    except OSError as error:
-        ready.send(error.strerror or str(error))
+    except (OSError, KreiselError) as error:
+        ready.send(getattr(error, "strerror", None) or str(error))
         return
     await simulator.play(samples, pace)

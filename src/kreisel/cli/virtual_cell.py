@@ -23,6 +23,7 @@ class RobotKind(StrEnum):
     egm = "egm"
     ekrl = "ekrl"
     varproxy = "varproxy"
+    ros2 = "ros2"
 
 
 class ImuKind(StrEnum):
@@ -31,6 +32,7 @@ class ImuKind(StrEnum):
     ixcom = "ixcom"
     csv = "csv"
     mavlink = "mavlink"
+    ros2 = "ros2"
 
 
 def virtual_cell(
@@ -43,7 +45,7 @@ def virtual_cell(
         None,
         min=0.001,
         max=1.0,
-        help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde), 0.004 (egm, varproxy), 0.024 (ekrl).",
+        help="Seconds between two poses; 0.012 (rsi), 0.002 (rtde, ros2), 0.004 (egm, varproxy), 0.024 (ekrl).",
     ),
     seconds: float | None = typer.Option(None, help="Length to use instead of the cell's, s."),
     seed: int | None = typer.Option(None, help="Seed to use instead of the cell's."),

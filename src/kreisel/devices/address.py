@@ -30,6 +30,8 @@ class Scheme:
     device: str = ""
 
 
+_ROS2 = ("domain", "peers")
+
 ROBOTS = {
     "rsi": Scheme(
         49152,
@@ -41,11 +43,18 @@ ROBOTS = {
     "egm": Scheme(6510, "egm://0.0.0.0:6510?from=192.168.1.10 (listens)", ("from",), True),
     "ekrl": Scheme(54601, "ekrl://192.168.1.10 (poses of kreisel's KRL program, see `kreisel krl`)", ("moves",)),
     "varproxy": Scheme(7000, "varproxy://192.168.1.10 (?rate=50)", ("rate",)),
+    "ros2": Scheme(
+        7400,
+        "ros2://192.168.1.5?joints=/joint_states (this machine's address; or ?pose=/tf&base=base_link&tool=tool0)",
+        (*_ROS2, "joints", "names", "pose", "base", "tool"),
+        device="robot",
+    ),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/robot/pose&speed=1)", ("topic", "speed"), device="robot"),
 }
 """Protocols for poses, with their usual ports. 30004 is RTDE's, by Universal Robots; 54601 is explained in
 `devices.krl`. RSI and EGM send to the port that their configuration names: 49152, the first dynamic one (RFC 6335), is
-chosen; 6510 is usual for EGM, and 7000 for KUKAVARPROXY; no document is known for these."""
+chosen; 6510 is usual for EGM, and 7000 for KUKAVARPROXY; no document is known for these. 7400 is DDS's first port; the
+ports that are used follow from the number of the domain."""
 
 _MAVLINK = ("message", "rate", "system")
 
@@ -62,6 +71,12 @@ IMUS = {
         "mavlink://0.0.0.0:14550?from=192.168.1.40 (listens; ?link=tcp connects; &message=HIGHRES_IMU&rate=200)",
         ("from", "link", *_MAVLINK),
         True,
+    ),
+    "ros2": Scheme(
+        7400,
+        "ros2://192.168.1.5?topic=/imu/data_raw (this machine's address; &domain=0&peers=192.168.1.6)",
+        (*_ROS2, "topic"),
+        device="imu",
     ),
     "mcap": Scheme(0, "mcap:///PATH/FILE.mcap (?topic=/imu/data_raw&speed=1)", ("topic", "speed"), device="imu"),
 }
@@ -88,7 +103,8 @@ class Address:
     device: str = ""
 
     def __str__(self) -> str:
-        where = f"{self.scheme}://{self.path}" if self.path else f"{self.scheme}://{self.host}:{self.port}"
+        place = f"?domain={self.options.get('domain', 0)}" if self.scheme == "ros2" else f":{self.port}"
+        where = f"{self.scheme}://{self.path}" if self.path else f"{self.scheme}://{self.host}{place}"
         return f"{self.device} {where}" if self.device else where
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
@@ -132,8 +148,14 @@ def check_sender(robot: Address) -> None:
     Raises
     ------
     SettingsError
-        If anybody who reaches the port may: it listens beyond this machine, and no host is stated.
+        If anybody who reaches the port may: it listens beyond this machine, and no host is stated; or if it is read
+        from ROS 2, where anybody in the domain may say it.
     """
+    if robot.scheme == "ros2":
+        raise SettingsError(
+            f"{robot}: an arm is not driven by what ROS 2 says of it: anybody in the domain may publish that; give the "
+            "controller's own address, as rtde://192.168.1.20"
+        )
     if ROBOTS[robot.scheme].listens and "from" not in robot.options and not robot.host.startswith("127."):
         raise SettingsError(
             f"{robot}: whoever reaches this port could tell where the arm is; give the controller's address, "

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from kreisel.devices.simulators import Pace
+from kreisel.devices.simulators import Pace, play
 from kreisel.protocols import mavlink
 from kreisel.protocols.samples import ImuSample
 
@@ -78,12 +78,7 @@ class AutopilotSimulator(asyncio.DatagramProtocol):
 
     async def play(self, samples: Iterator[ImuSample], pace: Pace) -> None:
         """Send readings at their times, then close."""
-        first_ns: int | None = None
-        for sample in samples:
-            first_ns = sample.stamp_ns if first_ns is None else first_ns
-            await pace.until((sample.stamp_ns - first_ns) * 1e-9)
-            self.send([sample])
-        self.close()
+        await play(self, samples, pace)
 
     def send(self, samples: Iterable[ImuSample]) -> None:
         """Send readings."""

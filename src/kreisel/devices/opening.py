@@ -10,6 +10,7 @@ from kreisel.devices.datagrams import Clock
 from kreisel.devices.drivers import device_events
 from kreisel.devices.events import Event
 from kreisel.devices.replay import REPLAY, replay
+from kreisel.devices.ros2 import listener_at, ros2_events
 
 
 def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:
@@ -22,6 +23,9 @@ def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[
     RecordingError
         If the address is a recording that cannot be played.
     """
+    if address.scheme == "ros2":
+        listener_at(address)  # so that a wrong option raises at once
+        return ros2_events(address, clock)
     if address.scheme == REPLAY:
         return replay(address, clock)
     return device_events(address, clock)

@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 from kreisel.errors import ProtocolError
 from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, varproxy
@@ -101,15 +101,32 @@ class Datagrams:
             self._transport.close()
 
 
+class Sender(Protocol):
+    """A simulated device that sends samples."""
+
+    def send(self, samples: Iterable[Any]) -> None:
+        """Send samples."""
+
+    def close(self) -> None:
+        """Send no more."""
+
+
+async def play(device: Sender, samples: Iterator[ImuSample] | Iterator[RobotSample], pace: Pace) -> None:
+    """Send samples at their times, then close."""
+    first_ns: int | None = None
+    for sample in samples:
+        first_ns = sample.stamp_ns if first_ns is None else first_ns
+        await pace.until((sample.stamp_ns - first_ns) * 1e-9)
+        device.send([sample])
+    device.close()
+
+
 async def play_datagrams(scheme: str, samples: Iterator[RobotSample], host: str, port: int, pace: Pace) -> None:
     """Send poses to a port, as an RSI or EGM controller does."""
-    sender, first_ns = Datagrams(scheme, host, port), None
+    sender = Datagrams(scheme, host, port)
     await sender.open()
     try:
-        for sample in samples:
-            first_ns = sample.stamp_ns if first_ns is None else first_ns
-            await pace.until((sample.stamp_ns - first_ns) * 1e-9)
-            sender.send([sample])
+        await play(sender, samples, pace)
     finally:
         sender.close()
 
@@ -236,12 +253,7 @@ class TcpSimulator:
 
     async def play(self, samples: Iterator[ImuSample] | Iterator[RobotSample], pace: Pace) -> None:
         """Send samples to all clients at their times, then close."""
-        first_ns: int | None = None
-        for sample in samples:
-            first_ns = sample.stamp_ns if first_ns is None else first_ns
-            await pace.until((sample.stamp_ns - first_ns) * 1e-9)
-            self.send([sample])
-        self.close()
+        await play(self, samples, pace)
 
     def close(self) -> None:
         """Disconnect all clients, and stop listening."""
