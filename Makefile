@@ -4,7 +4,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 # Programs of others that results are compared with; what they need for pictures and documents is left out.
-REFEREES := allantools==2024.6 dust-dds==0.16.0 fastcrc==0.5.0 imucal==2.6.0 lxml==6.1.3 pymavlink==2.4.50
+REFEREES := allantools==2024.6 fastcrc==0.5.0 imucal==2.6.0 lxml==6.1.3 pymavlink==2.4.50
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGES := $(filter-out _kernels __pycache__,$(notdir $(patsubst %/,%,$(wildcard src/kreisel/*/))))
 

@@ -1,17 +1,22 @@
 """Other people's clients against our simulators, over the loopback. They are extras: `pip install 'kreisel[peers]'`."""
 
 import asyncio
+import shutil
 import socket
+import subprocess
 import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.system.live import Enough, free_port, record_until
 
 from kreisel.acquisition.virtual_cell import running
+from kreisel.devices.ros2_simulator import free_domain
 from kreisel.devices.simulators import Pace, TcpSimulator, play_datagrams
 from kreisel.errors import DeviceError
+from kreisel.formats.bag import load_bag
 from kreisel.protocols import varproxy
 from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
@@ -171,3 +176,96 @@ def test_openshowvar_talks_to_our_proxy(background):
         server.close()
 
     background(close()).result(5)
+
+
+def recorded(tmp_path, imu, robot=None, seconds=1.0):
+    """Record devices until there are enough readings; return the recorder's state and the recording."""
+
+    async def all_of_it():
+        enough = Enough(seconds, poses=100 if robot else 0, with_robot=robot is not None)
+        return await record_until(enough, imu, robot, tmp_path / "run")
+
+    return asyncio.run(all_of_it()), tmp_path / "run"
+
+
+def test_an_autopilot_of_the_mavlink_library_is_recorded(tmp_path):
+    """A thread with the library sends, answers and counts as an autopilot does; it streams once it is asked."""
+    mavutil = pytest.importorskip("pymavlink.mavutil")
+    port, asked, ends = free_port(), [], threading.Event()
+
+    def fly():
+        link = mavutil.mavlink_connection(
+            f"udpout:{HOST}:{port}", source_system=3, source_component=1, dialect="common"
+        )
+        began = beaten = time.monotonic()
+        k = 0
+        while not ends.is_set():
+            now = time.monotonic()
+            if now >= beaten:
+                beaten += 0.2
+                link.mav.heartbeat_send(2, 12, 0, 0, 3, 3)
+            while message := link.recv_match(blocking=False):
+                if message.get_type() == "COMMAND_LONG" and message.command == 511:
+                    asked.append(message.param2)
+                    link.mav.command_ack_send(511, 0)
+                if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+                    link.mav.timesync_send(int((now - began) * 1e9), message.ts1)
+            if asked:
+                link.mav.highres_imu_send(
+                    1_000_000 + 2500 * k, 0.0, 1e-2 * k, 9.75, 1e-3 * k, 0.25, -0.5, *(0.0,) * 7, 0x3F
+                )
+                link.mav.attitude_send(k, *(0.0,) * 6)
+                k += 1
+            time.sleep(0.0025)
+        link.close()
+
+    thread = threading.Thread(target=fly, daemon=True)
+    thread.start()
+    try:
+        status, path = recorded(tmp_path, f"mavlink://{HOST}:{port}?rate=400")
+    finally:
+        ends.set()
+        thread.join()
+    imu = load_bag(path).imu
+    k = (imu.stamps_ns - 10**9) / 2_500_000
+    assert asked[0] == 2500.0
+    assert status.imu.missing == status.imu.late == 0
+    assert np.diff(imu.stamps_ns) == pytest.approx(2_500_000)
+    assert imu.rates[:, 0] == pytest.approx(1e-3 * k, abs=1e-6)
+    assert imu.accelerations[:, 1] == pytest.approx(1e-2 * k, abs=1e-6)
+    assert not [note for note in status.notes if "lost" in note]
+
+
+@pytest.fixture(scope="module")
+def fast_dds(tmp_path_factory):
+    """Return the path of a publisher on Fast DDS, by default the network of ROS 2; it is compiled here."""
+    compiler = shutil.which("g++")
+    if compiler is None or not Path("/usr/include/fastdds").is_dir():
+        pytest.skip("needs g++ and libfastrtps-dev")
+    program = tmp_path_factory.mktemp("peer") / "fastdds_peer"
+    source = Path(__file__).with_name("fastdds_peer.cpp")
+    libraries = ["-lfastrtps", "-lfastcdr"]
+    subprocess.run([compiler, "-std=c++14", "-o", program, source, *libraries], check=True, timeout=300)
+    return program
+
+
+def test_a_ros_2_system_on_fast_dds_is_recorded(tmp_path, fast_dds):
+    pytest.importorskip("cyclonedds")
+    domain = free_domain(HOST)
+    frames = "pose=/tf&joints=/joint_states&base=base_link&tool=tool0"
+    with subprocess.Popen([fast_dds, str(domain), str(int(LIMIT))]) as peer:
+        try:
+            where = f"ros2://{HOST}?domain={domain}"
+            status, path = recorded(tmp_path, where, f"{where}&{frames}")
+        finally:
+            peer.kill()
+    recording = load_bag(path)
+    imu, reference, joints = recording.imu, recording.reference, recording.joints
+    k = (imu.stamps_ns - 10**9) / 2_500_000
+    assert imu.rates[:, 0] == pytest.approx(1e-3 * k, abs=1e-12)
+    assert imu.accelerations == pytest.approx(np.column_stack([0 * k, 1e-2 * k, 0 * k + 9.75]), abs=1e-12)
+    k = (reference.stamps_ns - 10**9) / 2_500_000
+    place = np.column_stack([0.5 * np.cos(1e-3 * k), 0.5 * np.sin(1e-3 * k), 0 * k + 1.0])
+    assert reference.positions == pytest.approx(place, abs=1e-12)
+    assert joints.angles == pytest.approx(np.column_stack([1e-4 * k, *(0 * k + n for n in range(2, 7))]), abs=1e-12)
+    assert status.imu.late == status.robot.late == 0

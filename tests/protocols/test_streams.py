@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kreisel.errors import ProtocolError
-from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, secondary, varproxy
+from kreisel.protocols import egm, ekrl, ixcom, line, mavlink, ros2, rsi, rtde, secondary, varproxy
 from kreisel.protocols.samples import ImuSample, RobotSample
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False)
@@ -122,7 +122,10 @@ def test_garbage_raises_nothing_but_our_own_errors(data):
     attack_all(data)
 
 
-@given(st.sampled_from(["egm", "rsi", "ixcom", "rtde", "varproxy", "line"]), st.integers(0, 2**32), poses, readings)
+@given(
+    st.sampled_from(["egm", "rsi", "ixcom", "rtde", "varproxy", "line", "mavlink", "imu", "joints", "frames"]),
+    st.integers(0, 2**32), poses, readings,
+)  # fmt: skip
 def test_nearly_right_bytes_raise_nothing_but_our_own_errors(kind, seed, pose, reading):
     rng = random.Random(seed)
     original = {
@@ -136,12 +139,24 @@ def test_nearly_right_bytes_raise_nothing_but_our_own_errors(kind, seed, pose, r
         ),
         "varproxy": lambda: varproxy.encode_answer(varproxy.Answer(3, "{A1 1.0}", True)),
         "line": lambda: f"#{line.COLUMNS}\n".encode() + line.encode(reading),
+        "mavlink": lambda: mavlink.encode_sample(reading, 3) + mavlink.heartbeat(4, autopilot=3),
+        "imu": lambda: ros2.encode_imu(reading),
+        "joints": lambda: ros2.encode_joints(ros2.as_published(pose.stamp_ns, pose.joints)),
+        "frames": lambda: ros2.encode_frames(
+            [ros2.Transform(pose.stamp_ns, "a", name, pose.position, pose.quaternion) for name in "bc"]
+        ),
     }[kind]()
     data = bytearray(original)
     for _ in range(rng.randrange(1, 6)):
         at = rng.randrange(len(data))
         data[at : at + rng.randrange(3)] = rng.randbytes(rng.randrange(3))
     attack_all(bytes(data))
+
+
+ACTS_ON_FRAMES = (
+    mavlink.requested, mavlink.refusal, mavlink.stated_time, mavlink.asks_time,
+    lambda frame: mavlink.sample(frame, ardupilot=True) if mavlink.Message(frame.message).name in mavlink.READINGS else 0,
+)  # fmt: skip
 
 
 def attack_all(data):
@@ -162,6 +177,12 @@ def attack_all(data):
     client = rtde.Client(500.0)
     client.state = rtde.State.RUNNING
     attacks.append(lambda: client.receive(data))
+    attacks += [
+        lambda: ros2.decode_imu(data), lambda: ros2.from_base(ros2.decode_joints(data).names),
+        lambda: ros2.decode_pose(data), lambda: ros2.decode_transform(data),
+        lambda: ros2.Chain("a", "c").take(ros2.decode_frames(data)),
+        lambda: [act(frame) for frame in mavlink.Decoder().receive(data) for act in ACTS_ON_FRAMES],
+    ]  # fmt: skip
     for attack in attacks:
         try:
             attack()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -81,15 +82,17 @@ def participant_at(address: Address) -> Any:
     used = _domains.get(number)
     if used is not None and used[0] != configuration:
         raise SettingsError(f"{address}: another address uses the domain {number} over other hosts; make them alike")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address.host, 0))
+        except OSError as error:
+            raise DeviceError(f"{address}: {address.host} is not an address of this machine") from error
     try:
         if used is None:
             _domains[number] = (configuration, Domain(number, configuration))
         return DomainParticipant(number)
     except DDSException as error:
-        raise DeviceError(
-            f"{address}: the domain {number} cannot be joined ({error.msg}): is {address.host} an address of this "
-            "machine?"
-        ) from error
+        raise DeviceError(f"{address}: the domain cannot be joined ({error.msg})") from error
 
 
 class Network:

@@ -142,9 +142,10 @@ class Decoder:
     def _count(self, frame: Frame) -> None:
         sender = (frame.system, frame.component)
         before = self._sequence.get(sender)
-        if before is not None:
-            self.missing += (frame.sequence - before - 1) % 256
-        self._sequence[sender] = frame.sequence
+        step = 1 if before is None else (frame.sequence - before) % 256
+        if 0 < step < 128:  # else it came twice, or late
+            self.missing += step - 1
+            self._sequence[sender] = frame.sequence
 
 
 def _end(buffer: bytearray, at: int) -> int | None:
