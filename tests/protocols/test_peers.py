@@ -194,9 +194,7 @@ def test_an_autopilot_of_the_mavlink_library_is_recorded(tmp_path):
     port, asked, ends = free_port(), [], threading.Event()
 
     def fly():
-        link = mavutil.mavlink_connection(
-            f"udpout:{HOST}:{port}", source_system=3, source_component=1, dialect="common"
-        )
+        link = mavutil.mavlink_connection(f"udpout:{HOST}:{port}", source_system=3, source_component=1)
         began = beaten = time.monotonic()
         k = 0
         while not ends.is_set():

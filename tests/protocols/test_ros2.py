@@ -218,8 +218,22 @@ def test_angles_and_pose_of_the_same_time_are_one_sample():
     (sample,) = listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(50, "base", "tool")]))
     assert sample.joints == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert sample.position == (1.0, 0.0, 0.0)
-    (alone,) = listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(60, "base", "tool")]))
-    assert alone.joints == ()
+    assert not listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(60, "base", "tool")]))
+    later = ros2.as_published(60, (6.0, 5.0, 4.0, 3.0, 2.0, 1.0))
+    (sample,) = listener.take("/joint_states", ros2.JOINTS, ros2.encode_joints(later))
+    assert (sample.stamp_ns, sample.joints[0], sample.position) == (60, 6.0, (1.0, 0.0, 0.0))
+
+
+def test_a_pose_without_angles_waits_until_they_cannot_come():
+    listener = robot("?pose=/tf&joints=/joint_states&base=base&tool=tool")
+    assert not listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(50, "base", "tool")]))
+    later = ros2.encode_joints(ros2.as_published(55, (0.0,) * 6))
+    (_, alone) = listener.take("/joint_states", ros2.JOINTS, later)
+    assert (alone.stamp_ns, alone.joints) == (50, ())
+    found = [
+        s for k in range(60, 80) for s in listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(k, "base", "tool")]))
+    ]
+    assert [sample.stamp_ns for sample in found] == list(range(60, 72))
 
 
 def test_joints_of_others_on_the_same_topic_are_passed_over():

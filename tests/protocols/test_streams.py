@@ -153,10 +153,12 @@ def test_nearly_right_bytes_raise_nothing_but_our_own_errors(kind, seed, pose, r
     attack_all(bytes(data))
 
 
-ACTS_ON_FRAMES = (
-    mavlink.requested, mavlink.refusal, mavlink.stated_time, mavlink.asks_time,
-    lambda frame: mavlink.sample(frame, ardupilot=True) if mavlink.Message(frame.message).name in mavlink.READINGS else 0,
-)  # fmt: skip
+def _read(frame):
+    if mavlink.Message(frame.message).name in mavlink.READINGS:
+        mavlink.sample(frame, ardupilot=True)
+
+
+ACTS_ON_FRAMES = (mavlink.requested, mavlink.refusal, mavlink.stated_time, mavlink.asks_time, _read)
 
 
 def attack_all(data):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import queue
 import time
+from collections import deque
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from typing import Protocol
@@ -26,6 +27,10 @@ _STATIC = "/tf_static"
 _HELD = 64
 """Messages with joint angles that wait for the pose of the same time. Chosen: a tenth of a second at 500 Hz, and a
 publisher of frames answers each message with joint angles at once."""
+
+
+_WAITING = 8
+"""Poses that wait for the angles of their time. Chosen: two messages of one publisher arrive less far apart."""
 
 
 class Listener(Protocol):
@@ -70,6 +75,7 @@ class RobotListener:
         self._chain = ros2.Chain(options["base"], options["tool"]) if "base" in options else None
         self._said = False
         self._held: dict[int, tuple[float, ...]] = {}
+        self._poses: deque[RobotSample] = deque()
         self.topics = tuple(t for t in (self._joints, self._pose, _STATIC if self._chain else None) if t is not None)
 
     def take(self, topic: str, kind: str, content: bytes) -> list[Found]:
@@ -83,9 +89,9 @@ class RobotListener:
             wanted = ros2.JOINTS if topic == self._joints else ", ".join(KINDS_OF_POSES)
             raise ProtocolError("ROS 2", f"{topic} has messages of type {kind}, expected {wanted}")
         sample = self._posed(kind, content)
-        if sample is None:
-            return []
-        return [replace(sample, joints=self._held.pop(sample.stamp_ns, ()))]
+        if sample is not None:
+            self._poses.append(sample)
+        return self._paired()
 
     def _posed(self, kind: str, content: bytes) -> RobotSample | None:
         if kind == ros2.POSE:
@@ -123,7 +129,22 @@ class RobotListener:
         self._held[joints.stamp_ns] = angles
         while len(self._held) > _HELD:
             del self._held[next(iter(self._held))]
-        return found
+        return [*found, *self._paired()]
+
+    def _paired(self) -> list[Found]:
+        """Return the poses whose angles have come, and those whose angles will not come any more.
+
+        The two topics arrive in any order.
+        """
+        out: list[Found] = []
+        newest = max(self._held, default=0)
+        while self._poses:
+            stamp_ns = self._poses[0].stamp_ns
+            waits = self._joints is not None and newest < stamp_ns and len(self._poses) <= _WAITING
+            if waits and stamp_ns not in self._held:
+                break
+            out.append(replace(self._poses.popleft(), joints=self._held.pop(stamp_ns, ())))
+        return out
 
 
 def _topic(address: Address, option: str, default: str) -> str:
