@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from kreisel.devices.address import IMUS, parse_address
 from kreisel.devices.autopilot_simulator import Autopilot
+from kreisel.devices.dialogue import Remark
 from kreisel.devices.mavlink_session import MavlinkSession
 from kreisel.errors import ProtocolError, SettingsError
 from kreisel.protocols import mavlink
@@ -169,7 +170,7 @@ def test_an_autopilot_is_asked_and_its_clock_is_reported():
     readings = [item for item in found if isinstance(item, ImuSample)]
     assert len(readings) > 650
     assert readings[0].rate == pytest.approx(RATE, abs=1e-7)
-    (text,) = [item for item in found if isinstance(item, str)]
+    (text,) = [item.text for item in found if isinstance(item, Remark)]
     assert "+5.0" in text
     assert "known to" in text
     assert not [item for item in found if isinstance(item, ProtocolError)]

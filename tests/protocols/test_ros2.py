@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from kreisel.devices.address import IMUS, ROBOTS, check_sender, parse_address
-from kreisel.devices.ros2 import ImuListener, RobotListener, listener_at
+from kreisel.devices.ros2_system import ImuListener, RobotListener, listener_at
 from kreisel.errors import ProtocolError, SettingsError
 from kreisel.protocols import ros2
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -214,7 +214,7 @@ def test_angles_and_pose_of_the_same_time_are_one_sample():
     assert listener.topics == ("/joint_states", "/tf", "/tf_static")
     joints = ros2.as_published(50, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     (said,) = listener.take("/joint_states", ros2.JOINTS, ros2.encode_joints(joints))
-    assert said == f"joints from the base on: {', '.join(UR)}"
+    assert said.text == f"joints from the base on: {', '.join(UR)}"
     (sample,) = listener.take("/tf", ros2.FRAMES, ros2.encode_frames([at(50, "base", "tool")]))
     assert sample.joints == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert sample.position == (1.0, 0.0, 0.0)

@@ -113,7 +113,7 @@ def test_what_came_of_the_imu_is_kept_aside_where_no_pose_came(tmp_path):
     ("address", "complaint"),
     [
         ("ixcom:/host", "names no host"),
-        ("http://host", "unknown scheme 'http'; known are: csv, ixcom, mcap, serial"),
+        ("http://host", "unknown scheme 'http'; known are: csv, ixcom, mavlink, mcap, ros2, serial"),
         ("ixcom://host:70000", "not an address"),
         ("ixcom://host?speed=3", "unknown option 'speed'; known are: channel, divider"),
     ],
@@ -249,12 +249,20 @@ def test_a_recorder_that_is_stopped(tmp_path, how):
     assert np.all(np.diff(recording.imu.stamps_ns) == INTERVAL_NS)
 
 
-@pytest.mark.parametrize("robot", ["rtde", pytest.param("ekrl", marks=pytest.mark.slow)])
-def test_the_virtual_cell_is_recorded_and_found_again(tmp_path, robot):
+SLOW_PAIRS = [("ekrl", "csv"), ("rtde", "mavlink")]
+
+
+@pytest.mark.parametrize(
+    ("robot", "imu"),
+    [("rtde", "csv"), ("ros2", "ros2"), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in SLOW_PAIRS)],
+)
+def test_the_virtual_cell_is_recorded_and_found_again(tmp_path, robot, imu):
     """Two commands, as a user types them; ten times real time."""
+    if "ros2" in (robot, imu):
+        pytest.importorskip("cyclonedds")
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     cell = subprocess.Popen(
-        [sys.executable, "-m", "kreisel.cli.main", "virtual-cell", "--robot", robot, "--imu", "csv", "--interval",
+        [sys.executable, "-m", "kreisel.cli.main", "virtual-cell", "--robot", robot, "--imu", imu, "--interval",
          "0.02", "--seconds", "75", "--speed", "10", "-o", "known"],
         cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=environment,
     )  # fmt: skip

@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 
 def record(
     imu: str = typer.Option(
-        ..., "--imu", help="Address of the IMU, such as ixcom://192.168.1.30:3000, csv://… or mcap:///FILE."
+        ...,
+        "--imu",
+        help="Address of the IMU, such as ixcom://192.168.1.30:3000, csv://…, mavlink://…, ros2://… or mcap:///FILE.",
     ),
     robot: str | None = typer.Option(
         None,
         "--robot",
-        help="Address of the robot, such as rsi://0.0.0.0:49152, rtde://…, egm://…, varproxy://… or mcap:///FILE.",
+        help="Address of the robot, such as rsi://0.0.0.0:49152, rtde://…, egm://…, varproxy://…, ros2://… or mcap:///FILE.",
     ),
     output: Path = typer.Option(..., "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     seconds: float | None = typer.Option(

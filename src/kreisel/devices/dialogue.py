@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from kreisel.devices.events import Level
 from kreisel.errors import ProtocolError
 from kreisel.protocols.samples import ImuSample, RobotSample
 
-Found = ImuSample | RobotSample | ProtocolError | str
-"""A reading, a fault, or something to report that is no fault."""
+
+@dataclass(frozen=True)
+class Remark:
+    """Something to report each time that it is found; faults are reported at most once a second."""
+
+    text: str
+    level: Level = Level.INFO
+
+
+Found = ImuSample | RobotSample | ProtocolError | Remark
+"""What there is in the bytes of a device."""
 
 
 class Session:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from kreisel.devices.dialogue import Found
+from kreisel.devices.dialogue import Found, Remark
 from kreisel.devices.events import Arrival, Event, Level, Notice
 from kreisel.errors import KreiselError, ProtocolError
 
@@ -31,8 +31,8 @@ class Faults:
         for item in found:
             if isinstance(item, ProtocolError):
                 events.extend(self.report(item, now_ns))
-            elif isinstance(item, str):
-                events.append(Notice(Level.INFO, f"{where}: {item}", now_ns))
+            elif isinstance(item, Remark):
+                events.append(Notice(item.level, f"{where}: {item.text}", now_ns))
             else:
                 events.append(Arrival(item, now_ns))
         return events

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kreisel.devices.address import Address
-from kreisel.devices.dialogue import Found, Session
+from kreisel.devices.dialogue import Found, Remark, Session
 from kreisel.errors import ProtocolError, SettingsError, unknown_name
 from kreisel.protocols import mavlink
 
@@ -30,8 +30,8 @@ class _Clock:
         trip, ahead = min(self._answers)
         text = f"the device's clock is {ahead * 1e-9:+.4f} s ahead of this computer's, known to {trip * 5e-7:.2f} ms"
         if self._age_ns is None:
-            return [text]
-        return [f"{text}; readings come {(self._age_ns + ahead) * 1e-6:.1f} ms after their stamps"]
+            return [Remark(text)]
+        return [Remark(f"{text}; readings come {(self._age_ns + ahead) * 1e-6:.1f} ms after their stamps")]
 
     def read(self, stamp_ns: int, now_ns: int) -> None:
         """Take the stamp of a reading and its time of arrival."""

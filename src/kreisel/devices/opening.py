@@ -10,7 +10,7 @@ from kreisel.devices.datagrams import Clock
 from kreisel.devices.drivers import device_events
 from kreisel.devices.events import Event
 from kreisel.devices.replay import REPLAY, replay
-from kreisel.devices.ros2 import listener_at, ros2_events
+from kreisel.devices.ros2_system import listener_at, ros2_events
 
 
 def events(address: Address, clock: Clock = time.monotonic_ns) -> AsyncIterator[Event]:

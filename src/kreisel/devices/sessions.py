@@ -6,7 +6,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from kreisel.devices.address import Address
-from kreisel.devices.dialogue import Found, Session
+from kreisel.devices.dialogue import Found, Remark, Session
+from kreisel.devices.events import Level
 from kreisel.devices.mavlink_session import MavlinkSession
 from kreisel.errors import ProtocolError, SettingsError, unknown_name
 from kreisel.protocols import egm, ekrl, ixcom, line, rsi, rtde, varproxy
@@ -151,7 +152,7 @@ class RsiSession(Session):
         late = rsi.late_answers(data)
         if late > self._late:
             text = f"{late - self._late} answers reached the controller late, {late} in all; it stops the robot after "
-            out.append(ProtocolError("RSI", f"{text}a few: is this machine busy?"))
+            out.append(Remark(f"{text}a few: is this machine busy?", Level.WARNING))
         self._late = late
         return out, answer
 

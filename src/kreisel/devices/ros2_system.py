@@ -12,7 +12,7 @@ from typing import Protocol
 
 from kreisel.devices.address import Address
 from kreisel.devices.datagrams import Clock
-from kreisel.devices.dialogue import Found
+from kreisel.devices.dialogue import Found, Remark
 from kreisel.devices.events import Arrival, Event, Level, Notice
 from kreisel.devices.faults import SILENCE, Faults
 from kreisel.devices.ros2_network import MESSAGES, Network, network_of
@@ -116,7 +116,7 @@ class RobotListener:
                 )
         if not self._said:
             self._said = True
-            found.append(f"joints from the base on: {', '.join(self._names)}")
+            found.append(Remark(f"joints from the base on: {', '.join(self._names)}"))
         by_name = dict(zip(joints.names, joints.angles, strict=True))
         missing = [name for name in self._names if name not in by_name]
         if missing:  # others publish their own joints on the same topic, for example a gripper
