@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapFileWriter
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, TopicInfo
@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import IMU, IMU_ROLE, body_of, decode_topic, imu_of, read_contents
-from kreisel.formats.mcap import CHUNK_SIZE, reason
+from kreisel.formats.mcap import CHUNK_SIZE, bounded_records, reason, record_stream
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples
 
@@ -149,6 +149,15 @@ class _Merged:
             self._next += 1
 
 
+_READERS: dict[int, Callable[[bytes], Any]] = {
+    Opcode.SCHEMA: lambda content: Schema.read(record_stream(content)),
+    Opcode.CHANNEL: lambda content: Channel.read(record_stream(content)),
+    Opcode.MESSAGE: lambda content: Message.read(record_stream(content), len(content)),
+    Opcode.METADATA: lambda content: Metadata.read(record_stream(content)),
+    Opcode.ATTACHMENT: lambda content: Attachment.read(record_stream(content)),
+}
+
+
 def _copy_mcap(path: Path, out: Path, messages: ImuMessages, topic: str, added: list[tuple[int, bytes]]) -> None:
     merged = _Merged(added)
     schemas: dict[int, int] = {0: 0}
@@ -156,9 +165,9 @@ def _copy_mcap(path: Path, out: Path, messages: ImuMessages, topic: str, added: 
     own: int | None = None
     with path.open("rb") as source, out.open("xb") as target:
         writer = McapFileWriter(target, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-        reader = StreamReader(source)
         writer.start(profile="ros2" if messages.encoding == "cdr" else "ros1", library=f"kreisel {__version__}")
-        for record in reader.records:
+        for opcode, content in bounded_records(source, path.stat().st_size):
+            record = _READERS[opcode](content) if opcode in _READERS else None
             if isinstance(record, Schema):
                 schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
             elif isinstance(record, Channel) and record.id not in channels:

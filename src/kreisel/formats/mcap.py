@@ -63,6 +63,10 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z; not used by readers, because the
 
 _RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
+_MOST_OF_A_DEFINITION = 1 << 22
+"""Largest number of bytes of a record that defines something. Chosen: the description of an arm has a megabyte."""
+
 _READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
 
 
@@ -355,7 +359,7 @@ class _BrokenRecordError(Exception):
         super().__init__(f"broken record at byte {offset}")
 
 
-def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+def _records(stream: BinaryIO, size: int, read: Collection[int] = _READ) -> Iterator[tuple[int, int, bytes]]:
     """Yield offset, opcode and content of the records; contents that are not used stay empty."""
     while (start := stream.tell()) < size:
         head = stream.read(_RECORD_HEAD.size)
@@ -366,7 +370,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
         # A zero is not an opcode; file systems leave zeros after a loss of power.
         if opcode == 0 or end > size:
             raise _BrokenRecordError(start, opcode, stream.read(16))
-        if opcode in _READ:
+        if opcode in read:
             yield start, opcode, stream.read(min(length, MAX_CHUNK + 1))
         else:
             yield start, opcode, b""
@@ -403,6 +407,10 @@ class McapScan:
         else:
             self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
 
+    def _define(self, content: bytes) -> None:
+        """Count a record that defines something: what is kept of it, a few bytes of a chunk can stand for."""
+        self._budget.take(len(within(content, _MOST_OF_A_DEFINITION)))
+
     def follow(self, stream: BinaryIO, offset: int, size: int) -> tuple[int, bool]:
         """Read the complete records from an offset on; return the offset of the next, and whether more can follow.
 
@@ -438,6 +446,8 @@ class McapScan:
             self._take(opcode, inner)
 
     def _take(self, opcode: int, content: bytes) -> None:
+        if opcode in _DEFINITIONS:
+            self._define(content)
         if opcode == Opcode.MESSAGE:
             self._take_message(content)
         elif opcode == Opcode.SCHEMA:
@@ -513,6 +523,29 @@ def normal_type(msgtype: str) -> str:
     """Return a message type in the form of ROS 2: sensor_msgs/Imu is sensor_msgs/msg/Imu."""
     package, _, name = msgtype.partition("/")
     return msgtype if "/" in name or not name else f"{package}/msg/{name}"
+
+
+def bounded_records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and content of all records of a file, those in chunks too, up to its footer.
+
+    Raises
+    ------
+    ValueError
+        If a record is broken, damaged, or larger than real ones are.
+    """
+    check_magic(stream.read(len(MCAP0_MAGIC)), Path(getattr(stream, "name", "")))
+    try:
+        for _, opcode, content in _records(stream, size, _READ | {Opcode.ATTACHMENT}):
+            if opcode == Opcode.FOOTER:
+                return
+            if opcode == Opcode.CHUNK:
+                chunk = Chunk.read(record_stream(within(content)))
+                data = chunk_content(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
+                yield from ((inner, part) for _, inner, part in _records(BytesIO(data), len(data)))
+            else:
+                yield opcode, within(content)
+    except _BrokenRecordError as broken:
+        raise ValueError(_cut(broken, size)) from broken
 
 
 def record_stream(content: bytes) -> ReadDataStream:

@@ -121,6 +121,36 @@ def test_messages_that_are_more_than_their_file_can_hold_are_left_out(tmp_path: 
     assert 40 < len(got.topics[0].payloads) < 150
 
 
+def text(content: bytes) -> bytes:
+    return struct.pack("<I", len(content)) + content
+
+
+DEFINITIONS = {
+    "schema": lambda k, size: record(0x03, struct.pack("<H", k + 1) + text(b"x/y") + text(b"") + text(bytes(size))),
+    "channel": lambda k, size: record(
+        0x04, struct.pack("<HH", k, 0) + text(b"/t") + text(b"cdr") + text(text(b"k") + text(bytes(size)))
+    ),
+    "metadata": lambda k, size: record(0x0C, text(b"kreisel") + text(text(b"k%d" % k) + text(bytes(size)))),
+}
+
+
+@pytest.mark.parametrize("size", [3 * MIB, 60 * MIB])
+@pytest.mark.parametrize("kind", DEFINITIONS)
+def test_definitions_that_stand_for_much_are_left_out(tmp_path: Path, kind: str, size: int) -> None:
+    file = tmp_path / "bomb.mcap"
+    with file.open("wb") as stream:
+        stream.write(MCAP0_MAGIC)
+        for k in range(max(3, 600 * MIB // size)):
+            inner = DEFINITIONS[kind](k, size)
+            stream.write(chunk(zstandard.compress(inner), "zstd", len(inner)))
+        stream.write(record(0x02, bytes(20)))
+    assert file.stat().st_size < MIB
+    with memory(300 * MIB):
+        got = read_mcap(file, WANTED)
+    assert "is damaged" in got.warnings[0].message
+    assert ("over 100 times" if size == 3 * MIB else "the most kreisel reads at once") in got.warnings[0].message
+
+
 def test_many_small_messages_count_with_what_python_takes() -> None:
     budget, most = Budget(0), MAX_CHUNK // 128
     for _ in range(most):
