@@ -86,6 +86,27 @@ def test_the_last_estimate_is_that_of_the_whole(small, tmp_path):
     assert spread == sorted(spread, reverse=True)
 
 
+def test_estimates_of_a_long_recording_rest_and_the_last_is_that_of_the_whole(small, tmp_path, monkeypatch):
+    monkeypatch.setattr("kreisel.acquisition.tail.MOST_READINGS", small.imu.stamps_ns.size // 3)
+    file = tmp_path / "growing.mcap"
+    tail, now = Tail(file, bounded=True), [0.0]
+    online = Online(tail, clock=lambda: now[0])
+    found, kept = [], []
+    for data in chunks(small, 8):
+        file.write_bytes(data)
+        tail.read()
+        found.append(online.step())
+        kept.append(len(tail._kept["/imu/data_raw"].stamps_ns))
+        now[0] += 1000.0
+    resting = [k for k, one in enumerate(found) if one is None]
+    assert resting
+    assert "the next estimate comes when the recording ends" in found[resting[0] - 1].summary
+    assert len(set(kept[resting[0] :])) == 1
+    whole = kreisel.calibrate(kreisel.load(file))
+    assert np.array_equal(found[-1].calibration.estimates[-1], whole.estimates[-1])
+    assert "the next estimate" not in found[-1].summary
+
+
 def test_a_tail_reads_through_any_cut(small, tmp_path):
     data = chunks(small, 3)[-1]
     file, rng = tmp_path / "growing.mcap", np.random.default_rng(3)

@@ -72,7 +72,7 @@ def _print(recording: Path, *, as_json: bool) -> None:
     from kreisel.acquisition.tail import Tail
     from kreisel.dashboard.online import Online
 
-    tail = Tail(recording)
+    tail = Tail(recording, bounded=True)
     online = Online(tail)
     while True:
         found = online.look()
@@ -123,7 +123,7 @@ def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
     if guide:
         app, token = make_app(GuideFeed(recording), host, "guide.html")
     else:
-        app, token = make_app(Feed(recording, Online(Tail(recording)).look), host)
+        app, token = make_app(Feed(recording, Online(Tail(recording, bounded=True)).look), host)
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

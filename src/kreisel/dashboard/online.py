@@ -1,7 +1,8 @@
 """Calibration while recording: the ordinary calibration, repeated with the data recorded so far.
 
 The last one equals the calibration of the complete recording, to the last digit. Calibrations take a fixed share of
-one processor: the longer one takes, the longer the pause before the next.
+one processor: the longer one takes, the longer the pause before the next. They rest from the moment on at which a
+bounded tail is full until the recording has ended.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from kreisel.acquisition.tail import Tail
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.errors import ExcitationError, KreiselError
+from kreisel.formats.loading import load
 from kreisel.model.calibration_settings import CalibrationSettings
 
 SHARE = 0.2
@@ -30,6 +33,9 @@ GROWN = 1.5
 """Factor by which a recording must have grown before a complaint about its columns or units that lasts is shown."""
 
 
+_RESTS = "the next estimate comes when the recording ends, which is long now"
+
+
 class Online:
     """Calibrations of a recording as it grows."""
 
@@ -38,16 +44,19 @@ class Online:
     ) -> None:
         self.tail, self._settings, self._clock = tail, settings or CalibrationSettings(), clock
         self._next = -np.inf
-        self._done = False
+        self._done = self._rests = False
         self._accused: tuple[str, float] | None = None
 
     def step(self) -> LiveEstimate | None:
         """Return a new estimate if one is due; always a last one when the recording has ended."""
         now = self._clock()
-        if self._done or (now < self._next and not self.tail.ended):
+        if self._done or ((now < self._next or self._rests) and not self.tail.ended):
             return None
+        self._rests = self.tail.full
         self._done = self.tail.ended
         estimate = self._estimate()
+        if self._rests and not self._done:
+            estimate = replace(estimate, summary=f"{estimate.summary}; {_RESTS}")
         self._next = now + max(PAUSE, (self._clock() - now) / SHARE)
         return estimate
 
@@ -64,7 +73,8 @@ class Online:
 
     def _estimate(self) -> LiveEstimate:
         try:
-            recording = self.tail.recording()
+            ended = self.tail.ended and not self.tail.whole
+            recording = load(self.tail.file) if ended else self.tail.recording()
         except KreiselError as error:
             return _nothing(0.0, error)
         seconds = float(recording.imu.seconds[-1])
@@ -114,7 +124,7 @@ class Targets:
 
     def look(self) -> None:
         """Calibrate repeatedly until `over` is set; to be run in a separate thread."""
-        online = Online(Tail(self._path))
+        online = Online(Tail(self._path, bounded=True))
         while not self.over:
             with suppress(KreiselError):
                 found = online.look()
