@@ -10,13 +10,15 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
+from websockets.sync.client import connect
 
 import kreisel
 from kreisel.acquisition.recorder import Recorder
@@ -387,6 +389,24 @@ def test_strangers_are_kept_out(small, tmp_path):
             with pytest.raises(HTTPError, match="403"):
                 urlopen(f"http://127.0.0.1:{port}/{wrong}")
         assert "<title>kreisel" in urlopen(f"http://127.0.0.1:{port}/?token={token}").read().decode()
+
+
+def test_connections_that_ask_for_nothing_are_closed(small, tmp_path):
+    """Three hundred of them, some of which send half a request; a browser's stays."""
+    file = tmp_path / "growing.mcap"
+    file.write_bytes(chunks(small, 2)[0])
+    with page(file) as url, ExitStack() as stack:
+        where = urlsplit(url)
+        idle = [stack.enter_context(socket.create_connection((where.hostname, where.port))) for _ in range(300)]
+        for one in idle[::3]:
+            one.sendall(b"GET / HTTP/1.1\r\nHost: 127")
+        browser = stack.enter_context(connect(f"ws://{where.netloc}/live"))
+        assert "<title>kreisel" in urlopen(url).read().decode()
+        for one in idle:
+            one.settimeout(LIMIT)
+            assert one.recv(1) == b""
+        for _ in range(250):  # more than come in ten seconds
+            assert "kind" in json.loads(browser.recv(timeout=LIMIT))
 
 
 def test_a_page_ends_with_its_recorder_however_that_ends(tmp_path):

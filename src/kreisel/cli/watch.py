@@ -118,6 +118,7 @@ def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
         from kreisel.dashboard.feed import Feed
         from kreisel.dashboard.guide_feed import GuideFeed
         from kreisel.dashboard.online import Online
+        from kreisel.dashboard.patience import Impatient
     except ImportError as error:
         raise SettingsError(f"the page needs an extra ({error.name}): pip install 'kreisel[serve]'") from error
     if guide:
@@ -136,7 +137,7 @@ def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
         ) from error
     secret = "" if token is None else f"/?token={token}"
     typer.echo(f"http://{host}:{listener.getsockname()[1]}{secret}")
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio"))
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio", http=Impatient))
     if os.environ.get(_PARENT):
         parent = int(os.environ[_PARENT])
         threading.Thread(target=_end_with, args=(parent, server), daemon=True).start()
