@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 MAX_TEXT = 1 << 24
 """Largest size in bytes of a description, settings or a result, far above real ones: 16 MiB."""
@@ -44,6 +46,30 @@ def read_text(path: Path, most: int = MAX_TEXT) -> str:
         If it is not UTF-8.
     """
     return read_bytes(path, most).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def open_fresh(path: Path, mode: int = 0o666) -> BinaryIO:
+    """Return a new, empty file for writing; whatever had its name is removed, but a link is not followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, for example where a folder has this name.
+    """
+    path.unlink(missing_ok=True)
+    return open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode))  # exclusive: no link is followed
+
+
+def open_lock(path: Path) -> BinaryIO:
+    """Return a file to be locked, made if it does not exist; a link is not followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+    return os.fdopen(os.open(path, flags, 0o666), "r+b")
 
 
 _WRITING, _WRITTEN, _MOVING = ".kreisel-writing", ".kreisel-written", ".kreisel-moving"

@@ -84,10 +84,11 @@ def test_a_unit_that_cannot_be_calibrated_is_a_failure_and_comes_first(lot, tmp_
     broken = tmp_path / "in" / "broken" / "imu0"
     broken.mkdir(parents=True)
     (broken / "data.csv").write_text("no numbers\n")
-    done = run("batch", tmp_path / "in", "-o", tmp_path / "out", "--jobs", 1, "--limits", limits_in(tmp_path, 1e-3))
+    settings = ("-o", tmp_path / "out", "--jobs", 1)
+    done = run("batch", tmp_path / "in", *settings, "--limits", limits_in(tmp_path, 1e-3), "--links")
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1] == "not good: failed: broken; does not conform: good"
-    done = run("batch", tmp_path / "in", "-o", tmp_path / "out", "--jobs", 1, "--json")
+    done = run("batch", tmp_path / "in", *settings, "--json", "--links")
     assert done.returncode == 1
     assert json.loads(done.stdout)["not_good"] == {"failed": ["broken"]}
 

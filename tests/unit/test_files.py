@@ -11,13 +11,15 @@ import pytest
 import kreisel
 from kreisel.calibration.result import RESULT_FILES, Calibration
 from kreisel.calibration.result_document import from_document
-from kreisel.files import finish_replacing, read_bytes, replaced_together
+from kreisel.cli.output import check_output
+from kreisel.files import finish_replacing, open_fresh, open_lock, read_bytes, replaced_together
 
 NAMES = ("a.yaml", "b.html", "c.urdf")
 WRITE = """
 import os, signal, sys
 from pathlib import Path
-from kreisel.files import replaced_together
+from kreisel.cli.output import check_output
+from kreisel.files import replaced_together, open_fresh, open_lock
 
 folder, last = Path(sys.argv[1]), int(sys.argv[2])
 seen = 0
@@ -134,3 +136,38 @@ def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "recording.toml")
     with pytest.raises(OSError, match="not a regular file"):
         read_bytes(tmp_path / "recording.toml")
+
+
+def test_a_fresh_file_never_follows_a_link(tmp_path):
+    """Somebody else may have put one where a partial file is written."""
+    (tmp_path / "precious").write_text("kept")
+    part = tmp_path / "x.part"
+    part.symlink_to(tmp_path / "precious")
+    with open_fresh(part, 0o600) as file:
+        file.write(b"new")
+    assert (tmp_path / "precious").read_text() == "kept"
+    assert part.read_bytes() == b"new"
+    assert not part.is_symlink()
+    assert part.stat().st_mode & 0o777 == 0o600
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        open_fresh(tmp_path / "folder")
+
+
+def test_a_lock_never_follows_a_link(tmp_path):
+    (tmp_path / "precious").write_text("kept")
+    (tmp_path / ".lock").symlink_to(tmp_path / "precious")
+    with pytest.raises(OSError, match=r"\.lock"):
+        open_lock(tmp_path / ".lock")
+    (tmp_path / ".lock").unlink()
+    with open_lock(tmp_path / ".lock"), open_lock(tmp_path / ".lock"):
+        assert (tmp_path / ".lock").is_file()
+    assert (tmp_path / "precious").read_text() == "kept"
+
+
+def test_the_output_is_tried_under_a_name_that_nobody_knows(tmp_path):
+    (tmp_path / "precious").write_text("kept")
+    (tmp_path / ".kreisel-probe").symlink_to(tmp_path / "precious")
+    check_output(tmp_path)
+    assert (tmp_path / "precious").read_text() == "kept"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".kreisel-probe", "precious"]

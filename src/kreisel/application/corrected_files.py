@@ -10,6 +10,7 @@ from kreisel.application.corrected_tables import CorrectedTable
 from kreisel.application.unit_check import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
+from kreisel.files import open_fresh
 from kreisel.formats.folder import is_folder
 from kreisel.formats.input_formats import SUFFIXES, InputFormat, format_of
 from kreisel.formats.loading import mapped_recording, not_a_recording
@@ -144,7 +145,7 @@ def _table_to_table(
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(f"{out.name}.partial")
     try:
-        with partial.open("wb") as target:
+        with open_fresh(partial) as target:
             rows, warnings = apply_to_table(calibration, table, target.write, progress, force=force)
     except BaseException:
         partial.unlink(missing_ok=True)

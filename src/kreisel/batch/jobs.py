@@ -31,8 +31,13 @@ class Job:
     key: str
 
 
-def jobs_in(folder: Path, out: Path, settings: CalibrationSettings) -> list[Job]:
+def jobs_in(folder: Path, out: Path, settings: CalibrationSettings, *, links: bool = False) -> list[Job]:
     """Return the recordings below a folder, by name; `out` is left out.
+
+    Parameters
+    ----------
+    links
+        Whether links that lead out of the folder are followed: they could lead anywhere.
 
     Raises
     ------
@@ -42,22 +47,39 @@ def jobs_in(folder: Path, out: Path, settings: CalibrationSettings) -> list[Job]
     if not folder.is_dir():
         raise RecordingError("no such folder; give the one that holds the recordings", file=folder)
     out = out.resolve()
-    found = sorted(_recordings(folder, out, frozenset()))
+    found = sorted(_recordings(folder, out, frozenset(), None if links else Path(os.path.realpath(folder))))
     if not found:
-        raise RecordingError("holds no recordings (folders with imu0, .mcap files, bags, or tables with [columns])",
-                             file=folder)  # fmt: skip
+        more = "; links out of it are not followed without --links" if leaving(folder) and not links else ""
+        raise RecordingError(
+            f"holds no recordings (folders with imu0, .mcap files, bags, or tables with [columns]){more}", file=folder
+        )
     names = [path.relative_to(folder).as_posix() for path in found]
     return [Job(name, path, _key(name, path, settings)) for name, path in zip(names, found, strict=True)]
 
 
-def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
-    """Return the recordings below a folder; links are followed, but not back to a folder above."""
+def leaving(folder: Path) -> list[str]:
+    """Return the names of the links below a folder that lead out of it."""
+    root = Path(os.path.realpath(folder))
+    return sorted(
+        (Path(here) / name).relative_to(folder).as_posix()
+        for here, folders, files in os.walk(folder)
+        for name in (*folders, *files)
+        if (Path(here) / name).is_symlink() and not _below(Path(here) / name, root)
+    )
+
+
+def _below(path: Path, root: Path | None) -> bool:
+    return root is None or Path(os.path.realpath(path)).is_relative_to(root)
+
+
+def _recordings(folder: Path, out: Path, above: frozenset[str], root: Path | None) -> list[Path]:
+    """Return the recordings below a folder; links are followed, but not back to a folder above, nor out of `root`."""
     found: list[Path] = []
     here = os.path.realpath(folder)
     if here in above:
         return found
     for path in _entries(folder):
-        if path.name.startswith(".") or os.path.realpath(path) in above | {here, str(out)}:
+        if path.name.startswith(".") or os.path.realpath(path) in above | {here, str(out)} or not _below(path, root):
             continue
         if path.is_file():
             if path.suffix.lower() in SUFFIXES:
@@ -65,7 +87,7 @@ def _recordings(folder: Path, out: Path, above: frozenset[str]) -> list[Path]:
         elif format_of(path) is not None or (path / "recording.toml").is_file():
             found.append(path)
         elif path.is_dir():
-            found += _recordings(path, out, above | {here})
+            found += _recordings(path, out, above | {here}, root)
     return found
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kreisel.errors import LibraryError, RecordingError
+from kreisel.files import open_fresh
 
 SUFFIX = ".minisig"
 
@@ -97,14 +98,14 @@ def new_keys(stem: Path, password: str | None) -> tuple[Path, Path]:
     minisign = _library()
     paths = stem.with_name(stem.name + ".key"), stem.with_name(stem.name + ".pub")
     for path in paths:
-        if path.exists():
+        if path.exists() or path.is_symlink():
             raise RecordingError("exists already; give another name", file=path)
     pair = minisign.KeyPair.generate()
     if password:
         pair.secret_key.encrypt(password)
-    paths[0].touch(mode=0o600)
-    paths[0].write_bytes(bytes(pair.secret_key))
-    paths[1].write_bytes(bytes(pair.public_key))
+    for path, key, mode in zip(paths, (pair.secret_key, pair.public_key), (0o600, 0o644), strict=True):
+        with open_fresh(path, mode) as file:
+            file.write(bytes(key))
     return paths
 
 

@@ -26,6 +26,7 @@ def batch(
     limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
     database: Path | None = typer.Option(None, "--db", help="File of results, SQLite; by default OUT/results.db."),
     fix: list[str] = typer.Option([], help="Group or parameter not to estimate; may be repeated."),
+    links: bool = typer.Option(False, "--links", help="Follow links that lead out of FOLDER."),
     reports: bool = typer.Option(False, "--reports", help="Write a report for each unit; half as long again."),
     simulate: int | None = typer.Option(
         None, min=1, help="First simulate so many units into FOLDER, each another device; for a trial."
@@ -40,7 +41,7 @@ def batch(
     """
     from kreisel.batch.batch_pages import write_batch
     from kreisel.batch.execution import Batch, calibrate_all, waiting_in
-    from kreisel.batch.jobs import jobs_in
+    from kreisel.batch.jobs import jobs_in, leaving
     from kreisel.batch.lot import table, units_of
     from kreisel.batch.result_store import Store
     from kreisel.calibration.limits import limits_named
@@ -59,7 +60,9 @@ def batch(
         _simulate(folder, simulate, seconds, distribute)
     settings = CalibrationSettings(fixed=parse_fixed(fix))
     output.mkdir(parents=True, exist_ok=True)
-    work = Batch(jobs_in(folder, output, settings), settings, (output / "results").resolve(), reports)
+    work = Batch(jobs_in(folder, output, settings, links=links), settings, (output / "results").resolve(), reports)
+    if not links and (left := leaving(folder)):
+        typer.echo(f"links that lead out of {folder} are left out: {', '.join(left[:5])}; --links takes them", err=True)
     with _alone(output), Store(database or output / "results.db") as store:
         done = len(work.jobs) - len(waiting_in(work, store))
         if done and not json:
@@ -126,8 +129,9 @@ def _alone(output: Path) -> Iterator[None]:
     from contextlib import suppress
 
     from kreisel.errors import SettingsError
+    from kreisel.files import open_lock
 
-    with (output / ".lock").open("w") as file:
+    with open_lock(output / ".lock") as file:
         try:
             with suppress(ImportError):
                 import fcntl

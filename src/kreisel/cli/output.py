@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from kreisel.errors import RecordingError
@@ -20,9 +21,8 @@ def check_output(folder: Path) -> None:
     new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".kreisel-probe"
-        probe.write_bytes(b"")
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):  # a name that nobody can have put a link at
+            pass
         if new:
             folder.rmdir()  # a command that fails leaves nothing
     except OSError as error:

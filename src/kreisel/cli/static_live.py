@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.files import open_fresh
+
 if TYPE_CHECKING:
     import asyncio
 
@@ -107,7 +109,8 @@ class _Say:
 
     def __call__(self, advice: Advice) -> None:
         waiting = self._file.with_suffix(".part")
-        waiting.write_text(json.dumps(advice.document), encoding="utf-8")
+        with open_fresh(waiting) as file:
+            file.write(json.dumps(advice.document).encode())
         waiting.replace(self._file)
         text = f"{len(advice.had):3d} attitudes  {advice.text if advice.step != 'hold' else 'Hold still.'}"
         if advice.note:

@@ -26,6 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
+from kreisel.files import open_fresh
 from kreisel.formats.bounds import chunk_content, within
 from kreisel.formats.budget import MAX_CHUNK, Budget
 from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
@@ -207,7 +208,7 @@ def write_mcap(recording: Recording, path: Path) -> None:
     part = path.with_name(f"{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as file:
+        with open_fresh(part) as file:
             _write_all(recording, McapWriter(file))
         part.replace(path)
     except OSError as error:

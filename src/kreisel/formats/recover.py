@@ -43,7 +43,7 @@ def recover(path: Path, output: Path | None = None) -> Recovery:
         with path.open("rb") as source:
             check_magic(source.read(8), path)
             try:
-                with output.open("wb") as target:
+                with output.open("xb") as target:
                     copy = _Copy(target)
                     copy.read(source, size)
                     copy.finish()

@@ -12,7 +12,7 @@ import pytest
 from kreisel.batch.batch_pages import write_batch, write_history
 from kreisel.batch.execution import Batch, calibrate_all, one_after_another, waiting_in
 from kreisel.batch.job_result import Run
-from kreisel.batch.jobs import jobs_in
+from kreisel.batch.jobs import jobs_in, leaving
 from kreisel.batch.lot import counts, good, table, units_of
 from kreisel.batch.result_store import Store
 from kreisel.calibration.limits import Limits
@@ -170,9 +170,20 @@ def test_links_are_followed_once_and_names_tell_equal_recordings_apart(tmp_path)
     (folder / "split").mkdir()
     for name in ("bag_0.mcap", "bag_1.mcap"):
         (folder / "split" / name).write_bytes(b"")
-    found = jobs_in(folder, tmp_path / "out", CalibrationSettings())
+    found = jobs_in(folder, tmp_path / "out", CalibrationSettings(), links=True)
     assert [job.name for job in found] == ["day/x.mcap", "day/y.mcap", "linked/b", "one/a", "split", "two/a"]
     assert len({job.key for job in found}) == 6
+    within = jobs_in(folder, tmp_path / "out", CalibrationSettings())
+    assert [job.name for job in within] == ["day/x.mcap", "day/y.mcap", "one/a", "split", "two/a"]
+    assert leaving(folder) == ["broken", "linked"]
+
+
+def test_a_folder_of_links_says_how_they_are_taken(tmp_path):
+    folder = tmp_path / "links"
+    folder.mkdir()
+    (folder / "a").symlink_to(folder_of(tmp_path, ["a"]) / "a")
+    with pytest.raises(RecordingError, match="links out of it are not followed without --links"):
+        jobs_in(folder, tmp_path / "out", CalibrationSettings())
 
 
 def test_a_result_whose_files_are_missing_is_made_again(tmp_path):
