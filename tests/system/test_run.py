@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -300,11 +301,16 @@ def cell(program):
 def test_without_arming_nothing_is_needed_and_nothing_sent(program):
     done = subprocess.run(
         command(
-            "run", "program.toml", "--robot", "rtde://127.0.0.1:9", "--imu", "csv://127.0.0.1:9", "--model", "ur10e"
+            "run", "program.toml", "--robot", "rtde://127.0.0.1:9", "--imu", "csv://127.0.0.1:9", "--model", "ur10e",
+            "--picture", "path.html", "--keep-out", "5,5,0,6,6,1"
         ),
         cwd=program, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stdout.startswith("nothing is moved")
+    assert re.search(r"tool speed\W+[\d.]+ m/s\W+0.25 m/s\W+\d+ %", done.stdout)
+    page = (program / "path.html").read_text(encoding="utf-8")
+    for text in ("Path of a program", "keep out", "floor, 0 m", "joint_6 angle"):
+        assert text in page
     assert done.stdout.count("movej(") == 7
 
 

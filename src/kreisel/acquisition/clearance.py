@@ -120,16 +120,44 @@ def check_room(arm: Arm, program: Program, room: Room) -> str:
     """
     lowest = closest = math.inf
     for number, at, move in program.legs():
-        for angles in _path(at, move.target):
-            links = _links(skeleton(arm, angles))
-            lowest = min(lowest, _check_height(links, room.floor, number))
-            closest = min(closest, _check_apart(links, number))
-            for box in room.boxes:
-                _check_box(links, box, number)
+        low, close = check_way(arm, at, move.target, room, number)
+        lowest, closest = min(lowest, low), min(closest, close)
     return (
         f"the arm stays {lowest:.2f} m above the floor (at {room.floor:g} m of the base, --floor), and its links "
         f"{closest:.2f} m apart (capsules of {1e3 * RADIUS:.0f} mm radius; not the tool, cables, or what stands around)"
     )
+
+
+def check_way(arm: Arm, start: Array, target: Array, room: Room, number: int) -> tuple[float, float]:
+    """Return the smallest height above the floor, and the smallest distance between two links, in one move, m.
+
+    Raises
+    ------
+    RobotError
+        If the arm touches anything; see `check_room`.
+    """
+    lowest = closest = math.inf
+    for angles in _path(start, target):
+        links = _links(skeleton(arm, angles))
+        lowest = min(lowest, _check_height(links, room.floor, number))
+        closest = min(closest, _check_apart(links, number))
+        for box in room.boxes:
+            _check_box(links, box, number)
+    return lowest, closest
+
+
+def approach(arm: Arm, program: Program, mover: Mover, joints: Array, room: Room, tool_speed: float) -> float:
+    """Return the share of full speed at which the arm goes from where it stands to the program's start, move 0.
+
+    Raises
+    ------
+    RobotError
+        If it would touch anything on the way.
+    """
+    check_way(arm, joints, program.start, room, 0)
+    share = approach_share(program, mover)
+    fastest = tool_peak(arm, mover, joints, program.start, share)
+    return share * min(1.0, tool_speed / fastest) if fastest > 0.0 else share
 
 
 def _path(start: Array, target: Array) -> Array:

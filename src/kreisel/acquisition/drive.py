@@ -71,6 +71,8 @@ async def drive(
     stop: asyncio.Event,
     say: Say,
     enough: Callable[[], bool] = lambda: False,
+    *,
+    slow: float | None = None,
 ) -> Ending:
     """Drive the arm through a program, at the speeds of its moves, and return how it ended; see `clearance.slowed`.
 
@@ -81,10 +83,12 @@ async def drive(
     ----------
     enough
         Returns whether the wanted accuracy is reached; called between moves.
+    slow
+        Share of full speed of the move to the start, if it is not to be `preflight.approach_share`.
     """
     drive_run = _Drive(program, mover, watch, stop, say)
     try:
-        reason = await drive_run.go(enough)
+        reason = await drive_run.go(enough, slow or approach_share(program, mover))
     except BaseException:
         await bring_to_rest(mover, watch, drive_run.underway, lambda _: None)
         raise
@@ -106,9 +110,8 @@ class _Drive:
         self._beside = STRAY if mover.straight else _BENT
         self._program, self._mover, self._watch, self._stop, self._say = program, mover, watch, stop, say
 
-    async def go(self, enough: Callable[[], bool]) -> str | None:
-        """Make all moves; return a reason to stop, or None."""
-        slow = approach_share(self._program, self._mover)
+    async def go(self, enough: Callable[[], bool], slow: float) -> str | None:
+        """Make all moves, the first at its own speed; return a reason to stop, or None."""
         moves = [Move(self._program.start, 1.0, slow), *self._program.moves]
         for number, move in enumerate(moves):
             if enough():

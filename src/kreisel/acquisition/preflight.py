@@ -91,7 +91,7 @@ def check_move(arm: Arm, mover: Mover, way: Array, share: float, name: str) -> N
     velocities, accelerations = mover.peaks(way, share, arm.velocity)
     pairs = [("moves at", "rad/s", velocities, arm.velocity)]
     if accelerations is not None:
-        pairs.append(("accelerates with", "rad/s^2", accelerations, _acceleration_limits(arm)))
+        pairs.append(("accelerates with", "rad/s^2", accelerations, acceleration_limits(arm)))
     for does, unit, values, limits in pairs:
         over = values / limits
         k = int(np.argmax(over))
@@ -176,7 +176,7 @@ def _limits_known(arm: Arm) -> str:
     return "without acceleration limits in the model: reaching full speed in half a second is taken as the limit"
 
 
-def _acceleration_limits(arm: Arm) -> Array:
+def acceleration_limits(arm: Arm) -> Array:
     """Return limits of the joints' accelerations, rad/s^2: the model's, or full speed in half a second."""
     given = _given_accelerations(arm)
     return np.array([given.get(name, usual) for name, usual in zip(arm.joints, arm.velocity / 0.5, strict=True)])

@@ -8,6 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from kreisel.acquisition.clearance import Room, approach
 from kreisel.acquisition.drive import Ending, drive, unless
 from kreisel.acquisition.motion_watch import Watch
 from kreisel.acquisition.movers import Mover
@@ -52,6 +55,7 @@ class Orders:
     arm: Arm
     allowed: Allowed
     enough: Callable[[], bool]
+    room: Room
 
 
 async def run(
@@ -82,8 +86,8 @@ async def run(
     )
     watching = asyncio.ensure_future(_watch_on(recording, devices, watch))
     try:
-        await _begin(orders, mover, watch, halt, say)
-        ending = await drive(orders.program, mover, watch, halt, say, orders.enough)
+        slow = await _begin(orders, mover, watch, halt, say)
+        ending = await drive(orders.program, mover, watch, halt, say, orders.enough, slow=slow)
     finally:
         await mover.close()
         watching.cancel()
@@ -119,8 +123,8 @@ async def _watch_on(recording: asyncio.Future[Status], devices: Devices, watch: 
     await asyncio.gather(read_on(devices.robot), read_on(devices.imu))
 
 
-async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> None:
-    """Wait for the devices, check their reports, and connect the mover."""
+async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event, say: Say) -> float | None:
+    """Wait for the devices, check their reports, and connect the mover; return the speed of the move to the start."""
 
     def why() -> str | None:
         return watch.reason or ("stop requested" if halt.is_set() else None)
@@ -132,14 +136,18 @@ async def _begin(orders: Orders, mover: Mover, watch: Watch, halt: asyncio.Event
         )
     await _until_standing(watch, why)
     watch.rotation.learn_offset(SETTLE_TIME)
+    slow = None
     if watch.sample is not None:
         for text in check_state(orders.arm, orders.program, watch.sample, mover, orders.allowed):
             say(text)
+        joints = np.array(watch.sample.joints)
+        slow = approach(orders.arm, orders.program, mover, joints, orders.room, orders.allowed.tool_speed)
     if (reason := await unless(mover.connect(), why)) is not None:
         raise DeviceError(f"nothing was moved: {reason}")
     say(mover.guard)
     if not watch.tells_programs:
         say("the controller does not report whether it runs a program: a stop cannot be distinguished from a pause")
+    return slow
 
 
 async def _until_standing(watch: Watch, why: Callable[[], str | None]) -> None:

@@ -73,6 +73,7 @@ def run_program(
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
     seconds: float = typer.Option(3600.0, min=1.0, help="End after this many seconds."),
+    picture: Path | None = typer.Option(None, "--picture", help="Page to write with the path of the arm, .html."),
     dashboard: bool = DASHBOARD,
     port: int = PORT,
 ) -> None:
@@ -86,13 +87,16 @@ def run_program(
 
     from kreisel.acquisition.clearance import Room, check_room, parse_box, slowed
     from kreisel.acquisition.driver_lock import only_driver
+    from kreisel.acquisition.limits_used import COLUMNS, limits_used, row_of
     from kreisel.acquisition.movers import mover_at
     from kreisel.acquisition.preflight import Allowed, check_program
     from kreisel.acquisition.program_run import Devices, Orders
     from kreisel.cli.targets import targets
+    from kreisel.cli.terminal_tables import print_rows
     from kreisel.devices.address import IMUS, MOVERS, ROBOTS, check_sender, default_mover, parse_address, with_rtde_of
-    from kreisel.errors import DeviceError, SettingsError
+    from kreisel.errors import SettingsError
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
+    from kreisel.report.path_page import write_path
     from kreisel.robot.kinematics import load_arm
     from kreisel.robot.program import read_program
 
@@ -113,8 +117,12 @@ def run_program(
     checked = [check_program(described, written, sender), check_room(described, written, room)]
     moves, slower = slowed(described, written, sender, tool_speed)
     checked.append(slower)
+    rows = [row_of(use) for use in limits_used(described, moves, sender, room, tool_speed)]
+    if picture is not None:
+        write_path(described, moves, room.floor, room.boxes, COLUMNS, rows, checked, picture)
     if not arm:
         _show_dry(moves, sender, checked)
+        print_rows("limits, and what the program uses of them", COLUMNS, rows, text=1)
         return
     if output is None:
         raise SettingsError("no output is given; `-o RECORDING` names a folder or an .mcap file")
@@ -122,7 +130,7 @@ def run_program(
     longest = longest_tool if of_robot.scheme == "rtde" else None
     allowed = Allowed(math.radians(approach), longest, tool_speed, silence)
     reached = _targets(output, wanted)
-    orders = Orders(moves, described, allowed, lambda: reached.reached)
+    orders = Orders(moves, described, allowed, lambda: reached.reached, room)
     for text in checked:
         _say(text)
     try:
@@ -130,6 +138,19 @@ def run_program(
             ended, status = _drive(orders, Devices(of_imu, of_robot, sender), output, recorded, seconds)
     finally:
         reached.over = True
+    _say_end(output, ended, status)
+
+
+def _say_end(output: Path, ended: Ending, status: Status) -> None:
+    """Report how the motion ended.
+
+    Raises
+    ------
+    DeviceError
+        If it was stopped, or its stop is not confirmed.
+    """
+    from kreisel.errors import DeviceError
+
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples, {status.robot.count} poses; {ended}; "
         f"next: kreisel calibrate {output} -o OUT"
@@ -160,8 +181,8 @@ def _show_dry(moves: Program, mover: Mover, checked: list[str]) -> None:
     for text in checked:
         typer.echo(text)
     typer.echo(
-        "checked only with --arm, before the first move: the distance to the program's start, and the model against "
-        "the joints and the pose that the controller reports"
+        "checked only with --arm, before the first move: the way to the program's start, against the room too, and the "
+        "model against the joints and the pose that the controller reports"
     )
 
 

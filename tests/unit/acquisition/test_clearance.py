@@ -5,8 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from kreisel.acquisition.clearance import RADIUS, Room, _distance, as_moved, check_room, parse_box, slowed, tool_peak
+from kreisel.acquisition.clearance import (
+    RADIUS,
+    Room,
+    _distance,
+    approach,
+    as_moved,
+    check_room,
+    check_way,
+    parse_box,
+    slowed,
+    tool_peak,
+)
+from kreisel.acquisition.limits_used import limits_used, row_of
 from kreisel.acquisition.movers import mover_at
+from kreisel.acquisition.preflight import approach_share
 from kreisel.devices.address import MOVERS, parse_address
 from kreisel.errors import RobotError, SettingsError
 from kreisel.robot.kinematics import load_arm, poses
@@ -79,3 +92,35 @@ def test_a_box_has_two_corners(text):
         parse_box(text)
     np.testing.assert_array_equal(parse_box("1,2,3,0,-1,4"), [[0, -1, 3], [1, 2, 4]])
     assert math.isfinite(parse_box("1,2,3,0,-1,4").sum())
+
+
+def test_the_way_to_the_start_keeps_clear_and_slow():
+    """The start is 90 deg away about the vertical; a box stands half way, where neither end touches it."""
+    program = Program(START, (Move(START, 1.0),))
+    away = START + np.array([np.pi / 2, 0, 0, 0, 0, 0])
+    share = approach(ARM, program, MOVER, away, Room(-1.0), 0.05)
+    assert tool_peak(ARM, MOVER, away, START, share) == pytest.approx(0.05)
+    assert approach(ARM, program, MOVER, away, Room(-1.0), 9.0) == approach_share(program, MOVER)
+    assert approach(ARM, program, MOVER, START, Room(-1.0), 0.05) == approach_share(program, MOVER)
+    half = poses(ARM, (START + away)[None] / 2)[0][0]
+    box = np.array([half - 0.05, half + 0.05])
+    for end in (START, away):
+        check_way(ARM, end, end, Room(-1.0, (box,)), 0)
+    with pytest.raises(RobotError, match="move 0 brings the arm into the keep-out box"):
+        approach(ARM, program, MOVER, away, Room(-1.0, (box,)), 9.0)
+
+
+def test_the_use_of_limits_is_that_of_the_fastest_move():
+    program = Program(START, (Move(AWAY, 1.0, 0.5), Move(START, 1.0, 0.1)))
+    uses = {one.what: one for one in limits_used(ARM, program, MOVER, Room(-1.0), 2.0)}
+    way = np.abs(AWAY - START)
+    leading = float(MOVER.peaks(AWAY - START, 0.5, ARM.velocity)[0].max())
+    for k, name in enumerate(ARM.joints):
+        assert uses[f"{name} speed"].share == pytest.approx(leading * way[k] / way.max() / ARM.velocity[k])
+        ends = np.degrees([START[k], AWAY[k]])
+        low, high = np.degrees([ARM.lower[k], ARM.upper[k]])
+        shares = [angle / (high if angle > 0 else low) for angle in ends]
+        assert uses[f"{name} angle"].share == pytest.approx(max(shares))
+    assert uses["tool speed"].share == pytest.approx(tool_peak(ARM, MOVER, START, AWAY, 0.5) / 2.0)
+    assert row_of(uses["tool speed"])[2] == "2 m/s"
+    assert row_of(uses["distance of links"])[3] == ""
