@@ -18,6 +18,7 @@ from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.device_axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.result_document import READ, from_document, to_document
 from kreisel.calibration.result_sections import CalibrationParts
+from kreisel.calibration.result_views import frame_of, html_of, text_of
 from kreisel.calibration.stream_correction import CorrectedStream
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, check_entries, finish_replacing, read_text, replaced_together
@@ -34,7 +35,7 @@ _MAX_ARRAYS = 1 << 26
 many; a file that is no result must not take all memory before it is refused."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Calibration(CalibrationParts):
     """A calibration: the content of `calibration.yaml`, and the arrays that are too large for it.
 
@@ -56,6 +57,18 @@ class Calibration(CalibrationParts):
     prior_deviation: Array = field(default_factory=lambda: np.zeros(0))
     estimates: Array = field(default_factory=lambda: np.zeros((0, 1)))
     robot_urdf: str | None = None
+
+    def __repr__(self) -> str:
+        """Return the result in a few lines."""
+        return text_of(self)
+
+    def _repr_html_(self) -> str:
+        """Return the result as a table, which notebooks show."""
+        return html_of(self)
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas data frame of all estimated parameters; see `calibration.result_views.frame_of`."""
+        return frame_of(self)
 
     @property
     def accepted(self) -> bool:

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from kreisel.calibration.result_views import with_deviation
+
 if TYPE_CHECKING:
     from kreisel.calibration.arm_result import ArmCalibration
     from kreisel.calibration.evidence import Injection
@@ -26,18 +28,6 @@ def wide_console() -> Console:
     """Return a console, 120 columns wide where it is no terminal."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=120)
-
-
-def _pair(value: float, deviation: float) -> str:
-    """Return value ± standard deviation, rounded to two digits of the latter; a value without deviation was held."""
-    from math import floor, log10
-
-    if isnan(value):
-        return "not determined"
-    if not deviation > 0.0:
-        return f"user-fixed at {value:.6g}"
-    digits = max(0, min(6, 1 - floor(log10(deviation))))
-    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
 def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
@@ -80,7 +70,7 @@ def print_arm(found: ArmCalibration) -> None:
         table.add_column(name, justify="left" if name in ("error", "unit") else "right")
     shown = [one for one in found.errors if one.separable]
     for one in shown:
-        found_value = _pair(one.value / one.size, one.deviation / one.size)
+        found_value = with_deviation(one.value / one.size, one.deviation / one.size)
         table.add_row(one.title, one.unit, found_value, f"± {one.prior / one.size:.3g}")
     console.print(table)
     console.print(f"{len(found.errors) - len(shown)} of {len(found.errors)} errors are not distinguished from others")
@@ -108,13 +98,13 @@ def _rows(calibration: Calibration) -> list[_Row]:
     arms, sd = 1e3 * calibration.sensors.lever_arms, 1e3 * calibration.sensor_sd.lever_arms
     for j, axis in enumerate("xyz"):
         known = [0.0] * 3 if "lever_arms" in fixed else sd[j].tolist()
-        cells = [_pair(v, s) for v, s in zip(arms[j].tolist(), known, strict=True)]
+        cells = [with_deviation(v, s) for v, s in zip(arms[j].tolist(), known, strict=True)]
         rows.append((f"position of accelerometer {axis} in b", "mm", cells))
     timing = calibration.timing
     offset_sd = 0.0 if "time_offset" in fixed else timing.offset_sd or 0.0
-    rows.append(("time offset of the reference", "ms", [_pair(1e3 * timing.offset, 1e3 * offset_sd)]))
+    rows.append(("time offset of the reference", "ms", [with_deviation(1e3 * timing.offset, 1e3 * offset_sd)]))
     if timing.skew or timing.skew_sd:
-        ratio = _pair(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
+        ratio = with_deviation(1e6 * timing.skew, 1e6 * (timing.skew_sd or 0.0))
         rows.append(("ratio of the clocks, less one", "ppm", [ratio]))
     return rows
 
@@ -128,7 +118,7 @@ def _quantity_rows(calibration: Calibration, left_out: Sequence[str] = ()) -> li
         if quantity.name not in left_out:
             found = calibration.derived[quantity.name]
             pairs = zip(found.value.tolist(), found.deviation.tolist(), strict=True)
-            rows.append((_lower(quantity.title), quantity.unit, [_pair(v, s) for v, s in pairs]))
+            rows.append((_lower(quantity.title), quantity.unit, [with_deviation(v, s) for v, s in pairs]))
     return rows
 
 
