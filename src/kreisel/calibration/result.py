@@ -60,15 +60,15 @@ class Calibration(CalibrationParts):
 
     def __repr__(self) -> str:
         """Return the result in a few lines."""
-        return text_of(self)
+        return text_of(self, len(self.names))
 
     def _repr_html_(self) -> str:
         """Return the result as a table, which notebooks show."""
-        return html_of(self)
+        return html_of(self, len(self.names))
 
     def to_dataframe(self) -> Any:
         """Return a pandas data frame of all estimated parameters; see `calibration.result_views.frame_of`."""
-        return frame_of(self)
+        return frame_of(self.document, self.names, self.covariance, self.prior_deviation)
 
     @property
     def accepted(self) -> bool:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from math import floor, isnan, log10
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kreisel.calibration.data_sheet import QUANTITIES
+from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.errors import SettingsError
+from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY, ParameterGroup
-
-if TYPE_CHECKING:
-    from kreisel.calibration.result import Calibration
 
 
 def with_deviation(value: float, deviation: float) -> str:
@@ -26,13 +26,13 @@ def with_deviation(value: float, deviation: float) -> str:
     return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
-def _heading(calibration: Calibration) -> str:
+def _heading(calibration: CalibrationParts, count: int) -> str:
     facts, verdict = calibration.recording, calibration.verdict
     of = "" if facts is None else f" of {facts.name} ({facts.imu_samples} readings, {facts.duration_s:.1f} s)"
-    return f"Calibration{of}, {len(calibration.names)} parameters: {verdict.headline.lower()}"
+    return f"Calibration{of}, {count} parameters: {verdict.headline.lower()}"
 
 
-def _rows(calibration: Calibration) -> list[tuple[str, str, tuple[str, ...]]]:
+def _rows(calibration: CalibrationParts) -> list[tuple[str, str, tuple[str, ...]]]:
     """Return title, unit and the three values of every derived quantity."""
     rows = []
     for quantity in QUANTITIES:
@@ -43,16 +43,16 @@ def _rows(calibration: Calibration) -> list[tuple[str, str, tuple[str, ...]]]:
     return rows
 
 
-def text_of(calibration: Calibration) -> str:
-    """Return a result in a few lines: what it is of, the verdict, and the errors of the sensors."""
+def text_of(calibration: CalibrationParts, count: int) -> str:
+    """Return a result of so many parameters in a few lines: what it is of, the verdict, the errors of the sensors."""
     rows = _rows(calibration)
     width = max((len(title) for title, _, _ in rows), default=0)
     lines = [f"  {title:{width}}  {'; '.join(values)} {unit}" for title, unit, values in rows]
-    return "\n".join([_heading(calibration), *lines])
+    return "\n".join([_heading(calibration, count), *lines])
 
 
-def html_of(calibration: Calibration) -> str:
-    """Return a result as a table of HTML."""
+def html_of(calibration: CalibrationParts, count: int) -> str:
+    """Return a result of so many parameters as a table of HTML."""
     rows = "".join(
         f"<tr><td style='text-align:left'>{escape(title)} ({escape(unit)})</td>"
         + "".join(f"<td>{escape(value)}</td>" for value in values) + "</tr>"
@@ -60,15 +60,22 @@ def html_of(calibration: Calibration) -> str:
     )  # fmt: skip
     verdict = escape(calibration.verdict.sentence)
     head = "<tr><th></th><th>x, yz</th><th>y, xz</th><th>z, xy</th></tr>"
-    return f"<p><b>{escape(_heading(calibration))}</b></p><table>{head}{rows}</table><p>{verdict}</p>"
+    return f"<p><b>{escape(_heading(calibration, count))}</b></p><table>{head}{rows}</table><p>{verdict}</p>"
 
 
-def frame_of(calibration: Calibration) -> Any:
+def frame_of(document: Any, names: Sequence[str], covariance: Array, prior_deviation: Array) -> Any:
     """Return a pandas data frame with a row for each estimated parameter, in SI units.
 
     Its index is the parameter's name; its columns are `group`, `value`, `standard_deviation`, `prior_deviation`, and
     `shown_unit` with `shown_factor`, by which a value is divided for it. The value is nan where `calibration.yaml` has
     another form of it, as for rotations.
+
+    Parameters
+    ----------
+    document
+        The content of `calibration.yaml`.
+    names, covariance, prior_deviation
+        As of `Calibration`.
 
     Raises
     ------
@@ -79,18 +86,17 @@ def frame_of(calibration: Calibration) -> Any:
         import pandas
     except ImportError as error:
         raise SettingsError("a data frame needs pandas: pip install pandas") from error
-    document = calibration.document
-    groups = [_group(name) for name in calibration.names]
+    groups = [_group(name) for name in names]
     return pandas.DataFrame(
         {
             "group": ["" if group is None else group.name for group in groups],
-            "value": [_value(document, name) for name in calibration.names],
-            "standard_deviation": np.sqrt(np.maximum(np.diag(calibration.covariance), 0.0)),
-            "prior_deviation": calibration.prior_deviation,
+            "value": [_value(document, name) for name in names],
+            "standard_deviation": np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+            "prior_deviation": prior_deviation,
             "shown_unit": ["" if group is None else group.unit for group in groups],
             "shown_factor": [1.0 if group is None else group.size for group in groups],
         },
-        index=pandas.Index(calibration.names, name="parameter"),
+        index=pandas.Index(names, name="parameter"),
     )
 
 
