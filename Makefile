@@ -6,7 +6,6 @@ BIN := $(VENV)/bin
 # Programs of others that results are compared with; what they need for pictures and documents is left out.
 REFEREES := allantools==2024.6 fastcrc==0.5.0 imucal==2.6.0 lxml==6.1.3 pymavlink==2.4.50
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-PACKAGES := $(filter-out _kernels __pycache__,$(notdir $(patsubst %/,%,$(wildcard src/kreisel/*/))))
 
 .PHONY: demo test test-all lint site clean
 
@@ -44,7 +43,7 @@ site: $(VENV)/.ready-dev
 	$(BIN)/kreisel export build/gallery/demo/iNAV-FMS/result --to kalibr --grade fog -o build/gallery/imu.yaml >/dev/null
 	$(BIN)/kreisel batch build/lot -o build/gallery/batch --simulate 12 --limits industrial-mems >/dev/null || [ $$? -ge 3 ]
 	rm -r build/gallery/batch/results build/gallery/batch/results.db
-	$(BIN)/pdoc --docformat numpy --output-directory build/api kreisel $(addprefix kreisel.,$(PACKAGES))
+	$(BIN)/python design/api_pages.py build/api
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)
