@@ -24,6 +24,7 @@ class _Extra:
 
 _EXTRAS = {
     "live": _Extra(("serial",), "record, run and apply at serial lines"),
+    "ros2": _Extra(("cyclonedds",), "record and virtual-cell at ros2:// addresses"),
     "serve": _Extra(("starlette", "uvicorn", "websockets"), "--dashboard of record, run and watch"),
     "study": _Extra(("distributed",), "study, and batch with several --jobs"),
     "inverse": _Extra(("scipy",), "the estimator that predicts readings (--estimator inverse)"),
