@@ -73,6 +73,17 @@ def test_json_is_one_object_on_standard_output(cell):
         assert document["standard_deviation"][sensor].keys() == document[sensor].keys()
 
 
+def test_an_error_is_an_object_too(cell, tmp_path):
+    done = run("calibrate", tmp_path / "none", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout) == {"error": done.stderr.strip().removeprefix("kreisel: ")}
+    assert run("calibrate", tmp_path / "none").stdout == ""
+    plain(kreisel.load(cell), tmp_path)
+    done = run("calibrate", tmp_path, "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["proposal"] == run("calibrate", tmp_path).stdout.rstrip("\n")
+
+
 def test_sigma_points_and_fixed_groups(cell):
     fast = json.loads(run("calibrate", cell, "--json", "--sigma-points", "unscented", "--fix", "lever_arms").stdout)
     assert (fast["estimator"]["name"], fast["estimator"]["sigma_points"]) == ("spkf", "unscented")

@@ -106,8 +106,9 @@ def run() -> None:
     try:
         app()
     except UnknownColumnsError as error:
-        typer.echo(error.proposal)
-        fail(str(error))
+        if "--json" not in sys.argv:
+            typer.echo(error.proposal)
+        fail(str(error), proposal=error.proposal)
     except KreiselError as error:
         fail(str(error))
     except BrokenPipeError:
@@ -133,9 +134,15 @@ def _keep_freed_memory() -> None:
         libc.mallopt(_M_ARENA_MAX, 1)  # what one thread has freed serves the others, too
 
 
-def fail(message: str) -> None:
-    """Print one line on standard error and end with status 1."""
-    typer.echo("kreisel: " + " ".join(message.split()), err=True)
+def fail(message: str, **more: str) -> None:
+    """Print one line on standard error, with `--json` an object on standard output too, and end with status 1."""
+    line = " ".join(message.split())
+    typer.echo(f"kreisel: {line}", err=True)
+    if "--json" in sys.argv:
+        import json
+
+        with suppress(OSError):
+            typer.echo(json.dumps({"error": line, **more}))
     sys.exit(1)
 
 

@@ -103,7 +103,7 @@ def with_content(kind: Any, data: bytes) -> Any:
 
 
 def _kept(kind: Any) -> Any:
-    """Return a type whose content Cyclone DDS hands over as bytes: its own conversion takes three times as long (24 us)."""
+    """Return a type whose content comes as bytes: Cyclone's own conversion takes 24 us, three times as long."""
     kind.serialize = lambda message, *_, **__: message.data
     kind.deserialize = classmethod(lambda cls, data, *_, **__: with_content(cls, bytes(data)))
     return kind
