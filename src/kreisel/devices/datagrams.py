@@ -13,7 +13,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.datagram_source import Source
 from kreisel.devices.dialogue import Found, Session
 from kreisel.devices.events import Arrival, Event, Level, Notice
-from kreisel.devices.faults import SILENCE, Faults
+from kreisel.devices.faults import SILENCE, Faults, Silence
 from kreisel.devices.sessions import session_at
 from kreisel.errors import DeviceError, ProtocolError, SettingsError, unknown_name
 
@@ -99,21 +99,15 @@ async def datagrams(address: Address, clock: Clock = time.monotonic_ns) -> Async
     host = await _resolved(address)
     transport, receiver = await _listen(address, lambda: _Receiver(clock, session, host))
     asking = asyncio.ensure_future(receiver.ask())
-    faults, reports, silent, heard = Faults(), _Reports(address, receiver), False, clock()
+    faults, reports, silence = Faults(), _Reports(address, receiver), Silence(address, clock())
     try:
         while True:
             found, now = await _next(receiver.queue) or ([], clock())
-            for notice in reports.take(now):
-                yield notice
-            if not silent and now - heard > SILENCE * 1e9:  # what is received may not be telegrams
-                silent = True
-                yield Notice(Level.LOST, f"{address}: {session.silence}", now)
+            for notice in reports.take(now) + silence.look(now, lambda: session.silence):
+                yield notice  # what is received may not be telegrams
             for event in faults.events(found, now, address):
-                if isinstance(event, Arrival):
-                    heard = now
-                    if silent:
-                        silent = False
-                        yield Notice(Level.INFO, f"{address}: messages are received again", now)
+                for notice in silence.hear(now) if isinstance(event, Arrival) else ():
+                    yield notice
                 yield event
     finally:
         transport.close()

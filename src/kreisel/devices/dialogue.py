@@ -21,6 +21,26 @@ Found = ImuSample | RobotSample | ProtocolError | Remark
 """What there is in the bytes of a device."""
 
 
+class Losses:
+    """Reports of lost bytes and frames of a protocol, by a decoder's counts; each loss is reported once.
+
+    Parameters
+    ----------
+    protocol
+        Its name.
+    """
+
+    def __init__(self, protocol: str) -> None:
+        self._protocol = protocol
+        self._skipped = self._missing = 0
+
+    def since(self, skipped: int, missing: int) -> list[Found]:
+        """Return the errors about what has been lost since the last call."""
+        counts = ((skipped - self._skipped, "bytes belong to no frame"), (missing - self._missing, "frames were lost"))
+        self._skipped, self._missing = skipped, missing
+        return [ProtocolError(self._protocol, f"{count} {text}") for count, text in counts if count > 0]
+
+
 class Session:
     """The state of one connection to a device; every connection gets a new one.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from kreisel.devices.dialogue import Found, Remark
 from kreisel.devices.events import Arrival, Event, Level, Notice
@@ -17,6 +18,34 @@ sent."""
 
 _PAUSE_NS = 1_000_000_000
 """ns in which a kind of fault is reported once. Chosen: a person can read as much; the number is reported, too."""
+
+
+class Silence:
+    """Whether a device is heard; it is reported once that it is not, and once that it is again.
+
+    Parameters
+    ----------
+    where
+        Its address.
+    now_ns
+        The present time.
+    """
+
+    def __init__(self, where: object, now_ns: int) -> None:
+        self._where, self._heard_ns, self._silent = where, now_ns, False
+
+    def look(self, now_ns: int, why: Callable[[], str]) -> list[Notice]:
+        """Return the notice that nothing is received, if that is so and new; `why` says what to look for."""
+        if self._silent or now_ns - self._heard_ns <= SILENCE * 1e9:
+            return []
+        self._silent = True
+        return [Notice(Level.LOST, f"{self._where}: {why()}", now_ns)]
+
+    def hear(self, now_ns: int) -> list[Notice]:
+        """Note a reading; return the notice that it is the first after a silence."""
+        self._heard_ns = now_ns
+        again, self._silent = self._silent, False
+        return [Notice(Level.INFO, f"{self._where}: messages are received again", now_ns)] if again else []
 
 
 class Faults:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kreisel.devices.address import Address
-from kreisel.devices.dialogue import Found, Remark, Session
+from kreisel.devices.dialogue import Found, Losses, Remark, Session
 from kreisel.errors import ProtocolError, SettingsError, unknown_name
 from kreisel.protocols import mavlink
 
@@ -58,7 +58,8 @@ class MavlinkSession(Session):
         self._system = int(address.number("system", 0, 0, 255))
         self._decoder = mavlink.Decoder()
         self._autopilot: tuple[int, int, int] | None = None
-        self._sequence = self._missing = self._skipped = self._began_ns = 0
+        self._sequence = self._began_ns = 0
+        self._losses = Losses("MAVLink")
         self._reading_ns = self._asked_ns = -(10**10)
         self._clock = _Clock()
 
@@ -90,7 +91,7 @@ class MavlinkSession(Session):
                 out.append(ProtocolError("MAVLink", f"{text}; others are ?message={others}"))
             if frame.message == self._message:
                 out.extend(self._sample(frame, now_ns))
-        return out + self._losses(), answer
+        return out + self._losses.since(self._decoder.skipped, self._decoder.missing), answer
 
     def _sample(self, frame: mavlink.Frame, now_ns: int) -> list[Found]:
         if self._autopilot is None:
@@ -127,16 +128,6 @@ class MavlinkSession(Session):
             return b""
         self._asked_ns = now_ns
         return mavlink.request(self._message, self._rate, self._autopilot[:2], self._next())
-
-    def _losses(self) -> list[Found]:
-        out: list[Found] = []
-        skipped, missing = self._decoder.skipped, self._decoder.missing
-        if skipped > self._skipped:
-            out.append(ProtocolError("MAVLink", f"{skipped - self._skipped} bytes belong to no frame"))
-        if missing > self._missing:
-            out.append(ProtocolError("MAVLink", f"{missing - self._missing} frames were lost on the link"))
-        self._skipped, self._missing = skipped, missing
-        return out
 
     def _next(self) -> int:
         self._sequence += 1

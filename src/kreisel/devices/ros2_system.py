@@ -14,7 +14,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.datagrams import Clock
 from kreisel.devices.dialogue import Found, Remark
 from kreisel.devices.events import Arrival, Event, Level, Notice
-from kreisel.devices.faults import SILENCE, Faults
+from kreisel.devices.faults import SILENCE, Faults, Silence
 from kreisel.devices.ros2_network import MESSAGES, Network, network_of
 from kreisel.errors import ProtocolError, SettingsError
 from kreisel.protocols import ros2
@@ -186,7 +186,7 @@ async def ros2_events(address: Address, clock: Clock = time.monotonic_ns) -> Asy
         loop.call_soon_threadsafe(arrived.set)
 
     network = Network(address, listener.topics, take)
-    faults, silent, heard, lost, shared = Faults(), False, clock(), 0, 0
+    faults, silence, lost, shared = Faults(), Silence(address, clock()), 0, 0
     try:
         while True:
             try:
@@ -196,9 +196,8 @@ async def ros2_events(address: Address, clock: Clock = time.monotonic_ns) -> Asy
                 pass
             arrived.clear()
             now = clock()
-            if not silent and now - heard > SILENCE * 1e9:
-                silent = True
-                yield Notice(Level.LOST, f"{address}: {_silence(network, listener)}", now)
+            for notice in silence.look(now, lambda: _silence(network, listener)):
+                yield notice
             while not waiting.empty():
                 topic, kind, content, at = waiting.get_nowait()
                 try:
@@ -206,11 +205,8 @@ async def ros2_events(address: Address, clock: Clock = time.monotonic_ns) -> Asy
                 except ProtocolError as error:
                     found = [error]
                 for event in faults.events(found, at, address):
-                    if isinstance(event, Arrival):
-                        heard = at
-                        if silent:
-                            silent = False
-                            yield Notice(Level.INFO, f"{address}: messages are received again", at)
+                    for notice in silence.hear(at) if isinstance(event, Arrival) else ():
+                        yield notice
                     yield event
             if dropped[0] > lost:
                 yield Notice(Level.WARNING, f"{address}: {dropped[0] - lost} messages dropped here", now)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from kreisel.devices.address import Address
-from kreisel.devices.dialogue import Found, Remark, Session
+from kreisel.devices.dialogue import Found, Losses, Remark, Session
 from kreisel.devices.events import Level
 from kreisel.devices.mavlink_session import MavlinkSession
 from kreisel.errors import ProtocolError, SettingsError, unknown_name
@@ -37,7 +37,7 @@ class IxcomSession(Session):
         self._channel = int(address.number("channel", 0, 0, 31))
         self._divider = int(address.number("divider", 1, 1, 65535))
         self._decoder = ixcom.Decoder()
-        self._skipped = self._missing = 0
+        self._losses = Losses("iXCOM")
 
     def begin(self) -> bytes:
         """Return the commands that open a channel and request readings."""
@@ -54,13 +54,7 @@ class IxcomSession(Session):
                     ixcom.check_response(frame)
             except ProtocolError as error:
                 out.append(error)
-        skipped, missing = self._decoder.skipped, self._decoder.missing
-        if skipped > self._skipped:
-            out.append(ProtocolError("iXCOM", f"{skipped - self._skipped} bytes belong to no frame"))
-        if missing > self._missing:
-            out.append(ProtocolError("iXCOM", f"{missing - self._missing} frames were lost"))
-        self._skipped, self._missing = skipped, missing
-        return out, b""
+        return out + self._losses.since(self._decoder.skipped, self._decoder.missing), b""
 
 
 class LineSession(Session):
