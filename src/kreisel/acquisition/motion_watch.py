@@ -65,6 +65,9 @@ _IMU_SLACK = 0.3
 ENDED = 1.0
 """Seconds at standstill, with no program running on the controller, after which a move has ended off its target."""
 
+_AFTERWARDS = 1.0
+"""s after the arm has come to rest from which the IMU must not turn. Chosen: an arm that swings has ended by then."""
+
 _KEPT_NS = 4_000_000_000
 """ns; poses that are older are dropped. Chosen: twice the longest standstill that is asked for,
 `stopping.SETTLE_TIME_BEFORE_MOVES`."""
@@ -139,7 +142,8 @@ class Watch:
         self.arm, self._clock = arm, clock
         self._overdue, self._tool_speed = overdue, tool_speed
         self._arrivals = {"joint angles": _Arrivals(), "readings of the IMU": _Arrivals()}
-        self._looked_ns = self._trusted_ns = 0
+        self._looked_ns = self._trusted_ns = self._settled_ns = 0
+        self._turned = False
         self._positions: deque[tuple[int, tuple[float, ...]]] = deque()
         self._fastest: Array | None = None
         self._turning = math.inf
@@ -174,6 +178,8 @@ class Watch:
                     self.alarm = self.alarm or f"no {what} for {silent:.1f} s"
         if self.alarm is None and self.rotation.mean_speed(now, _IMU_TIME) > self._turning:
             self.alarm = f"the IMU turns faster than the commanded motion can turn it, {self._turning:.2f} rad/s"
+        if self.alarm is None and self._rests and now > self._settled_ns and self._creeps(now):
+            self.alarm = "the joints are reported to rest, but the IMU turns"
         return self.alarm
 
     @property
@@ -231,7 +237,9 @@ class Watch:
 
     @property
     def speed(self) -> float:
-        """The largest speed of a joint just now, rad/s."""
+        """The largest speed of a joint just now, rad/s; the IMU's, where it has contradicted the joints."""
+        if self.rotation.complaint is not None:
+            return self.rotation.mean_speed(self._clock(), _IMU_TIME)
         return float(np.max(np.abs(self._joint_velocity())))
 
     def _joint_velocity(self) -> Array:
@@ -245,13 +253,21 @@ class Watch:
 
     def rest(self) -> None:
         """Note that the arm rests at its target: a program that begins after ours has ended is not ours."""
-        self._fastest, self._rests = None, True
+        self._fastest, self._rests, self._turned = None, True, False
+        self._settled_ns = self._clock() + round(_AFTERWARDS * 1e9)
 
     def ended(self) -> bool:
         """Return whether the controller began the move, no longer runs a program, and the arm stands still."""
         if self._idle_ns is None or self._clock() - self._idle_ns < ENDED * 1e9:
             return False
         return self.stands(self._idle_ns, ENDED)
+
+    def _creeps(self, now: int) -> bool:
+        """Return whether the IMU has turned all the time since the last look but one, `SETTLED` before."""
+        self._settled_ns = now + round(SETTLED * 1e9)
+        turns = self.rotation.still(now, SETTLED) is False
+        again, self._turned = turns and self._turned, turns
+        return again
 
     def _note_life(self) -> int:
         """Return the time; after a stall of this program devices are not called silent at once."""
@@ -289,7 +305,7 @@ class Watch:
             while self._positions[0][0] < sample.stamp_ns - _KEPT_NS:
                 self._positions.popleft()
         if len(sample.joints) == len(self.arm.joints):
-            self.rotation.pose(host_ns, sample.joints)
+            self.rotation.pose(host_ns, sample.stamp_ns, sample.joints)
         self.alarm = self.alarm or next(self._complaints(sample), None) or self.rotation.complaint
 
     def _complaints(self, sample: RobotSample) -> Iterator[str]:

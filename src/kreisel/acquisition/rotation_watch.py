@@ -52,6 +52,30 @@ _FRESH = 0.3  # s; readings that are older say nothing of the present
 _LONGEST = 0.1  # s; a longer interval between readings is a gap, and its rotation is not known
 
 
+_DRIFT = 1e-2
+"""Largest relative difference of a device's clock from the host's. Chosen: twice that of cheap clocks."""
+
+_LEAP = 1.0  # s; a stamp that is farther from where it is expected is on another clock
+
+
+class _HostTime:
+    """Times of a device's stamps on the host's clock, by the quickest arrivals: however late or bunched others are."""
+
+    def __init__(self) -> None:
+        self._least: float | None = None
+        self._host_ns = 0
+
+    def of(self, stamp_ns: int, host_ns: int) -> float:
+        """Return the host's time of a stamp, s, that arrived at `host_ns`."""
+        late = (host_ns - stamp_ns) * 1e-9
+        if self._least is None or abs(late - self._least) > _LEAP:
+            self._least = late
+        else:
+            self._least = min(late, self._least + _DRIFT * (host_ns - self._host_ns) * 1e-9)
+        self._host_ns = host_ns
+        return stamp_ns * 1e-9 + self._least
+
+
 class RotationWatch:
     """Takes readings and joint angles as they come, with their host's times in ns.
 
@@ -74,7 +98,9 @@ class RotationWatch:
         self._stamp: int | None = None
         self._attitude: Array | None = None
         self._disagreed = 0
-        self._trusted = 0.0
+        self._trusted = self._compared = 0.0
+        self._agreed = False
+        self._imu_time, self._joint_time = _HostTime(), _HostTime()
 
     def learn_offset(self, seconds: float) -> None:
         """Take the mean of the last seconds, in which the arm stood, as the gyros' offset: it drifts."""
@@ -88,29 +114,30 @@ class RotationWatch:
     def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
         """Take a reading of the gyros, rad/s."""
         at, own = host_ns * 1e-9, np.array(rate)
-        self._note_gap(at, self._of_imu)
+        taken = self._noted(self._imu_time.of(stamp_ns, host_ns), self._of_imu)
         seconds = 0.0 if self._stamp is None else (stamp_ns - self._stamp) * 1e-9
         self._stamp = stamp_ns
         self._readings.append((at, own))
         step = self.speed_of(own) * min(max(seconds, 0.0), _LONGEST)
-        self._of_imu.append((at, (self._of_imu[-1][1] if self._of_imu else 0.0) + step))
-        for kept in (self._readings, self._of_imu):
-            while kept[0][0] < at - _KEPT:
-                kept.popleft()
+        self._of_imu.append((taken, (self._of_imu[-1][1] if self._of_imu else 0.0) + step))
+        while self._readings[0][0] < at - _KEPT:
+            self._readings.popleft()
+        while self._of_imu[0][0] < taken - _KEPT:
+            self._of_imu.popleft()
 
-    def pose(self, host_ns: int, joints: tuple[float, ...]) -> None:
+    def pose(self, host_ns: int, stamp_ns: int, joints: tuple[float, ...]) -> None:
         """Take joint angles, and compare."""
-        at = host_ns * 1e-9
+        at = self._joint_time.of(stamp_ns, host_ns)
         if self._of_joints and at - self._of_joints[-1][0] < _SAMPLING:
             return
-        self._note_gap(at, self._of_joints)
+        at = self._noted(at, self._of_joints)
         attitude = poses(self._arm, np.array([joints]))[1][0]
         turned = 0.0 if self._attitude is None else 2.0 * float(np.arccos(min(1.0, abs(attitude @ self._attitude))))
         self._attitude = attitude
         self._of_joints.append((at, (self._of_joints[-1][1] if self._of_joints else 0.0) + turned))
         while self._of_joints[0][0] < at - _KEPT:
             self._of_joints.popleft()
-        self._compare(at)
+        self._compare()
 
     def speed_of(self, rate: Array) -> float:
         """Return the length of a rate without the offset, rad/s."""
@@ -142,13 +169,16 @@ class RotationWatch:
         newest = self._readings[-1][0]
         return takewhile(lambda one: one[0] > newest - seconds, reversed(self._readings))
 
-    def _compare(self, now: float) -> None:
-        """Compare the paths of both up to a moment ago."""
-        end = now - _LATE
-        if self._offset is None or now < self._trusted or not self._covers(end - _WINDOW - _LATE):
+    def _compare(self) -> None:
+        """Compare the paths of both up to the last moment of which both are known."""
+        if self._offset is None or not self._of_imu:
             return
+        end = min(self._of_imu[-1][0], self._of_joints[-1][0] - _LATE)
+        if end < self._trusted or end <= self._compared or not self._covers(end - _WINDOW - _LATE):
+            return
+        self._compared = end
         turned = _path(self._of_imu, end - _WINDOW, end)
-        reported = _path(self._of_joints, end - _WINDOW - _LATE, now)
+        reported = _path(self._of_joints, end - _WINDOW - _LATE, end + _LATE)
         too_far = turned > _FASTER * reported + _SLACK * _WINDOW
         self._disagreed = self._disagreed + 1 if too_far and not self.loose else 0
         if self._disagreed >= _AGAIN:
@@ -159,12 +189,26 @@ class RotationWatch:
         if not self._covers(end - _LONG):
             return
         reported_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
-        self.loose = self.loose or (reported_long > _REPORTED and turned_long < 0.3 * reported_long)
+        if reported_long < _REPORTED:
+            return
+        if turned_long > 0.7 * reported_long:
+            self._agreed = True
+        elif turned_long < 0.3 * reported_long and self._agreed:
+            self.complaint = (
+                f"the IMU turned by {np.degrees(turned_long):.1f} deg in {_LONG:g} s, and the joints by "
+                f"{np.degrees(reported_long):.1f} deg, though it turned with them before: has it come off, or are its "
+                "readings frozen?"
+            )
+        elif turned_long < 0.3 * reported_long:
+            self.loose = True
 
-    def _note_gap(self, at: float, of: deque[tuple[float, float]]) -> None:
-        """Compare nothing for a moment after a gap: what was late arrives together, and looks like a fast rotation."""
-        if of and at - of[-1][0] > 2.0 * _LATE:
+    def _noted(self, at: float, of: deque[tuple[float, float]]) -> float:
+        """Return a time that is not before the last; after missing data, nothing is compared until they are past."""
+        if not of:
+            return at
+        if at - of[-1][0] > 2.0 * _LATE:
             self._trusted = at + _WINDOW + 2.0 * _LATE
+        return max(at, of[-1][0])
 
     def _covers(self, begin: float) -> bool:
         return all(len(of) > 1 and of[0][0] <= begin for of in (self._of_imu, self._of_joints))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -138,6 +140,7 @@ def run_program(
             ended, status = _drive(orders, Devices(of_imu, of_robot, sender), output, recorded, seconds)
     finally:
         reached.over = True
+        _terminal.say("").wait(_PATIENCE)
     _say_end(output, ended, status)
 
 
@@ -186,18 +189,48 @@ def _show_dry(moves: Program, mover: Mover, checked: list[str]) -> None:
     )
 
 
-def _say(text: str) -> None:
-    """Report progress; a closed terminal must not end the run before the arm has stopped."""
-    from contextlib import suppress
+_PATIENCE = 1.0
+"""s to wait for a terminal at the end. Chosen: one that takes nothing for so long is blocked."""
 
-    with suppress(OSError):
-        typer.echo(text, err=True)
+
+class _Terminal:
+    """Writes reports in a thread of its own: a terminal that is blocked or closed must not keep the arm from a stop."""
+
+    def __init__(self) -> None:
+        from queue import SimpleQueue
+
+        self._texts: SimpleQueue[tuple[str, threading.Event]] = SimpleQueue()
+        self._begun = False
+
+    def say(self, text: str) -> threading.Event:
+        """Report progress; return an event that is set once it is written."""
+        if not self._begun:
+            self._begun = True
+            threading.Thread(target=self._write, name="terminal", daemon=True).start()
+        written = threading.Event()
+        self._texts.put((text, written))
+        return written
+
+    def _write(self) -> None:
+        while True:
+            text, written = self._texts.get()
+            if text:
+                with suppress(OSError):
+                    typer.echo(text, err=True)
+            written.set()
+
+
+_terminal = _Terminal()
+
+
+def _say(text: str) -> None:
+    """Report progress, without waiting for the terminal."""
+    _terminal.say(text)
 
 
 def _targets(output: Path, targets: dict[str, float]) -> Targets:
     """Return the check of the `--until` targets, which runs in its own thread."""
     import atexit
-    import threading
 
     from kreisel.dashboard.online import Targets
 

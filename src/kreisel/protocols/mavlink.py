@@ -31,12 +31,13 @@ NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID of `common.xml`: the sender flies nothing, for example a camera or a ground station."""
 
 _NAME = "MAVLink"
-_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
+_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01  # first bytes of a frame, and the flag of a signed one (mavlink.io)
 _HEAD1, _HEAD2, _SIGNATURE = 6, 10, 13  # bytes
 _MRAD = 1e-3  # rad/s
 _INTERVAL = 511  # MAV_CMD_SET_MESSAGE_INTERVAL
 _FULL_UPDATE = 0x3F  # HIGHRES_IMU_UPDATED_XACC to ..._ZGYRO
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled"}
+"""What an autopilot did not do, by the values of MAV_RESULT in `common.xml`."""
 
 
 class Message(IntEnum):

@@ -30,7 +30,7 @@ class Cell:
             at = round((self.t + self._late) * 1e9)
             self.watch.reading(at, round(self.t * 1e9), tuple(reading))
             told = joints if self.frozen is None else self.frozen
-            self.watch.pose(round(self.t * 1e9), tuple(told))
+            self.watch.pose(round(self.t * 1e9), round(self.t * 1e9), tuple(told))
 
     def still(self):
         return self.watch.still(round(self.t * 1e9), 0.5)
@@ -62,6 +62,72 @@ def test_frozen_joints_are_noticed_within_a_third_of_a_second():
     cell.run(0.34)
     assert "are the reported angles frozen" in cell.watch.complaint
     assert cell.still() is False
+
+
+class Bursts(Cell):
+    """The same over networks that deliver each stream in bursts of so many seconds."""
+
+    def __init__(self, of_imu=0.0, of_joints=0.0):
+        super().__init__()
+        self._every, self._held = {"imu": of_imu, "joints": of_joints}, {"imu": [], "joints": []}
+        self._take = {"imu": self.watch.reading, "joints": self.watch.pose}
+        self.watch.reading = lambda _, stamp, rate: self._keep("imu", stamp, rate)
+        self.watch.pose = lambda _, stamp, joints: self._keep("joints", stamp, joints)
+
+    def _keep(self, what, *content):
+        held = self._held[what]
+        held.append(content)
+        if content[0] - held[0][0] >= self._every[what] * 1e9:
+            for one in held:
+                self._take[what](round(self.t * 1e9), *one)
+            held.clear()
+
+
+@pytest.mark.parametrize("bursts", [(0.0, 0.1), (0.0, 0.15), (0.15, 0.0), (0.1, 0.12)])
+def test_bursts_neither_alarm_nor_hide_frozen_joints(bursts):
+    cell = Bursts(*bursts)
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    for speed in (0.2, 0.0, 1.5, -1.5, 0.0, 1.0):
+        cell.speed = speed
+        cell.run(1.0)
+        assert cell.watch.complaint is None
+    cell.frozen = HERE + cell.angle * WAY
+    cell.run(0.6)
+    assert "are the reported angles frozen" in cell.watch.complaint
+
+
+def test_joints_that_come_later_from_a_moment_on_are_compared_with_their_own_time():
+    """A lag of 0.3 s that begins in mid-run, as of a congested network."""
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    take = cell.watch.pose
+    late = []
+
+    def pose(host_ns, stamp_ns, joints):
+        late.append((stamp_ns, joints))
+        while late and late[0][0] <= host_ns - 300_000_000:
+            take(host_ns, *late.pop(0))
+
+    cell.watch.pose = pose
+    for speed in (0.0, 0.7, 0.0, -0.7, 0.0):
+        cell.speed = speed
+        cell.run(1.2)
+        assert cell.watch.complaint is None
+    assert not cell.watch.loose
+
+
+def test_an_imu_that_hangs_after_it_agreed_is_a_fault_and_not_loose():
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    cell.speed = 0.5
+    cell.run(2.5)
+    cell._scale = 0.0
+    cell.run(2.0)
+    assert "though it turned with them before" in cell.watch.complaint
+    assert not cell.watch.loose
 
 
 def test_an_imu_that_lies_beside_the_arm_is_no_witness():
