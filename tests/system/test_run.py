@@ -339,7 +339,7 @@ def test_it_ends_early_when_enough_is_known(program, cell, tmp_path):
         run_of(program, cell, tmp_path / "run", "--until", "timing.offset=1000ms", name="patient.toml"),
         capture_output=True, text=True, timeout=LIMIT, check=True,
     )  # fmt: skip
-    assert "; enough; next" in done.stdout
+    assert "; enough; next" in done.stdout, done.stderr
 
 
 def test_an_interrupt_stops_the_arm_and_keeps_the_recording(program, cell, tmp_path):

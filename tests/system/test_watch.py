@@ -109,6 +109,14 @@ def test_estimates_of_a_long_recording_rest_and_the_last_is_that_of_the_whole(sm
     assert "the next estimate" not in found[-1].summary
 
 
+@pytest.mark.parametrize("bounded", [False, True])
+def test_the_first_readings_of_all_are_too_few_and_that_is_all(small, tmp_path, bounded):
+    file = tmp_path / "growing.mcap"
+    online = Online(Tail(file, bounded=bounded), clock=lambda: 0.0)
+    file.write_bytes(chunks(small, 600)[0])
+    assert online.look().summary.startswith("nothing yet: ")
+
+
 def test_a_tail_reads_through_any_cut(small, tmp_path):
     data = chunks(small, 3)[-1]
     file, rng = tmp_path / "growing.mcap", np.random.default_rng(3)

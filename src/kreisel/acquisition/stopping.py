@@ -105,7 +105,7 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
     done: list[str] = []
     taken = False
     for number in range(_ROUNDS):
-        for name, way in mover.ways:
+        for name, way in _in_order(mover.ways, watch):
             try:
                 await way()
             except DeviceError as error:
@@ -122,6 +122,11 @@ async def bring_to_rest(mover: Stoppable, watch: Watch, underway: Underway | Non
         if number == 0:
             say("THE STOP IS NOT CONFIRMED: press the emergency stop; trying again")
     return Stop(False, f"{_blind(watch)} ({'; '.join(done)})")
+
+
+def _in_order(ways: tuple[Way, ...], watch: Watch) -> tuple[Way, ...]:
+    """Return the ways in their order; where joints are not trusted, the last comes second: it needs no answer."""
+    return ways if watch.rotation.complaint is None else (ways[0], *reversed(ways[1:]))
 
 
 def _confirmed(done: list[str], seconds: float, watch: Watch, underway: Underway | None) -> Stop:

@@ -191,6 +191,8 @@ class Tail:
     def _add(self, new: Mapping[str, Rows]) -> None:
         for name, rows in new.items():
             taken = rows if self._means is None or name != IMU_TOPIC else self._means.of(rows)
+            if not taken.stamps_ns:
+                continue  # of a topic without rows nothing could be made
             kept = self._kept.setdefault(name, Rows(rows.topic, rows.width))
             kept.add(taken, self.file)
             if self._means is not None and name == IMU_TOPIC:
