@@ -1,7 +1,9 @@
 """Messages of ROS 2, against the library that reads and writes them in recordings, and as the standard says."""
 
 import math
+import re
 import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from kreisel.devices.address import IMUS, ROBOTS, check_sender, parse_address
-from kreisel.devices.ros2_system import ImuListener, RobotListener, listener_at
+from kreisel.devices.ros2_network import Publisher
+from kreisel.devices.ros2_system import ImuListener, RobotListener, _silence, listener_at
 from kreisel.errors import ProtocolError, SettingsError
 from kreisel.protocols import ros2
 from kreisel.protocols.samples import ImuSample, RobotSample
@@ -281,3 +284,28 @@ def test_wrong_options_are_refused(options, complaint):
 def test_no_arm_is_driven_by_what_ros_says():
     with pytest.raises(SettingsError, match="anybody in the domain"):
         check_sender(parse_address("ros2://127.0.0.1", ROBOTS))
+
+
+@pytest.mark.parametrize(
+    ("published", "failure", "words"),
+    [
+        ([], "", "nobody was found in this domain"),
+        (
+            [("/imu", ros2.IMU)],
+            "",
+            r"nobody publishes /imu/data_raw; topics that would do: /imu \(sensor_msgs/msg/Imu\)",
+        ),
+        ([("/scan", "sensor_msgs/msg/LaserScan")], "", "topics that are published: /scan"),
+        ([("/imu/data_raw", ros2.IMU)], "", "nothing is received on /imu/data_raw, which somebody publishes"),
+        (
+            [("/imu/data_raw", "my_msgs/msg/Imu")],
+            "",
+            "has messages of type my_msgs/msg/Imu, expected sensor_msgs/msg/Imu",
+        ),
+        ([("/imu/data_raw", ros2.IMU)], "DDSException: x", "can no longer be read"),
+    ],
+)
+def test_silence_is_explained_by_what_is_published(published, failure, words):
+    publishers = {str(k): Publisher(*one, reliable=True, kept=False) for k, one in enumerate(published)}
+    network = SimpleNamespace(publishers=publishers, failure=failure)
+    assert re.search(words, _silence(network, ImuListener(parse_address("ros2://127.0.0.1", IMUS))))

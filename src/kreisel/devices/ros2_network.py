@@ -109,20 +109,29 @@ class Network:
     ----------
     publishers
         All that are known, by their identity.
+    failure
+        Why the thread has ended by itself; empty while it runs.
     """
 
     def __init__(self, address: Address, topics: tuple[str, ...], take: Take) -> None:
         self.publishers: dict[str, Publisher] = {}
+        self.failure = ""
         self._participant, self._topics, self._take = participant_at(address), topics, take
         self._readers: dict[str, tuple[str, Any]] = {}
         self._ends = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="ros2", daemon=True)
+        self._thread = threading.Thread(target=self._read, name="ros2", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread."""
         self._ends.set()
         self._thread.join()
+
+    def _read(self) -> None:
+        try:
+            self._run()
+        except Exception as error:  # a library's; without a report the device would only seem silent
+            self.failure = f"{type(error).__name__}: {error}"
 
     def _run(self) -> None:
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication

@@ -37,6 +37,7 @@ class Listener(Protocol):
     """What becomes of the messages of some topics."""
 
     topics: tuple[str, ...]
+    kinds: frozenset[str]
 
     def take(self, topic: str, kind: str, content: bytes) -> list[Found]:
         """Return what a message of a topic, of a type, contains."""
@@ -44,6 +45,8 @@ class Listener(Protocol):
 
 class ImuListener:
     """Readings of the topic of an IMU; `?topic=/imu/data_raw`."""
+
+    kinds = frozenset({ros2.IMU})
 
     def __init__(self, address: Address) -> None:
         self.topics: tuple[str, ...] = (_topic(address, "topic", "/imu/data_raw"),)
@@ -62,6 +65,8 @@ class RobotListener:
     not show it. `?pose=` names a topic with poses; with frames, `&base=` and `&tool=` name two of them. If both are
     named, angles and pose of the same time become one sample.
     """
+
+    kinds = frozenset({ros2.JOINTS, *KINDS_OF_POSES})
 
     def __init__(self, address: Address) -> None:
         options = address.options
@@ -231,13 +236,18 @@ def _several(network: Network, listener: Listener) -> list[str]:
 
 def _silence(network: Network, listener: Listener) -> str:
     """Return what to say when nothing is received: which topics there are instead."""
+    if network.failure:
+        return f"the network can no longer be read ({network.failure}); begin again"
     publishers = list(network.publishers.values())
     there = {one.topic for one in publishers}
     missing = [topic for topic in listener.topics if topic not in there and topic != _STATIC]
+    foreign = [one for one in publishers if one.topic in listener.topics and one.kind not in listener.kinds]
+    if foreign:
+        one = foreign[0]
+        return f"{one.topic} has messages of type {one.kind}, expected {' or '.join(sorted(listener.kinds))}"
     if not missing:
         return f"nothing is received on {', '.join(listener.topics)}, which somebody publishes"
-    kinds = {ros2.IMU} if isinstance(listener, ImuListener) else {ros2.JOINTS, *KINDS_OF_POSES}
-    others = sorted({f"{one.topic} ({one.kind})" for one in publishers if one.kind in kinds})
+    others = sorted({f"{one.topic} ({one.kind})" for one in publishers if one.kind in listener.kinds})
     text = f"nobody publishes {', '.join(missing)}"
     if others:
         return f"{text}; topics that would do: {', '.join(others)}"
