@@ -80,6 +80,10 @@ _FEWEST = 5
 """Poses that show a standstill. Chosen: each half has a mean (`DRIFT`), so that there are two in a half at least; 20
 poses a second give ten within `stopping.SETTLE_TIME`."""
 
+_BUNCHED = 0.75
+"""Share of a standstill that must lie between the arrivals of its first and last pose. Chosen: bursts of 0.12 s are as
+many as fit into `SETTLED`, 0.24 s of 0.3 s; poses that were held up and arrive together do not reach it."""
+
 _SATURATED = 20
 """Equal readings in a row of a channel, while three or more change, that are saturation; as in `validation.masking`.
 Chosen: rounded readings repeat a few times; 20 readings at 400 Hz are 50 ms."""
@@ -223,7 +227,7 @@ class Watch:
             return False
         begin = max(since_ns, self._recent[-1][0] - round(seconds * 1e9))
         rows = list(takewhile(lambda row: row[0] >= begin, reversed(self._recent)))
-        if len(rows) < _FEWEST or min(_span(rows, 0), _span(rows, 1)) < 0.9e9 * seconds:
+        if len(rows) < _FEWEST or _span(rows, 1) < 0.9e9 * seconds or _span(rows, 0) < _BUNCHED * 1e9 * seconds:
             return False
         angles, half = np.array([joints for _, _, joints in rows]), len(rows) // 2
         drift = np.abs(angles[:half].mean(axis=0) - angles[half:].mean(axis=0))

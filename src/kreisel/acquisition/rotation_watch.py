@@ -41,6 +41,9 @@ _SHORT = 0.1
 _LONG = 1.5
 """s over which an IMU that turns differs from one that does not. Chosen: in the slow first move `_REPORTED`."""
 
+_CREEP = 0.03
+"""rad/s that the mean rate of an IMU may differ over `_LONG`. Chosen: a sway of 1 mrad at 3 Hz stays below."""
+
 _AGAIN = 3
 """Comparisons in a row that must disagree."""
 
@@ -95,6 +98,8 @@ class RotationWatch:
         self._readings: deque[tuple[float, Array]] = deque()
         self._of_imu: deque[tuple[float, float]] = deque()
         self._of_joints: deque[tuple[float, float]] = deque()
+        self._of_means: deque[tuple[float, float]] = deque()
+        self._sum, self._summed, self._since = np.zeros(3), 0, -np.inf
         self._stamp: int | None = None
         self._attitude: Array | None = None
         self._disagreed = 0
@@ -109,6 +114,7 @@ class RotationWatch:
         if self._offset is None:  # what was gathered contains it
             self._of_imu.clear()
             self._of_joints.clear()
+            self._of_means.clear()
         self._offset = np.mean([rate for _, rate in self._last(seconds)], axis=0)
 
     def reading(self, host_ns: int, stamp_ns: int, rate: tuple[float, float, float]) -> None:
@@ -120,10 +126,22 @@ class RotationWatch:
         self._readings.append((at, own))
         step = self.speed_of(own) * min(max(seconds, 0.0), _LONGEST)
         self._of_imu.append((taken, (self._of_imu[-1][1] if self._of_imu else 0.0) + step))
+        self._add_to_mean(taken, own)
         while self._readings[0][0] < at - _KEPT:
             self._readings.popleft()
         while self._of_imu[0][0] < taken - _KEPT:
             self._of_imu.popleft()
+
+    def _add_to_mean(self, at: float, rate: Array) -> None:
+        """Sum rates, and note the path of their means over `_SHORT`: vibration has none."""
+        if at - self._since >= _SHORT:
+            if self._summed:
+                step = self.speed_of(self._sum / self._summed) * min(at - self._since, 2.0 * _SHORT)
+                self._of_means.append((at, (self._of_means[-1][1] if self._of_means else 0.0) + step))
+                while self._of_means[0][0] < at - _KEPT:
+                    self._of_means.popleft()
+            self._sum, self._summed, self._since = np.zeros(3), 0, at
+        self._sum, self._summed = self._sum + rate, self._summed + 1
 
     def pose(self, host_ns: int, stamp_ns: int, joints: tuple[float, ...]) -> None:
         """Take joint angles, and compare."""
@@ -182,12 +200,14 @@ class RotationWatch:
         too_far = turned > _FASTER * reported + _SLACK * _WINDOW
         self._disagreed = self._disagreed + 1 if too_far and not self.loose else 0
         if self._disagreed >= _AGAIN:
-            self.complaint = (
-                f"the IMU turned by {np.degrees(turned):.1f} deg in {_WINDOW:g} s, and the joints are reported to turn "
-                f"it by {np.degrees(reported):.1f} deg: are the reported angles frozen, or is the IMU loose?"
-            )
+            self.complaint = _contradiction(turned, _WINDOW, reported)
         if not self._covers(end - _LONG):
             return
+        if len(self._of_means) > 1 and self._of_means[0][0] <= end - _LONG and not self.loose:
+            crept = _path(self._of_means, end - _LONG, end)
+            reported = _path(self._of_joints, end - _LONG - _LATE, end + _LATE)
+            if crept > _FASTER * reported + _CREEP * _LONG:
+                self.complaint = _contradiction(crept, _LONG, reported)
         reported_long, turned_long = _path(self._of_joints, end - _LONG, end), _path(self._of_imu, end - _LONG, end)
         if reported_long < _REPORTED:
             return
@@ -212,6 +232,13 @@ class RotationWatch:
 
     def _covers(self, begin: float) -> bool:
         return all(len(of) > 1 and of[0][0] <= begin for of in (self._of_imu, self._of_joints))
+
+
+def _contradiction(turned: float, seconds: float, reported: float) -> str:
+    return (
+        f"the IMU turned by {np.degrees(turned):.1f} deg in {seconds:g} s, and the joints are reported to turn it by "
+        f"{np.degrees(reported):.1f} deg: are the reported angles frozen, or is the IMU loose?"
+    )
 
 
 def _path(of: deque[tuple[float, float]], begin: float, end: float) -> float:

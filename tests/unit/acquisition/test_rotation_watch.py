@@ -64,6 +64,36 @@ def test_frozen_joints_are_noticed_within_a_third_of_a_second():
     assert cell.still() is False
 
 
+def test_joints_that_freeze_in_a_slow_move_are_noticed_after_a_few_degrees():
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    cell.speed = 0.05
+    cell.run(4.0)
+    assert cell.watch.complaint is None
+    cell.frozen = HERE + cell.angle * WAY
+    cell.run(2.0)
+    assert "are the reported angles frozen" in cell.watch.complaint
+
+
+def test_vibration_and_sway_are_no_rotation():
+    cell = Cell()
+    cell.run(2.0)
+    cell.watch.learn_offset(0.5)
+    take = cell.watch.reading
+
+    def shaken(host_ns, stamp_ns, rate):
+        t = stamp_ns * 1e-9
+        sway = 0.019 * np.sin(2 * np.pi * 3.0 * t) + 0.08 * np.sin(2 * np.pi * 45.0 * t)
+        take(host_ns, stamp_ns, (rate[0], rate[1] + sway, rate[2]))
+
+    cell.watch.reading = shaken
+    for speed in (0.0, 0.05, 0.0, 0.7, 0.0):
+        cell.speed = speed
+        cell.run(2.5)
+        assert cell.watch.complaint is None
+
+
 class Bursts(Cell):
     """The same over networks that deliver each stream in bursts of so many seconds."""
 
