@@ -60,7 +60,7 @@ class Rows:
 
 
 class _Means:
-    """Means of so many readings each that their rate is `MOST_RATE` at most; groups end where readings are missing.
+    """Means of groups of readings, at a rate of `MOST_RATE` at most; a group ends where readings are missing.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ def _rows(calibration: CalibrationParts) -> list[tuple[str, str, tuple[str, ...]
 
 
 def text_of(calibration: CalibrationParts, count: int) -> str:
-    """Return a result of so many parameters in a few lines: what it is of, the verdict, the errors of the sensors."""
+    """Return a result in a few lines: recording, verdict, errors of the sensors; count: number of parameters."""
     rows = _rows(calibration)
     width = max((len(title) for title, _, _ in rows), default=0)
     lines = [f"  {title:{width}}  {'; '.join(values)} {unit}" for title, unit, values in rows]
@@ -52,7 +52,7 @@ def text_of(calibration: CalibrationParts, count: int) -> str:
 
 
 def html_of(calibration: CalibrationParts, count: int) -> str:
-    """Return a result of so many parameters as a table of HTML."""
+    """Return a result as a table of HTML; count: number of parameters."""
     rows = "".join(
         f"<tr><td style='text-align:left'>{escape(title)} ({escape(unit)})</td>"
         + "".join(f"<td>{escape(value)}</td>" for value in values) + "</tr>"

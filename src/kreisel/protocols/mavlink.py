@@ -79,9 +79,6 @@ _LAYOUTS = {
 READINGS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 """Messages with the readings of an IMU."""
 
-_BASE = {Message.HIGHRES_IMU: 62, Message.RAW_IMU: 26, Message.COMMAND_ACK: 3, Message.TIMESYNC: 16}
-"""Bytes without extensions, of messages that have any and are sent here; version 1 sends no more."""
-
 
 @dataclass(frozen=True, slots=True)
 class Frame:
@@ -211,19 +208,12 @@ def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:
     return values[0], values[1], values[2]
 
 
-def encode(
-    message: Message, values: tuple[float, ...], sequence: int, *, version: int = 2, sender: tuple[int, int] = OURS
-) -> bytes:
-    """Return a frame with the fields of a layout; version 1 has no extensions."""
+def encode(message: Message, values: tuple[float, ...], sequence: int, *, sender: tuple[int, int] = OURS) -> bytes:
+    """Return a frame of version 2 with the fields of a layout."""
     layout = _LAYOUTS[message]
-    payload = layout.fields.pack(*values)
-    if version == 1:
-        payload = payload[: _BASE.get(message, layout.fields.size)]
-        body = bytes([len(payload), sequence % 256, *sender, message]) + payload
-    else:
-        payload = payload.rstrip(b"\0") or b"\0"
-        body = bytes([len(payload), 0, 0, sequence % 256, *sender]) + int(message).to_bytes(3, "little") + payload
-    return bytes([_V1 if version == 1 else _V2]) + body + crc(body + bytes([layout.extra])).to_bytes(2, "little")
+    payload = layout.fields.pack(*values).rstrip(b"\0") or b"\0"
+    body = bytes([len(payload), 0, 0, sequence % 256, *sender]) + int(message).to_bytes(3, "little") + payload
+    return bytes([_V2]) + body + crc(body + bytes([layout.extra])).to_bytes(2, "little")
 
 
 def encode_sample(reading: ImuSample, sequence: int) -> bytes:
