@@ -28,6 +28,7 @@ _EXTRAS = {
     "serve": _Extra(("starlette", "uvicorn", "websockets"), "--dashboard of record, run and watch"),
     "study": _Extra(("distributed",), "study, and batch with several --jobs"),
     "inverse": _Extra(("scipy",), "the estimator that predicts readings (--estimator inverse)"),
+    "plot": _Extra(("matplotlib",), "figures in Python: kreisel.plot"),
     "tables": _Extra(("h5py", "pyarrow", "scipy"), "recordings in MATLAB and Parquet files"),
     "certificate": _Extra(("weasyprint", "minisign"), "certificate as PDF or with --key, key and verify"),
 }
