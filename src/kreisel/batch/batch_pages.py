@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.batch.lot import OF_DEVICE, OUTCOMES, Unit, counts, figures_of, good, label_of
+from kreisel.batch.capability import capabilities, capability_table
+from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of
+from kreisel.batch.outcomes import OUTCOMES
 from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
-from kreisel.calibration.limits import COVERAGE, Limits
+from kreisel.calibration.limits import COVERAGE, Limits, limits_of
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure, Trace
@@ -45,6 +47,7 @@ def write_batch(units: Sequence[Unit], limits: Limits | None, lead: str, reports
         with_limits=limits is not None,
         source="" if limits is None else f"grade {limits.grade}" if limits.grade else limits.file,
         spread=_spread_table(units, limits),
+        capability=capability_table(capabilities(units, limits)),
         rows=[_unit_row(unit, reports) for unit in sorted(units, key=lambda unit: -OUTCOMES.index(unit.outcome))],
         outliers=[(unit.run.name, one.text) for unit in units for one in unit.outliers],
         figures=figures,
@@ -58,11 +61,7 @@ def _has(quantity: Quantity, units: Sequence[Unit]) -> bool:
 
 def _unit_row(unit: Unit, reports: bool) -> dict[str, str]:
     """Return a row of the table of units: what limits it most is the figure nearest to its limit."""
-    shares = [
-        (float(np.nanmax(np.abs(one.values) + one.uncertainties)) / one.limit, one.quantity.title)
-        for one in unit.judged
-        if one.limit is not None and np.isfinite(one.values).any()
-    ]
+    shares = [(one.share, one.quantity.title) for one in unit.judged if np.isfinite(one.share)]
     worst = max(shares, default=(np.nan, ""))
     return {
         "name": unit.run.name,
@@ -88,7 +87,7 @@ def _spread_table(units: Sequence[Unit], limits: Limits | None) -> Table:
         values, deviations = figures_of(runs, quantity)
         if not np.isfinite(values).any():
             continue
-        limit = None if limits is None else limits.values.get(quantity.name)
+        most = limits_of(limits, quantity)
         for axis in range(3):
             own = values[:, axis][np.isfinite(values[:, axis])]
             middle = float(np.median(own))
@@ -96,7 +95,9 @@ def _spread_table(units: Sequence[Unit], limits: Limits | None) -> Table:
             usual = float(np.nanmedian(deviations[:, axis]))
             cells = (number(middle), number(spread), number(float(own.min())), number(float(own.max())), number(usual))
             title = f"{quantity.title} {label_of(quantity, axis)}"
-            rows.append(Row((title, quantity.unit, *cells, "" if limit is None else f"± {number(limit)}")))
+            rows.append(
+                Row((title, quantity.unit, *cells, f"± {number(most[axis])}" if np.isfinite(most[axis]) else ""))
+            )
     columns = ("Quantity", "Unit", "Median", "Spread", "Minimum", "Maximum", "Deviation of one", "Limit")
     return Table("All accepted units", columns, tuple(rows), 2)
 
@@ -120,12 +121,13 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
         marked = [i for i, run in enumerate(runs) if axis in outlying.get(run.key, ())]
         if marked:
             data.append(plots.markers(place[marked] + shift, values[marked, axis], "", "alert", symbol="cross", size=9))
-    limit = None if limits is None else limits.values.get(quantity.name)
-    ends = np.array([0.5, len(runs) + 0.5], dtype=np.float32)
-    if limit is not None:
-        for sign in (-1.0, 1.0):
-            curve = Curve(ends, np.full(2, sign * limit, dtype=np.float32))
-            data.append(plots.line(curve, "limit" if sign > 0 else "", "alert", dash="dash", legend=sign > 0))
+    extreme = float(np.nanmax(np.abs(values)))
+    most = [limit for limit in limits_of(limits, quantity).tolist() if _drawn(limit, extreme)]
+    data += [
+        plots.line(Curve(np.array([0.5, len(runs) + 0.5], dtype=np.float32), np.full(2, limit, dtype=np.float32)),
+                   "limit" if i == 0 else "", "alert", dash="dash", legend=i == 0)
+        for i, limit in enumerate(sorted({sign * x for x in most for sign in (1.0, -1.0)}))
+    ]  # fmt: skip
     x = plots.axis("unit, in the order of the table", range=[0.5, len(runs) + 0.5])
     caption = "Each accepted unit; crosses are outliers of the lot." + (
         " Bars: expanded uncertainty." if len(runs) <= 60 else ""
@@ -134,6 +136,15 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
         quantity.name, quantity.title, caption,
         plots.plot(x, plots.panel(data, plots.axis(quantity.unit), height=220, texts=True)),
     )  # fmt: skip
+
+
+_FAR = 5.0
+"""A limit so many times as far from zero as the values is not drawn: they would be one line. Chosen."""
+
+
+def _drawn(limit: float, *values: float) -> bool:
+    """Return whether a limit is drawn beside values."""
+    return bool(limit < _FAR * max(map(abs, values)))
 
 
 def write_history(history: History, limits: Limits | None, path: Path) -> None:
@@ -213,12 +224,12 @@ def _trend(history: History, trend: Trend) -> Figure:
                                 trend.values[:, axis] + COVERAGE * trend.deviations[:, axis]])  # fmt: skip
         shown = shown[np.isfinite(shown)]
         low, high = (float(shown.min()), float(shown.max())) if shown.size else (-1.0, 1.0)
-        if trend.limit is not None and max(abs(low), abs(high)) > 0.6 * trend.limit:
-            low, high = min(low, -1.05 * trend.limit), max(high, 1.05 * trend.limit)
-        if trend.limit is not None:
+        limit = float(trend.limits[axis])
+        if _drawn(limit, low, high):
+            low, high = min(low, -1.05 * limit), max(high, 1.05 * limit)
             ends = np.array([decimal + t[0], decimal + t[-1]], dtype=np.float32)
             for sign in (-1.0, 1.0):
-                flat = Curve(ends, np.full(2, sign * trend.limit, dtype=np.float32))
+                flat = Curve(ends, np.full(2, sign * limit, dtype=np.float32))
                 data.append(plots.line(flat, "", "alert", dash="dash", legend=False))
         room = 0.05 * (high - low) or 1.0
         y = plots.axis(f"{label_of(trend.quantity, axis)} ({trend.quantity.unit})", range=[low - room, high + room])

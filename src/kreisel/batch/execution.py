@@ -79,19 +79,20 @@ def calibrate_one(batch: Batch, number: int) -> Run:
 
                 write_report(outcome, writing / "report.html")
         text = json.dumps(outcome.calibration.document)
-        return _run(job, read, None, text)
+        return run_of(job.key, job.name, read, None, text)
     except KreiselError as error:
-        return _run(job, read, str(error), None)
+        return run_of(job.key, job.name, read, str(error), None)
 
 
-def _run(job: Job, read: Recording | None, error: str | None, text: str | None) -> Run:
+def run_of(key: str, name: str, read: Recording | None, error: str | None, text: str | None) -> Run:
+    """Return what became of a recording; its device and date are those that it states."""
     device = None if read is None else read.settings.device
     certificate = {} if read is None else read.settings.certificate.model_dump(exclude_none=True)
     begin = None if read is None else int(read.imu.stamps_ns[0])
     return Run(
-        job.key,
-        job.name,
-        (device.serial_number if device is not None else None) or job.name,
+        key,
+        name,
+        (device.serial_number if device is not None else None) or name,
         (device.maker if device is not None else None) or "",
         (device.type if device is not None else None) or "",
         date_of(certificate, begin),

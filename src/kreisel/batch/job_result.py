@@ -9,6 +9,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
+from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document
 from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.errors import RecordingError
@@ -87,6 +88,16 @@ class Run:
     def headline(self) -> str:
         """The verdict in a few words."""
         return "Failed" if self.parts is None else self.parts.verdict.headline
+
+
+def run_of_result(calibration: Calibration) -> Run:
+    """Return the run of a single calibration; its key is empty: it belongs to no batch."""
+    facts = calibration.recording
+    device = {} if facts is None else facts.device
+    name = "" if facts is None else facts.name
+    date = None if facts is None else date_of(facts.certificate, facts.begin_ns)
+    serial, maker, type_ = (device.get(key, "") for key in ("serial_number", "maker", "type"))
+    return Run("", name, serial or name, maker, type_, date, None, json.dumps(calibration.document))
 
 
 def _damaged(name: str, error: Exception) -> RecordingError:

@@ -11,6 +11,7 @@ from io import StringIO
 import numpy as np
 
 from kreisel.batch.job_result import Run
+from kreisel.batch.outcomes import GOOD, OUTCOMES
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.limits import Limits, QuantityDecision, judged, overall
 from kreisel.geometry.rotation import Array
@@ -61,10 +62,6 @@ class Unit:
             return "rejected"
         decision = overall(self.judged)
         return "accepted" if decision is None else decision.value
-
-
-OUTCOMES = ("conforms", "accepted", "no decision", "does not conform", "rejected", "failed")
-"""What can become of a unit, the best first; "accepted" where there are no limits."""
 
 
 def label_of(quantity: Quantity, axis: int) -> str:
@@ -126,7 +123,7 @@ def counts(units: Sequence[Unit]) -> dict[str, int]:
 
 def good(units: Sequence[Unit]) -> int:
     """Return how many units may be delivered: accepted, and within all limits where there are any."""
-    return sum(unit.outcome in ("conforms", "accepted") for unit in units)
+    return sum(unit.outcome in GOOD for unit in units)
 
 
 def table(units: Sequence[Unit]) -> str:

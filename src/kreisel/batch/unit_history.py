@@ -16,7 +16,7 @@ import numpy as np
 from kreisel.batch.job_result import Run
 from kreisel.batch.lot import OF_DEVICE, figures_of, label_of
 from kreisel.calibration.data_sheet import Quantity
-from kreisel.calibration.limits import COVERAGE, Limits
+from kreisel.calibration.limits import COVERAGE, Limits, limits_of
 from kreisel.errors import SettingsError
 from kreisel.geometry.rotation import Array
 
@@ -102,8 +102,8 @@ class Trend:
         In the quantity's unit.
     ageing
         Of each of the three figures.
-    limit
-        Largest absolute value; None where there is none.
+    limits : (3,)
+        Largest absolute values; infinite where there is none.
     """
 
     quantity: Quantity
@@ -111,7 +111,7 @@ class Trend:
     values: Array
     deviations: Array
     ageing: tuple[Ageing, ...]
-    limit: float | None
+    limits: Array
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,13 @@ def of_one_type(unit: str, runs: Sequence[Run], wanted: str | None) -> list[Run]
     raise SettingsError(f"devices of several types have the serial number '{unit}': {listed}; choose by --type")
 
 
-def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History:
+def history_of(unit: str, runs: Sequence[Run], limits: Limits | None, most_months: float | None = None) -> History:
     """Return the history of a unit from its runs, in the order they were made; of one recording the last one counts.
+
+    Parameters
+    ----------
+    most_months
+        The longest interval between two calibrations, whatever the trends say.
 
     Raises
     ------
@@ -179,10 +184,11 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None) -> History
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
         values = np.where(deviations > 0.0, values, np.nan)  # others were held
-        limit = None if limits is None else limits.values.get(quantity.name)
         ageing = tuple(aged(years, values[:, i], deviations[:, i]) for i in range(3))
-        trends.append(Trend(quantity, years, values, deviations, ageing, limit))
-    return History(unit, tuple(used), days, tuple(trends), tuple(left_out), _due(trends, days[-1]))
+        trends.append(Trend(quantity, years, values, deviations, ageing, limits_of(limits, quantity)))
+    return History(
+        unit, tuple(used), days, tuple(trends), tuple(left_out), _at_most(_due(trends, days[-1]), days[-1], most_months)
+    )
 
 
 def _day(run: Run) -> date | None:
@@ -239,6 +245,16 @@ def _scatter(A: Array, y: Array, sd: Array) -> float:
     return 0.5 * (low + high)
 
 
+def _at_most(due: Due, last: date, months: float | None) -> Due:
+    """Return the due date, not later than the longest interval allows."""
+    if months is None:
+        return due
+    latest = last + timedelta(days=round(min(months, 12.0 * _LONGEST) * YEAR / 12.0))
+    if due.day is not None and due.day <= latest:
+        return due
+    return Due(latest, f"the longest interval, {months:g} months, ends")
+
+
 def _due(trends: Sequence[Trend], last: date) -> Due:
     """Return when the first figure may have left its limit; without limits, when an uncertainty has doubled.
 
@@ -248,14 +264,14 @@ def _due(trends: Sequence[Trend], last: date) -> Due:
     """
     ahead = np.linspace(0.0, _LONGEST, 4001)
     best, reason = np.inf, ""
-    limited = any(trend.limit is not None for trend in trends)
+    limited = any(np.isfinite(trend.limits).any() for trend in trends)
     for trend in trends:
         for axis, ageing in enumerate(trend.ageing):
             value, sd = ageing.at(ahead)
             label = f"{trend.quantity.title} {label_of(trend.quantity, axis)}"
-            if trend.limit is not None:
-                over = np.abs(value) + COVERAGE * sd > trend.limit
-                text = f"{label} may reach its limit of {trend.limit:.3g} {trend.quantity.unit}"
+            if np.isfinite(limit := trend.limits[axis]):
+                over = np.abs(value) + COVERAGE * sd > limit
+                text = f"{label} may reach its limit of {limit:.3g} {trend.quantity.unit}"
             elif limited or not np.isfinite(ageing.rate) or ageing.free < 1:
                 continue
             else:

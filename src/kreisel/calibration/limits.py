@@ -40,9 +40,12 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Limits:
-    """Largest absolute values of quantities, by their names in `derived`; they are of a grade, or from a file."""
+    """Largest absolute values of quantities, by their names in `derived`; they are of a grade, or from a file.
 
-    values: Mapping[str, float]
+    Each has three, of its axes or pairs of axes; infinite where there is no limit.
+    """
+
+    values: Mapping[str, tuple[float, float, float]]
     grade: str | None = None
     file: str | None = None
 
@@ -57,10 +60,10 @@ class QuantityDecision:
         Of three numbers.
     values, uncertainties : (3,)
         Value, and expanded uncertainty (k = 2).
-    limit
-        Largest absolute value; None where there is none.
+    limits : (3,)
+        Largest absolute values; infinite where there is none.
     decisions
-        Of the three numbers; empty without a limit.
+        Of the three numbers; None for one without a limit.
     observable
         Whether all parameters that it depends on are.
     """
@@ -68,24 +71,36 @@ class QuantityDecision:
     quantity: Quantity
     values: Array
     uncertainties: Array
-    limit: float | None
-    decisions: tuple[Decision, ...]
+    limits: Array
+    decisions: tuple[Decision | None, ...]
     observable: bool
 
     @property
+    def limited(self) -> bool:
+        """Whether one of the three numbers has a limit."""
+        return bool(np.isfinite(self.limits).any())
+
+    @property
     def decision(self) -> Decision | None:
-        """Of all three together."""
+        """Of all three together; None without limits."""
         return _together(self.decisions)
 
+    @property
+    def share(self) -> float:
+        """The largest share of a limit that value and uncertainty take, 1 at the limit; nan without limits."""
+        shares = (np.abs(self.values) + self.uncertainties) / self.limits
+        shares = shares[np.isfinite(self.limits) & np.isfinite(shares)]
+        return float(shares.max()) if shares.size else float("nan")
 
-def _together(decisions: Sequence[Decision]) -> Decision | None:
+
+def _together(decisions: Sequence[Decision | None]) -> Decision | None:
     most_serious_first = (Decision.FAILS, Decision.UNDECIDED, Decision.CONFORMS)
     return next((decision for decision in most_serious_first if decision in decisions), None)
 
 
 def overall(found: Sequence[QuantityDecision]) -> Decision | None:
     """Return the decision on several quantities together; None where none has a limit."""
-    return _together([one.decision for one in found if one.decision is not None])
+    return _together([one.decision for one in found])
 
 
 def limits_of_grade(name: str) -> Limits:
@@ -100,21 +115,19 @@ def limits_of_grade(name: str) -> Limits:
         raise SettingsError(unknown_name("grade", name, GRADES))
     grade = GRADES[name]
     pair = _DEVIATIONS * 2.0**0.5 * grade.misalignment_sd / MRAD  # two axes, each with an error of its own
-    return Limits(
-        {
-            "gyro_bias_deg_h": _DEVIATIONS * grade.gyro_offset_sd / DEG_PER_HOUR,
-            "gyro_scale_error_ppm": _DEVIATIONS * grade.gyro_scale_sd / PPM,
-            "gyro_non_orthogonality_mrad": pair,
-            "accel_bias_mg": _DEVIATIONS * grade.accel_offset_sd / MG,
-            "accel_scale_error_ppm": _DEVIATIONS * grade.accel_scale_sd / PPM,
-            "accel_non_orthogonality_mrad": pair,
-        },
-        grade=name,
-    )
+    limits = {
+        "gyro_bias_deg_h": _DEVIATIONS * grade.gyro_offset_sd / DEG_PER_HOUR,
+        "gyro_scale_error_ppm": _DEVIATIONS * grade.gyro_scale_sd / PPM,
+        "gyro_non_orthogonality_mrad": pair,
+        "accel_bias_mg": _DEVIATIONS * grade.accel_offset_sd / MG,
+        "accel_scale_error_ppm": _DEVIATIONS * grade.accel_scale_sd / PPM,
+        "accel_non_orthogonality_mrad": pair,
+    }
+    return Limits({name: (value, value, value) for name, value in limits.items()}, grade=name)
 
 
 def read_limits(path: Path) -> Limits:
-    """Return the limits in a TOML file: `[limits]` with names as in `derived`.
+    """Return the limits in a TOML file: `[limits]` with names as in `derived`, a number or one for each axis.
 
     Raises
     ------
@@ -133,12 +146,22 @@ def read_limits(path: Path) -> Limits:
     known = {quantity.name for quantity in QUANTITIES}
     if not table:
         raise RecordingError(f"no limits in [limits]; known are {', '.join(sorted(known))}", file=path)
-    for name, value in table.items():
+    for name in table:
         if name not in known:
             raise RecordingError(unknown_name("quantity", name, known), file=path)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e300:
-            raise RecordingError(f"limits.{name} = {value!r}: expected a number above zero", file=path)
-    return Limits({name: float(value) for name, value in table.items()}, file=path.name)
+    return Limits({name: _three(name, value, path) for name, value in table.items()}, file=path.name)
+
+
+def _three(name: str, value: object, path: Path) -> tuple[float, float, float]:
+    """Return the limits of a quantity's three numbers."""
+    own = value if isinstance(value, list) else [value] * 3
+    if len(own) == 3 and all(isinstance(x, int | float) and not isinstance(x, bool) and x > 0.0 for x in own):
+        x, y, z = map(float, own)
+        if np.isfinite([x, y, z]).any():
+            return x, y, z
+    raise RecordingError(
+        f"limits.{name} = {value!r}: expected a number above zero, or three, inf for an axis without a limit", file=path
+    )
 
 
 def limits_named(text: str) -> Limits:
@@ -164,14 +187,17 @@ def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[Quanti
         if found is None:
             continue
         U = COVERAGE * found.deviation
-        limit = None if limits is None else limits.values.get(quantity.name)
+        limit = limits_of(limits, quantity)
         seen = not any(_concerns(quantity, name) for name in parts.verdict.unobservable)
         seen &= not any(group_named(group).owner in parts.verdict.not_usable for group in quantity.groups)
-        decisions: tuple[Decision, ...] = ()
-        if limit is not None:
-            decisions = tuple(_decided(x, u, limit, seen=seen) for x, u in zip(found.value, U, strict=True))
+        decisions = tuple(decided(x, u, most, seen=seen) for x, u, most in zip(found.value, U, limit, strict=True))
         out.append(QuantityDecision(quantity, found.value, U, limit, decisions, seen))
     return out
+
+
+def limits_of(limits: Limits | None, quantity: Quantity) -> Array:
+    """Return the limits (3,) of a quantity, infinite where there is none."""
+    return np.array((limits.values if limits is not None else {}).get(quantity.name, (np.inf,) * 3))
 
 
 def _concerns(quantity: Quantity, parameter: str) -> bool:
@@ -179,7 +205,10 @@ def _concerns(quantity: Quantity, parameter: str) -> bool:
     return any(parameter.startswith(f"{group_named(group).path}[") for group in quantity.groups)
 
 
-def _decided(value: float, uncertainty: float, limit: float, *, seen: bool) -> Decision:
+def decided(value: float, uncertainty: float, limit: float, *, seen: bool = True) -> Decision | None:
+    """Return whether a value is within a limit by its expanded uncertainty; None for an infinite limit."""
+    if np.isinf(limit):
+        return None
     if not seen or not np.isfinite([value, uncertainty]).all():
         return Decision.UNDECIDED
     if abs(value) + uncertainty <= limit:

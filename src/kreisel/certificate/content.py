@@ -13,9 +13,10 @@ import numpy as np
 from kreisel._version import __version__
 from kreisel.calibration.limits import COVERAGE, Decision, Limits, QuantityDecision, judged, overall
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.result_sections import Measured
+from kreisel.calibration.result_sections import Measured, RecordingFacts
 from kreisel.certificate.words import LANGUAGES, number, words
 from kreisel.errors import SettingsError, unknown_name
+from kreisel.geometry.rotation import Array
 from kreisel.model.groups import REGISTRY, ParameterGroup
 from kreisel.recording.nanoseconds import date_of_stamp
 from kreisel.recording.recording_settings import CertificateTable, DeviceTable
@@ -25,6 +26,13 @@ FIELDS = (*DeviceTable.model_fields, *CertificateTable.model_fields)
 
 _LEFT_OUT = frozenset({"mounting_rotation_deg"})
 """Quantities that are not the device's."""
+
+_PROCEDURES = {
+    "ekf": "ekf", "iekf": "iekf", "batch": "batch", "inverse": "inverse", "static": "at_poses",
+    **dict.fromkeys(("spkf", "ukf", "cdkf", "ckf"), "sigma_points"),
+    **{name: name.replace("-", "_") for name in ("multi-position", "six-position", "ferraris", "turntable")},
+}  # fmt: skip
+"""The sentence on the procedure, `procedure_NAME` of the words, by the name of the estimator or static method."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,8 @@ class Certificate:
         Pairs of title and text, in their order.
     axes, pairs, effects
         Rows of the results.
+    conformity
+        The statement of conformity; empty without limits.
     notes
         Sentences below the results.
     digest, result_digest
@@ -67,6 +77,7 @@ class Certificate:
     axes: tuple[Row, ...]
     pairs: tuple[Row, ...]
     effects: tuple[Row, ...]
+    conformity: str
     notes: tuple[str, ...]
     digest: str
     result_digest: str
@@ -130,22 +141,9 @@ def certificate_of(
         _check_shown(limits, found)
     exact = limits is not None and limits.grade is None
     rows = {
-        kind: [_row(one, own, language, exact=exact) for one in found if one.quantity.of == kind]
+        kind: [_row(one, own, language, exact=exact) for one in found if one.quantity.of == kind and _shown(one)]
         for kind in ("axes", "pairs")
     }
-    consistency = calibration.consistency
-    notes = [own["uncertainty"], own["contributions"]]
-    if limits is not None:
-        source = own["of_grade"].format(name=limits.grade) if limits.grade else limits.file
-        notes.append(own["rule"].format(source=source))
-    if not all(one.observable for one in found):
-        notes.append(own["not_observable"])
-    if np.isfinite(consistency.nis_path):
-        path, still = (
-            number(f"{x:.2f}", language) if np.isfinite(x) else "–"
-            for x in (consistency.nis_path, consistency.nis_standstill)
-        )
-        notes.append(own["consistency"].format(path=path, still=still) + ".")
     return Certificate(
         language,
         own,
@@ -153,13 +151,47 @@ def certificate_of(
         tuple(rows["axes"]),
         tuple(rows["pairs"]),
         tuple(_effects(calibration, own, language)),
-        tuple(notes),
+        _conformity(found, own),
+        tuple(_notes(calibration, found, limits, own, language)),
         "" if calibration.recording is None else calibration.recording.digest or "",
         result_digest,
         fields.get("serial_number", ""),
-        tuple(one for one in found if one.limit is not None),
+        tuple(one for one in found if one.limited),
         overall(found),
     )
+
+
+def _shown(one: QuantityDecision) -> bool:
+    """Return whether a quantity has a row: without a number, as distances of a static result, only for its limit."""
+    return one.limited or bool(np.isfinite(one.values).any())
+
+
+def _conformity(found: Sequence[QuantityDecision], own: Mapping[str, str]) -> str:
+    """Return the statement of conformity, with the quantities that it is due to; empty without limits."""
+    decision = overall(found)
+    if decision is None:
+        return ""
+    due = "; ".join(own[one.quantity.name] for one in found if one.decision is decision)
+    return own[f"conformity_{decision.name.lower()}"].format(quantities=due)
+
+
+def _notes(
+    calibration: Calibration, found: Sequence[QuantityDecision], limits: Limits | None, own: Mapping[str, str],
+    language: str,
+) -> list[str]:  # fmt: skip
+    """Return the sentences below the results."""
+    out = []
+    if limits is not None:
+        source = own["limits_of_grade" if limits.grade else "limits_of_file"].format(name=limits.grade or limits.file)
+        out.append(f"{own['rule']} {source}")
+    out += [f"{own['uncertainty']} {own['meaning']}", own["contributions"]]
+    if not all(one.observable for one in found if _shown(one)):
+        out.append(own["not_observable"])
+    nis = (calibration.consistency.nis_path, calibration.consistency.nis_standstill)
+    if np.isfinite(nis[0]):
+        path, still = (number(f"{x:.2f}", language) for x in nis)
+        out.append(own["consistency" if np.isfinite(nis[1]) else "consistency_motion"].format(path=path, still=still))
+    return out
 
 
 def _check_shown(limits: Limits, found: Sequence[QuantityDecision]) -> None:
@@ -187,16 +219,11 @@ def _facts(
     if temperature is None and recording is not None and recording.temperature_c is not None:
         temperature = f"{number(f'{recording.temperature_c:.1f}', language)} °C"
     out.append((own["temperature"], temperature or nothing))
-    seen = ""
-    if recording is not None:
-        name = own.get(recording.reference_kind, recording.reference)
-        key = "poses_of" if recording.reference_poses else "at_rest"
-        seen = own[key].format(poses=recording.reference_poses, name=name, seconds=recording.duration_s)
+    seen = "" if recording is None else _seen(calibration, recording, own, language)
     stated = fields.get("reference")
     out.append((own["reference"], "; ".join(text for text in (stated, seen) if text) or nothing))
     out.append((own["traceability"], fields.get("traceability", own["no_traceability"])))
-    usual = "usual_procedure" if recording is None or recording.reference_poses else "static_procedure"
-    out.append((own["procedure"], fields.get("procedure", own[usual])))
+    out.append((own["procedure"], fields.get("procedure", own[_procedure(calibration)])))
     if "remarks" in fields:
         out.append((own["remarks"], fields["remarks"]))
     if "number" in fields:
@@ -204,16 +231,42 @@ def _facts(
     return [*out, (own["software"], f"kreisel {__version__}")]
 
 
+def _seen(calibration: Calibration, recording: RecordingFacts, own: Mapping[str, str], language: str) -> str:
+    """Return what the reference was, by what the recording holds."""
+    poses, method = recording.reference_poses, calibration.estimator.name if calibration.estimator else ""
+    kind = recording.reference_kind if recording.reference_kind in ("robot", "mocap") else "other"
+    if not poses:
+        kind = "turntable" if method == "turntable" else "gravity"
+    texts = {"poses": _grouped(poses, 0, language), "seconds": _grouped(recording.duration_s, 0, language)}
+    return own[f"seen_{kind}"].format(name=recording.reference, **texts)
+
+
+def _procedure(calibration: Calibration) -> str:
+    """Return the key of the sentence on the procedure."""
+    name = "" if calibration.estimator is None else calibration.estimator.name
+    if calibration.recording is not None and not calibration.recording.reference_poses and name not in _PROCEDURES:
+        name = "multi-position"
+    return f"procedure_{_PROCEDURES.get(name, 'other')}"
+
+
 def _row(one: QuantityDecision, own: Mapping[str, str], language: str, *, exact: bool) -> Row:
     mark = "" if one.observable else "*"
     return Row(
         own[one.quantity.name],
-        one.quantity.unit,
+        _unit(one.quantity.unit, language),
         tuple(_pair(x, u, language) + mark for x, u in zip(one.values, one.uncertainties, strict=True)),
-        "" if one.limit is None else f"± {_limit(one.limit, language, exact=exact)}",
+        _limits(one.limits, language, exact=exact),
         "" if one.decision is None else own[one.decision.value],
         "" if one.decision is None else one.decision.name.lower(),
     )
+
+
+def _limits(values: Array, language: str, *, exact: bool) -> str:
+    """Return the limits of three numbers: one text where they are equal."""
+    texts = [f"±\u00a0{_limit(x, language, exact=exact)}" if math.isfinite(x) else "–" for x in values.tolist()]
+    if len(set(texts)) == 1:
+        return "" if texts[0] == "–" else texts[0]
+    return " / ".join(texts)
 
 
 def _limit(value: float, language: str, *, exact: bool) -> str:
@@ -232,8 +285,17 @@ def _pair(value: float, uncertainty: float, language: str) -> str:
     digits = 1 - math.floor(math.log10(uncertainty))
     rounded = round(uncertainty, digits)
     places = max(0, digits)
-    value = round(value, digits)
-    return number(f"{value:.{places}f} ± {rounded:.{places}f}".replace("-", "−"), language)
+    return f"{_grouped(round(value, digits), places, language)} ± {_grouped(rounded, places, language)}"
+
+
+def _grouped(value: float, places: int, language: str) -> str:
+    """Return a number with thin blanks between thousands and a true minus sign."""
+    return number(f"{value:,.{places}f}".replace(",", "\u202f").replace("-", "−"), language)
+
+
+def _unit(unit: str, language: str) -> str:
+    """Return a unit as the language writes it."""
+    return unit.replace("deg", "°") if language == "de" else unit
 
 
 def _effects(calibration: Calibration, own: Mapping[str, str], language: str) -> list[Row]:
@@ -252,10 +314,12 @@ def _effects(calibration: Calibration, own: Mapping[str, str], language: str) ->
                 _pair(float(values[i] / group.size), COVERAGE * float(deviations[i] / group.size), language)
                 for i in range(start, start + size)
             )
-            title = own.get(group.name, group.meaning)
-            if values.size > size:
-                title += f", {start // size + 1}"
-            out.append(Row(title, group.unit, texts + ("",) * (3 - len(texts))))
+            title = own[group.name]
+            if group.name.endswith("polynomial") and values.size > size:
+                title = own["order"].format(title=title, row=2 + start // size)
+            elif values.size > size:
+                title = own["row_of_axis"].format(title=title, row="xyz"[start // size])
+            out.append(Row(title, _unit(group.unit, language), texts + ("",) * (3 - len(texts))))
     return out
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from kreisel.cli.conformity import FAILED, REJECTED, UNDECIDED, most_serious
+from kreisel.batch.outcomes import STATUS, most_serious
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +27,7 @@ def batch(
     database: Path | None = typer.Option(None, "--db", help="File of results, SQLite; by default OUT/results.db."),
     fix: list[str] = typer.Option([], help="Group or parameter not to estimate; may be repeated."),
     links: bool = typer.Option(False, "--links", help="Follow links that lead out of FOLDER."),
+    xlsx: bool = typer.Option(False, "--xlsx", help="Write table.xlsx too: units, capability, limits."),
     reports: bool = typer.Option(False, "--reports", help="Write a report for each unit; half as long again."),
     simulate: int | None = typer.Option(
         None, min=1, help="First simulate so many units into FOLDER, each another device; for a trial."
@@ -44,6 +45,8 @@ def batch(
     from kreisel.batch.jobs import jobs_in, leaving
     from kreisel.batch.lot import table, units_of
     from kreisel.batch.result_store import Store
+    from kreisel.batch.unit_document import write_unit
+    from kreisel.batch.workbook import write_workbook
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
@@ -71,14 +74,15 @@ def batch(
             runs = calibrate_all(work, store, distribute, show)
     units = units_of(runs, known)
     (output / "table.csv").write_text(table(units), encoding="utf-8")
+    if xlsx:
+        write_workbook(units, known, output / "table.xlsx")
+    for unit in units:
+        made = reports and unit.run.parts is not None
+        write_unit(unit, known, work.results / unit.run.name, "report.html" if made else None)
     write_batch(units, known, f"{folder}", reports, output / "batch.html")
     _say(units, output, as_json=json)
-    if status := most_serious(_STATUS.get(unit.outcome, 0) for unit in units):
+    if status := most_serious(STATUS.get(unit.outcome, 0) for unit in units):
         raise typer.Exit(status)
-
-
-_STATUS = {"failed": FAILED, "rejected": REJECTED, "does not conform": REJECTED, "no decision": UNDECIDED}
-"""Exit status by what became of a unit; 0 for all else."""
 
 
 def history(
@@ -87,6 +91,9 @@ def history(
     output: Path = typer.Option(..., "-o", "--output", help="Page to write, .html."),
     limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
     of: str | None = typer.Option(None, "--type", help="Type, where devices of several have this serial number."),
+    most: float | None = typer.Option(
+        None, "--most-months", min=0.1, help="Longest interval between two calibrations, months."
+    ),
 ) -> None:
     """Write the history of a unit: its errors over the years, how they age, and when it is due again."""
     from kreisel.batch.batch_pages import ageing_table, write_history
@@ -105,7 +112,7 @@ def history(
             units = store.units()
             more = f" and {len(units) - 10} more" if len(units) > 10 else ""
             raise SettingsError(f"no unit '{unit}' in {database}; it has {', '.join(units[:10])}{more}")
-    found = history_of(unit, of_one_type(unit, runs, of), known)
+    found = history_of(unit, of_one_type(unit, runs, of), known, most)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_history(found, known, output)
     shown = ageing_table(found)
@@ -220,7 +227,7 @@ def _say(units: Sequence[Unit], output: Path, *, as_json: bool) -> None:
 
 def _not_good(units: Sequence[Unit]) -> dict[str, list[str]]:
     """Return the names of recordings by what became of them, the most serious first; without those that are good."""
-    out: dict[str, list[str]] = {outcome: [] for outcome in _STATUS}
+    out: dict[str, list[str]] = {outcome: [] for outcome in STATUS}
     for unit in units:
         if unit.outcome in out:
             out[unit.outcome].append(unit.run.name)

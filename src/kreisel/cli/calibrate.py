@@ -113,7 +113,7 @@ def calibrate(
 
         found = calibrate_together(recordings, read_one, settings, _in_common(same, own), output)
         document = _with_output(found.calibration.document, output)
-        _end(found.calibration, document, partial(say_joint, found, output), within, as_json=json)
+        _end(found.calibration, document, partial(say_joint, found, output), within, output, as_json=json)
         return
     if len(recordings) > 1 or same or own:
         raise SettingsError(
@@ -138,7 +138,7 @@ def calibrate(
         if output is not None:
             _save(outcome, output, injection)
     document = _document(outcome, output, injection)
-    _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, as_json=json)
+    _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, output, as_json=json)
 
 
 def _check_method(method: str, *, joint: bool, inject: bool) -> None:
@@ -169,21 +169,27 @@ def _statically(
         outcome = calibrate_by_robot(read, settings, show, in_threads)
     write_static_result(outcome, output)
     document = _with_output(outcome.calibration.document, output)
-    _end(outcome.calibration, document, partial(say_static, outcome, output), within, as_json=as_json)
+    _end(outcome.calibration, document, partial(say_static, outcome, output), within, output, as_json=as_json)
 
 
 def _end(
-    calibration: Calibration, document: dict[str, Any], say: Callable[[], None], limits: Limits | None, *, as_json: bool
-) -> None:
+    calibration: Calibration, document: dict[str, Any], say: Callable[[], None], limits: Limits | None,
+    output: Path | None, *, as_json: bool,
+) -> None:  # fmt: skip
     """Print a result, and whether it is within limits; end with the exit status for that."""
     import json
 
+    from kreisel.batch.job_result import run_of_result
+    from kreisel.batch.lot import units_of
+    from kreisel.batch.unit_document import write_unit
     from kreisel.cli.conformity import as_table, conformity, sentence, status_of
 
     decision = None
     if limits is not None and calibration.accepted:
         judged, decision = conformity(calibration, limits)
         document["conformity"] = as_table(judged, decision, limits)
+    if limits is not None and output is not None:
+        write_unit(units_of([run_of_result(calibration)], limits)[0], limits, output, "report.html")
     if as_json:
         typer.echo(json.dumps(document))
     else:

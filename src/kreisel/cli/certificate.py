@@ -26,13 +26,14 @@ def certificate(
     """
     from datetime import UTC, datetime
 
+    from kreisel.batch.outcomes import REJECTED
     from kreisel.calibration.limits import limits_named
     from kreisel.calibration.result import Calibration
     from kreisel.certificate.certificate_page import html, pdf
     from kreisel.certificate.content import certificate_of, fields_of
     from kreisel.certificate.signature import sign
     from kreisel.certificate.statement import as_comment, digest_of, statement_of
-    from kreisel.cli.conformity import REJECTED, sentence, status_of
+    from kreisel.cli.conformity import sentence, status_of
     from kreisel.errors import RecordingError, SettingsError
 
     if output.suffix.lower() not in (".pdf", ".html"):

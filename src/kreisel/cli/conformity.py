@@ -6,23 +6,14 @@ several the first of 1, 3, 4, 0 that occurs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
+
+from kreisel.batch.outcomes import REJECTED, UNDECIDED
 
 if TYPE_CHECKING:
     from kreisel.calibration.limits import Decision, Limits, QuantityDecision
     from kreisel.calibration.result_sections import CalibrationParts
-
-FAILED, REJECTED, UNDECIDED = 1, 3, 4
-"""Exit statuses. 1 is usual for any failure, and 2 is that of a wrong command line (click); 3 and 4 are the next."""
-
-_MOST_SERIOUS_FIRST = (FAILED, REJECTED, UNDECIDED, 0)
-
-
-def most_serious(statuses: Iterable[int]) -> int:
-    """Return the exit status of several together."""
-    found = set(statuses)
-    return next(status for status in _MOST_SERIOUS_FIRST if status in found or status == 0)
 
 
 def status_of(parts: CalibrationParts, decision: Decision | None) -> int:
@@ -45,7 +36,7 @@ def conformity(parts: CalibrationParts, limits: Limits) -> tuple[list[QuantityDe
     from kreisel.calibration.limits import Decision, judged, overall
     from kreisel.errors import SettingsError
 
-    found = [one for one in judged(parts, limits) if one.limit is not None]
+    found = [one for one in judged(parts, limits) if one.limited]
     missing = set(limits.values) - {one.quantity.name for one in found}
     if missing:
         raise SettingsError(f"limits.{min(missing)}: this calibration does not have it; leave the limit out")

@@ -33,10 +33,10 @@ def robot(
     """
     import json as json_module
 
+    from kreisel.batch.outcomes import REJECTED
     from kreisel.calibration.arm_calibration import arm_of, arm_of_all
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.joint import calibrate_joint
-    from kreisel.cli.conformity import REJECTED
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar

@@ -68,7 +68,7 @@ def static(
     """
     import json as json_module
 
-    from kreisel.cli.conformity import REJECTED
+    from kreisel.batch.outcomes import REJECTED
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError, unknown_name

@@ -34,7 +34,7 @@ def run(k: int, bias: float = 0.0, sd: float = 0.1, *, accepted: bool = True, er
     return Run(f"k{k}", f"u{k:03d}", f"{k}", "m", "t", "2026-01-01", None, json.dumps(own.document))
 
 
-LIMITS = Limits({"accel_bias_mg": 10.0}, file="limits.toml")
+LIMITS = Limits({"accel_bias_mg": (10.0,) * 3}, file="limits.toml")
 
 
 def test_outcomes_and_yield():

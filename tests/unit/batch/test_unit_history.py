@@ -70,7 +70,7 @@ def test_one_date_has_no_rate():
 def test_the_due_date_is_when_value_and_uncertainty_reach_the_limit():
     days = [DAY - timedelta(days=round(365.25 * k)) for k in (3, 2, 1, 0)]
     runs = [run(k, day, 10.0 - 2.0 * k, 1e-3) for k, day in zip((3, 2, 1, 0), days, strict=True)]
-    found = history_of("0042", runs, Limits({"accel_bias_mg": 20.0}))
+    found = history_of("0042", runs, Limits({"accel_bias_mg": (20.0,) * 3}))
     # 10 mg now, 2 mg a year: five years, to the step of the search
     assert found.due.day is not None
     assert abs((found.due.day - DAY).days - 5 * 365.25) < 5
@@ -93,7 +93,7 @@ def test_without_limits_it_is_due_when_the_uncertainty_has_doubled():
 
 def test_a_device_that_does_not_age_is_not_due():
     runs = [run(k, DAY - timedelta(days=3000 * k), 0.0, 1e-6) for k in range(8)]
-    found = history_of("0042", runs, Limits({"accel_bias_mg": 20.0}))
+    found = history_of("0042", runs, Limits({"accel_bias_mg": (20.0,) * 3}))
     assert found.due.day is None
     assert "within 20 years" in found.due.reason
 
@@ -132,7 +132,7 @@ def test_two_dates_give_no_due_date_without_limits():
     found = history_of("0042", runs, None)
     assert found.due.day is None
     assert "two dates do not tell ageing from scatter" in found.due.reason
-    assert history_of("0042", runs, Limits({"accel_bias_mg": 20.0})).due.day is not None
+    assert history_of("0042", runs, Limits({"accel_bias_mg": (20.0,) * 3})).due.day is not None
 
 
 def test_values_that_were_held_have_no_course():

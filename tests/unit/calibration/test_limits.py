@@ -18,7 +18,7 @@ def found(values: list[float], limit: float, unobservable: tuple[str, ...] = ())
         derived={"accel_bias_mg": Measured(np.array(values), np.full(3, 0.5))},
         verdict=Verdict(True, (), unobservable),
     )
-    (one,) = judged(own, Limits({"accel_bias_mg": limit}))
+    (one,) = judged(own, Limits({"accel_bias_mg": (limit,) * 3}))
     np.testing.assert_array_equal(one.uncertainties, 1.0)
     return one.decisions
 
@@ -37,9 +37,9 @@ def test_what_is_not_observable_is_not_decided():
 
 def test_all_three_together():
     own = replace(calibration(), derived={"accel_bias_mg": Measured(np.array([0.0, 9.5, 20.0]), np.full(3, 0.5))})
-    (one,) = judged(own, Limits({"accel_bias_mg": 10.0}))
+    (one,) = judged(own, Limits({"accel_bias_mg": (10.0,) * 3}))
     assert one.decision is Decision.FAILS
-    (one,) = judged(own, Limits({"accel_bias_mg": 20.5}))
+    (one,) = judged(own, Limits({"accel_bias_mg": (20.5,) * 3}))
     assert one.decision is Decision.UNDECIDED
     (one,) = judged(own)
     assert one.decision is None
@@ -47,10 +47,10 @@ def test_all_three_together():
 
 def test_limits_of_a_grade_are_three_of_its_deviations():
     limits = limits_of_grade("fog-mems").values
-    assert limits["gyro_bias_deg_h"] == pytest.approx(60.0)
-    assert limits["accel_bias_mg"] == pytest.approx(75.0)
-    assert limits["accel_scale_error_ppm"] == pytest.approx(6000.0)
-    assert limits["gyro_non_orthogonality_mrad"] == pytest.approx(3.0 * np.hypot(10.0, 10.0))
+    assert limits["gyro_bias_deg_h"] == pytest.approx((60.0,) * 3)
+    assert limits["accel_bias_mg"] == pytest.approx((75.0,) * 3)
+    assert limits["accel_scale_error_ppm"] == pytest.approx((6000.0,) * 3)
+    assert limits["gyro_non_orthogonality_mrad"] == pytest.approx((3.0 * np.hypot(10.0, 10.0),) * 3)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,20 @@ def test_files_of_limits_that_cannot_be_used(tmp_path, text, said):
 def test_a_file_or_a_grade(tmp_path):
     path = tmp_path / "limits.toml"
     path.write_text("[limits]\ngyro_bias_deg_h = 20\n")
-    assert limits_named(str(path)).values == {"gyro_bias_deg_h": 20.0}
+    assert limits_named(str(path)).values == {"gyro_bias_deg_h": (20.0, 20.0, 20.0)}
+    path.write_text("[limits]\ngyro_bias_deg_h = [20, inf, 5.5]\n")
+    assert limits_named(str(path)).values == {"gyro_bias_deg_h": (20.0, np.inf, 5.5)}
     assert limits_named("fog").grade == "fog"
     with pytest.raises(SettingsError, match="neither a file nor a grade"):
         limits_named("none")
+
+
+def test_an_axis_without_a_limit_is_not_judged():
+    own = replace(calibration(), derived={"accel_bias_mg": Measured(np.array([2.0, 99.0, -3.0]), np.full(3, 0.5))})
+    (one,) = judged(own, Limits({"accel_bias_mg": (5.0, np.inf, 5.0)}))
+    assert one.decisions == (Decision.CONFORMS, None, Decision.CONFORMS)
+    assert one.decision is Decision.CONFORMS
+    assert one.share == pytest.approx(0.8)
+    (one,) = judged(own, Limits({"accel_bias_mg": (5.0, 50.0, 5.0)}))
+    assert one.decision is Decision.FAILS
+    assert one.share == pytest.approx(2.0)

@@ -109,14 +109,14 @@ def test_effects_of_nine_numbers_take_three_rows():
 
 
 def test_every_limit_is_shown_with_its_digits_or_refused():
-    found = certificate_of(device(), {}, Limits({"accel_bias_mg": 1234.5678, "gyro_bias_deg_h": 200.0}), "de", TODAY)
+    found = certificate_of(device(), {}, Limits({"accel_bias_mg": (1234.5678,) * 3, "gyro_bias_deg_h": (200.0,) * 3}), "de", TODAY)
     assert {row.limit for row in found.axes} == {"± 1\u202f234,5678", "± 200", ""}
     with pytest.raises(SettingsError, match=r"limits.mounting_rotation_deg: not a property of the device"):
-        certificate_of(device(), {}, Limits({"mounting_rotation_deg": 1.0}), "en", TODAY)
+        certificate_of(device(), {}, Limits({"mounting_rotation_deg": (1.0,) * 3}), "en", TODAY)
     own = device()
     less = replace(own, derived={name: one for name, one in own.derived.items() if name != "accel_bias_mg"})
     with pytest.raises(SettingsError, match=r"limits.accel_bias_mg: this calibration does not have it"):
-        certificate_of(less, {}, Limits({"accel_bias_mg": 1.0}), "en", TODAY)
+        certificate_of(less, {}, Limits({"accel_bias_mg": (1.0,) * 3}), "en", TODAY)
 
 
 def test_a_rejected_result_gets_none():

@@ -8,7 +8,8 @@ import pytest
 from kreisel.calibration.limits import Decision, Limits
 from kreisel.calibration.result_sections import Verdict
 from kreisel.cli.batch import _some
-from kreisel.cli.conformity import as_table, conformity, most_serious, sentence, status_of
+from kreisel.batch.outcomes import most_serious
+from kreisel.cli.conformity import as_table, conformity, sentence, status_of
 from kreisel.errors import SettingsError
 
 from ..calibration.example import calibration
@@ -37,7 +38,7 @@ def test_the_decision_names_what_it_is_due_to():
     k = int(abs(bias.value).argmax())
     near = float(abs(bias.value[k]))  # in the guard band
     for limit, decision in ((1e6, "conforms"), (near, "no decision"), (1e-3, "does not conform")):
-        limits = Limits({"accel_bias_mg": limit, "gyro_scale_error_ppm": 1e9}, file="limits.toml")
+        limits = Limits({"accel_bias_mg": (limit,) * 3, "gyro_scale_error_ppm": (1e9,) * 3}, file="limits.toml")
         judged, found = conformity(own, limits)
         assert found.value == decision
         assert as_table(judged, found, limits) == {
