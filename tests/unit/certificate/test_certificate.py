@@ -12,13 +12,16 @@ import pytest
 from kreisel.calibration.data_sheet import derive
 from kreisel.calibration.limits import Limits, limits_of_grade
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.result_sections import Measured, Verdict
+from kreisel.calibration.result_sections import EstimatorFacts, FinalNoise, Measured, Verdict
 from kreisel.certificate.certificate_page import html, pdf
-from kreisel.certificate.content import certificate_of, fields_of
+from kreisel.certificate.content import Certificate, certificate_of, fields_of
 from kreisel.certificate.signature import new_keys, opened, sign, verify
 from kreisel.certificate.words import LANGUAGES, words
 from kreisel.errors import RecordingError, SettingsError
-from kreisel.model.groups import group_named
+from kreisel.model.calibration_settings import ESTIMATORS
+from kreisel.model.groups import REGISTRY, group_named
+from kreisel.static.by_robot import METHOD
+from kreisel.static.static_methods import METHODS
 
 from ..calibration.example import calibration
 
@@ -86,7 +89,7 @@ def test_what_is_not_observable_has_a_mark_and_no_decision():
     row = next(row for row in found.axes if row.title == "Accelerometer bias")
     assert all(value.endswith("*") for value in row.values)
     assert row.decision == "no decision"
-    assert any(note.startswith("* not, or not fully, observable") for note in found.notes)
+    assert words("en")["not_observable"] in found.notes
 
 
 def test_effects_are_listed_with_their_uncertainties():
@@ -100,7 +103,7 @@ def test_effects_of_nine_numbers_take_three_rows():
     G = Measured(1e-5 * rng.normal(size=9), np.full(9, 1e-6))
     found = certificate_of(device(others={path: G}), {}, None, "en", TODAY)
     rows = [row for row in found.effects if row.title.startswith("Gyro g-sensitivity")]
-    assert [row.title for row in rows] == [f"Gyro g-sensitivity, {i}" for i in (1, 2, 3)]
+    assert [row.title for row in rows] == [f"Gyro g-sensitivity, sensor {i}" for i in "xyz"]
     size = group_named("gyro_g_sensitivity").size
     first = float(rows[1].values[0].split(" ± ")[0].replace("−", "-"))
     assert first == pytest.approx(G.value[3] / size, abs=0.06)
@@ -108,9 +111,60 @@ def test_effects_of_nine_numbers_take_three_rows():
     assert not any(row.title.startswith("Gyro g-sensitivity") for row in held.effects)
 
 
+def test_polynomials_name_their_order_and_every_group_has_words():
+    own = device()
+    k_w = np.vstack([own.sensors.k_w, 1e-4 * np.ones((1, 3))])
+    sd = np.vstack([own.sensor_sd.k_w, 1e-5 * np.ones((1, 3))])
+    more = replace(own, sensors=replace(own.sensors, k_w=k_w), sensor_sd=replace(own.sensor_sd, k_w=sd))
+    titles = [row.title for row in certificate_of(more, {}, None, "de", TODAY).effects]
+    assert titles == [f"Nichtlinearität der Drehratensensoren, Ordnung {order}" for order in (2, 3)]
+    linear = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
+    shown = {group.name for group in REGISTRY if group.is_sensor and not group.passing and group.name not in linear}
+    assert shown <= words("de").keys()
+
+
+def test_the_statement_of_conformity_names_what_decides():
+    def found(**limits: float) -> Certificate:
+        three = {name: (value, value, value) for name, value in limits.items()}
+        return certificate_of(device(), {}, Limits(three, file="own.toml"), "de", TODAY)
+
+    bias = device().derived["accel_bias_mg"]
+    edge = float(np.abs(bias.value).max())
+    conforms, fails, undecided = (found(accel_bias_mg=x) for x in (10.0 * edge, 0.1 * edge, edge))
+    assert conforms.conformity == words("de")["conformity_conforms"]
+    assert fails.conformity.endswith("Betroffene Größen: Nullpunktabweichung der Beschleunigungssensoren.")
+    assert "nicht konform" in fails.conformity
+    assert "wird keine Aussage getroffen" in undecided.conformity
+    assert any(note.endswith("Die Grenzwerte sind der Datei own.toml entnommen.") for note in fails.notes)
+    assert fails.conformity in html(fails)
+    assert certificate_of(device(), {}, None, "de", TODAY).conformity == ""
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", [*ESTIMATORS, *METHODS, METHOD])
+def test_the_procedure_is_that_of_the_estimator(name, language):
+    """Every sentence is there, none is of another estimator, and none has a place that was not filled."""
+    noise = FinalNoise(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    own = device(estimator=EstimatorFacts(name, "", 1, 0.5, 1, 1, 1.0, 1, (), noise))
+    assert own.recording is not None
+    static = name in METHODS
+    facts = replace(own.recording, reference_poses=0 if static else 12345, reference_kind="" if static else "robot")
+    made = certificate_of(replace(own, recording=facts), {}, None, language, TODAY)
+    said = dict(made.facts)
+    procedure = said[words(language)["procedure"]]
+    assert procedure != words(language)["procedure_other"]
+    assert ("Sigma" in procedure or "sigma" in procedure) == (name in ("spkf", "ukf", "cdkf", "ckf"))
+    assert ("Kalman" in procedure) == (name in ("spkf", "ukf", "cdkf", "ckf", "ekf", "iekf"))
+    seen = said[words(language)["reference"]]
+    assert ("12\u202f345" in seen) == (not static)
+    assert "{" not in html(made).split("</style>")[1]
+
+
 def test_every_limit_is_shown_with_its_digits_or_refused():
-    found = certificate_of(device(), {}, Limits({"accel_bias_mg": (1234.5678,) * 3, "gyro_bias_deg_h": (200.0,) * 3}), "de", TODAY)
-    assert {row.limit for row in found.axes} == {"± 1\u202f234,5678", "± 200", ""}
+    found = certificate_of(
+        device(), {}, Limits({"accel_bias_mg": (1234.5678,) * 3, "gyro_bias_deg_h": (200.0,) * 3}), "de", TODAY
+    )
+    assert {row.limit for row in found.axes} == {"±\u00a01\u202f234,5678", "±\u00a0200", ""}
     with pytest.raises(SettingsError, match=r"limits.mounting_rotation_deg: not a property of the device"):
         certificate_of(device(), {}, Limits({"mounting_rotation_deg": (1.0,) * 3}), "en", TODAY)
     own = device()
@@ -148,6 +202,30 @@ def test_the_pdf_has_one_page_also_with_long_fields(language):
         text = subprocess.run(["pdftotext", "-layout", "-", "-"], input=content, capture_output=True, check=True).stdout
         assert words(language)["title"] in text.decode()
         assert "ab" * 32 in text.decode().replace("\n", "")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_cells_of_the_pdf_do_not_touch_and_are_on_the_page(language):
+    """A cell of large numbers is its own text, and nothing is beyond the margin."""
+    pytest.importorskip("weasyprint", exc_type=OSError)
+    if not shutil.which("pdftotext"):
+        pytest.skip("no pdftotext")
+    own, grade = device(), limits_of_grade("consumer-mems")
+    large = Measured(np.array([-39.6081, -123.1484, -115.7591]), np.array([0.0161, 0.0162, 0.0191]))
+    made = certificate_of(replace(own, derived={**own.derived, "accel_bias_mg": large}), {}, grade, language, TODAY)
+    content = pdf(html(made))
+    read = ["pdftotext", "-bbox-layout", "-", "-"]
+    found = subprocess.run(read, input=content, capture_output=True, check=True, text=False).stdout.decode()
+    left, right = 16.0 * 72.0 / 25.4, (210.0 - 16.0) * 72.0 / 25.4
+    edges = [(float(a), float(b)) for a, b in re.findall(r'<word xMin="([\d.]+)".*?xMax="([\d.]+)"', found)]
+    assert len(edges) > 200
+    assert min(a for a, _ in edges) > left - 1.0
+    assert max(b for _, b in edges) < right + 1.0
+    text = subprocess.run(["pdftotext", "-", "-"], input=content, capture_output=True, check=True).stdout.decode()
+    cells = [re.sub(r"\s", " ", cell) for cell in text.splitlines()]
+    for row in (*made.axes, *made.pairs):
+        for cell in (*row.values, row.unit, *([row.limit] if row.limit else [])):
+            assert re.sub(r"\s", " ", cell) in cells, row.title
 
 
 def test_signatures(tmp_path):
