@@ -42,7 +42,7 @@ from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress, of_parts, of_step
+from kreisel.progress import Progress, of_parts, of_step, shown
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
 from kreisel.refinement.iteration import StatedFigures, estimate
@@ -65,15 +65,25 @@ ESTIMATORS: dict[str, Estimator] = {
 """What the names in `model.calibration_settings.ESTIMATORS` stand for."""
 
 
-def calibrate(recording: Recording, settings: CalibrationSettings | None = None) -> Calibration:
+def calibrate(
+    recording: Recording, settings: CalibrationSettings | None = None, *, progress: Progress | bool = False
+) -> Calibration:
     """Return the calibration of a recording.
+
+    Parameters
+    ----------
+    progress
+        True: the step and its share are shown while it runs, in a notebook's output or on standard error. Or a
+        function that is called with the name of the step and the share of it that is done, 0 to 1.
 
     Raises
     ------
     KreiselError
         If the recording cannot be used; the message says what, where and what to do.
     """
-    return run_calibration(recording, settings or CalibrationSettings(), budget=True).calibration
+    with shown(progress) as show:
+        outcome = run_calibration(recording, settings or CalibrationSettings(), show, budget=True)
+    return replace(outcome.calibration, updates=outcome.estimate.run.history)
 
 
 def run_calibration(

@@ -29,7 +29,7 @@ from kreisel.geometry.rotation import Array, log
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.parameters import GROUPS, ROBOT_GROUPS
-from kreisel.progress import Progress
+from kreisel.progress import Progress, shown
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
@@ -57,7 +57,7 @@ def calibrate_joint(
     recordings: Sequence[Recording],
     settings: CalibrationSettings | None = None,
     common: Collection[str] = DEFAULT,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     *,
     names: Sequence[str] = (),
     executor: Executor = sequential,
@@ -70,6 +70,8 @@ def calibrate_joint(
     ----------
     common
         What the recordings have in common besides: words of `SHARED`.
+    progress
+        As of `kreisel.calibrate`.
     names
         Of the recordings; their own by default.
 
@@ -83,8 +85,9 @@ def calibrate_joint(
         raise SettingsError(unknown_name("thing in common", unknown[0], SHARED))
     named = tuple(names) or tuple(recording.name for recording in recordings)
     _check_different(recordings, named)
-    alone = _Alone(recordings, named, replace(settings or CalibrationSettings(), partial=True), progress, executor)
-    outcomes, left_out = alone.outcomes()
+    own = replace(settings or CalibrationSettings(), partial=True)
+    with shown(progress) as show:
+        outcomes, left_out = _Alone(recordings, named, own, show, executor).outcomes()
     if len(outcomes) < 2:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out)
         few = "give two or more recordings of one device" if len(recordings) < 2 else "fewer than two can be used"

@@ -29,7 +29,7 @@ from kreisel.model.problem import Problem
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
-from kreisel.progress import Progress
+from kreisel.progress import Progress, shown
 from kreisel.recording.recording import Recording
 from kreisel.tasks import Executor, sequential
 
@@ -40,7 +40,7 @@ _NAVIGATOR = ESTIMATORS["ekf"]
 def compare_methods(
     recording: Recording,
     methods: Sequence[str | Estimator],
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     executor: Executor = sequential,
     truth: Mapping[str, float] | None = None,
 ) -> Comparison:
@@ -50,13 +50,16 @@ def compare_methods(
     ----------
     methods
         Names of kreisel's, and own ones; see `own_estimator.Estimator`.
+    progress
+        As of `kreisel.calibrate`.
     truth
         True values by the parameters' paths in the result file, where they are known.
     """
-    found = tuple(
-        _calibrated(recording, one, progress, executor) if isinstance(one, str) else _own(recording, one, executor)
-        for one in methods
-    )
+    with shown(progress) as show:
+        found = tuple(
+            _calibrated(recording, one, show, executor) if isinstance(one, str) else _own(recording, one, executor)
+            for one in methods
+        )
     imu = recording.imu
     return Comparison(
         recording.path.name, found, strapdown_seconds(imu.rates, imu.accelerations, imu.interval), truth or {}
