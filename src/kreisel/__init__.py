@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
+    from kreisel.report import matplotlib_figures as plot
     from kreisel.validation.recording_from_arrays import from_arrays
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "compare_methods",
     "from_arrays",
     "load",
+    "plot",
 ]
 
 _HOMES = {
@@ -61,6 +63,8 @@ _HOMES = {
     "load": "kreisel.formats.loading",
 }
 
+_MODULES = {"plot": "kreisel.report.matplotlib_figures"}
+
 
 def __dir__() -> list[str]:
     """Return the public names."""
@@ -69,8 +73,10 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     """Import public names when they are asked for: `kreisel --help` needs none of them."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'kreisel' has no attribute '{name}'")
     from importlib import import_module
 
+    if name in _MODULES:
+        return import_module(_MODULES[name])
+    if name not in _HOMES:
+        raise AttributeError(f"module 'kreisel' has no attribute '{name}'")
     return getattr(import_module(_HOMES[name]), name)

@@ -22,6 +22,7 @@ from kreisel.calibration.result_views import frame_of, html_of, text_of
 from kreisel.calibration.stream_correction import CorrectedStream
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import MAX_YAML, check_entries, finish_replacing, read_text, replaced_together
+from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.counts import Counts
@@ -50,6 +51,8 @@ class Calibration(CalibrationParts):
         IMU seconds, estimates, standard deviations.
     robot_urdf
         The robot's description with the estimated errors; None where they were not estimated.
+    updates
+        What happened at every update; None of a calibration that was read from files, joint, or in other axes.
     """
 
     names: tuple[str, ...] = ()
@@ -57,6 +60,7 @@ class Calibration(CalibrationParts):
     prior_deviation: Array = field(default_factory=lambda: np.zeros(0))
     estimates: Array = field(default_factory=lambda: np.zeros((0, 1)))
     robot_urdf: str | None = None
+    updates: History | None = None
 
     def __repr__(self) -> str:
         """Return the result in a few lines."""
@@ -157,6 +161,7 @@ class Calibration(CalibrationParts):
             estimates=np.zeros((0, 1 + 2 * len(names))),
             axes=axes,
             budget=None,
+            updates=None,
         )
 
     def stream(self) -> CorrectedStream:

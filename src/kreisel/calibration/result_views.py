@@ -86,7 +86,7 @@ def frame_of(document: Any, names: Sequence[str], covariance: Array, prior_devia
         import pandas
     except ImportError as error:
         raise SettingsError("a data frame needs pandas: pip install pandas") from error
-    groups = [_group(name) for name in names]
+    groups = [group_of(name) for name in names]
     return pandas.DataFrame(
         {
             "group": ["" if group is None else group.name for group in groups],
@@ -100,7 +100,7 @@ def frame_of(document: Any, names: Sequence[str], covariance: Array, prior_devia
     )
 
 
-def _group(name: str) -> ParameterGroup | None:
+def group_of(name: str) -> ParameterGroup | None:
     """Return the group with the longest path that a parameter's name begins with."""
     fitting = (group for group in REGISTRY if name == group.path or name.startswith(f"{group.path}["))
     return max(fitting, key=lambda group: len(group.path), default=None)
