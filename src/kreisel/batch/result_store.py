@@ -5,14 +5,15 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
+from kreisel.batch.attempt import Attempt
 from kreisel.batch.job_result import Run
 from kreisel.errors import RecordingError
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the tables below, `user_version` in the file; to be increased with every change of them."""
 
 _TABLES = """
@@ -26,6 +27,17 @@ create table quantities (
     value real, standard_deviation real, primary key (key, quantity, axis)
 );
 """
+
+_TABLES_OF_STATIONS = """
+create table attempts (
+    id integer primary key autoincrement, unit text not null, kind text not null, station text not null,
+    operator text not null, begun text not null, ended text, state text not null, outcome text not null,
+    reason text not null, recording text not null, key text not null, printed integer not null
+);
+create index attempts_of_unit on attempts (unit);
+create table events (time text not null, station text not null, text text not null);
+"""
+"""Version 2 added them: those of version 1 get them when they are opened."""
 
 _COLUMNS = ", ".join("document" if field.name == "text" else field.name for field in fields(Run))
 
@@ -57,14 +69,17 @@ class Store:
             version = self._connection.execute("pragma user_version").fetchone()[0]
             tables = {name for (name,) in self._connection.execute("select name from sqlite_master where type='table'")}
             if version == 0 and not tables:
-                with self._connection:
-                    self._connection.executescript(_TABLES)
-                    self._connection.execute(f"pragma user_version = {SCHEMA}")
-                version = SCHEMA
+                version = self._made(_TABLES + _TABLES_OF_STATIONS)
+            elif version == 1:
+                version = self._made(_TABLES_OF_STATIONS)
         except (sqlite3.Error, OSError) as error:
             raise RecordingError(f"cannot be used as a file of results: {error}", file=path) from error
         if version != SCHEMA:
             raise RecordingError(f"version {version} of the file of results, expected {SCHEMA}", file=path)
+
+    def _made(self, tables: str) -> int:
+        self._connection.executescript(f"begin; {tables} pragma user_version = {SCHEMA}; commit;")
+        return SCHEMA
 
     def close(self) -> None:
         """Close the file."""
@@ -118,6 +133,52 @@ class Store:
     def units(self) -> list[str]:
         """Return the names of all units."""
         return [unit for (unit,) in self._query("select distinct unit from runs order by unit")]
+
+    def begin(self, attempt: Attempt) -> Attempt:
+        """Write an attempt that begins, and return it with its number.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be written.
+        """
+        names = [field.name for field in fields(Attempt) if field.name != "id"]
+        text = f"insert into attempts ({', '.join(names)}) values ({', '.join('?' * len(names))})"
+        number = self._write(text, *(getattr(attempt, name) for name in names))
+        return replace(attempt, id=number)
+
+    def change(self, attempt: Attempt) -> None:
+        """Write an attempt as it is now.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be written.
+        """
+        names = [field.name for field in fields(Attempt) if field.name != "id"]
+        text = f"update attempts set {', '.join(f'{name} = ?' for name in names)} where id = ?"
+        self._write(text, *(getattr(attempt, name) for name in names), attempt.id)
+
+    def note(self, time: str, station: str, text: str) -> None:
+        """Write an event of a station."""
+        self._write("insert into events values (?, ?, ?)", time, station, text)
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return time, station and text of all events."""
+        return self._query("select time, station, text from events order by rowid")
+
+    def attempts(self, unit: str | None = None) -> list[Attempt]:
+        """Return all attempts, or those of one unit, in their order."""
+        names = ", ".join(field.name for field in fields(Attempt))
+        some, values = ("", ()) if unit is None else (" where unit = ?", (unit,))
+        return [Attempt(*row) for row in self._query(f"select {names} from attempts{some} order by id", *values)]
+
+    def _write(self, text: str, *values: object) -> int:
+        try:
+            with self._connection as connection:
+                return int(connection.execute(text, values).lastrowid or 0)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot be written: {error}", file=self.path) from error
 
     def _query(self, text: str, *values: str) -> list[tuple[Any, ...]]:
         try:

@@ -30,6 +30,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     demo,
     doctor,
     export,
+    gauge,
     info,
     krl,
     record,
@@ -67,6 +68,7 @@ app.command("verify")(certificate.verify)
 app.command("key")(certificate.key)
 app.command("batch")(batch.batch)
 app.command("history")(batch.history)
+app.command("gauge")(gauge.gauge)
 app.command("static")(static.static)
 app.command("robot")(robot.robot)
 app.command("allan")(allan.allan)

@@ -105,39 +105,26 @@ def _summary(deviations: dict[str, float]) -> str:
 
 def _serve(recording: Path, host: str, port: int, *, guide: bool) -> None:
     import os
-    import socket
     import threading
 
-    from kreisel.errors import DeviceError, SettingsError
+    from kreisel.errors import SettingsError
 
     try:
-        import uvicorn
-
         from kreisel.acquisition.tail import Tail
         from kreisel.dashboard.app import make_app
         from kreisel.dashboard.feed import Feed
         from kreisel.dashboard.guide_feed import GuideFeed
         from kreisel.dashboard.online import Online
-        from kreisel.dashboard.patience import Impatient
+        from kreisel.dashboard.serving import address_of, listening, server_of
     except ImportError as error:
         raise SettingsError(f"the page needs an extra ({error.name}): pip install 'kreisel[serve]'") from error
     if guide:
         app, token = make_app(GuideFeed(recording), host, "guide.html")
     else:
         app, token = make_app(Feed(recording, Online(Tail(recording, bounded=True)).look), host)
-    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((host, port))
-        listener.listen()
-    except OSError as error:
-        listener.close()
-        raise DeviceError(
-            f"http://{host}:{port}: cannot be served ({error.strerror}); choose another --port"
-        ) from error
-    secret = "" if token is None else f"/?token={token}"
-    typer.echo(f"http://{host}:{listener.getsockname()[1]}{secret}")
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio", http=Impatient))
+    listener = listening(host, port)
+    typer.echo(address_of(listener, host, token))
+    server = server_of(app)
     if os.environ.get(_PARENT):
         parent = int(os.environ[_PARENT])
         threading.Thread(target=_end_with, args=(parent, server), daemon=True).start()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Iterable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from importlib import resources
 from typing import Protocol
 
@@ -129,7 +129,20 @@ class Hub:
             browser.tell(text)
 
 
-def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.html") -> tuple[Starlette, str | None]:
+Answer = Callable[[Request], Awaitable[Response]]
+"""What answers a request."""
+
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+"""What pages may load: nothing. Those here add what they need."""
+
+
+def make_app(
+    source: Source,
+    host: str = "127.0.0.1",
+    page_file: str = "page.html",
+    more: Sequence[tuple[str, str, Answer]] = (),
+    life: Callable[[], AbstractAsyncContextManager[None]] = nullcontext,
+) -> tuple[Starlette, str | None]:
     """Return the page's server, and the token that browsers need if it serves other machines, too.
 
     Parameters
@@ -138,6 +151,10 @@ def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.htm
         The page, of this package.
     host
         The address that the page is served on.
+    more
+        Method, path and answer of what else is served, only to the page itself and to whoever has the token.
+    life
+        Entered when the server starts, and left when it ends.
     """
     hub = Hub(source)
     token = None if host in _LOOPBACK else secrets.token_urlsafe(16)
@@ -145,13 +162,19 @@ def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.htm
     def may(given: str | None) -> bool:
         return token is None or secrets.compare_digest((given or "").encode(), token.encode())
 
-    async def page(request: Request) -> Response:
-        if not _is_own(request):
-            return PlainTextResponse("the request comes from another page: open the address that was printed", 403)
-        if not may(request.query_params.get("token")):
-            return PlainTextResponse("the token is missing or wrong: use the address that was printed", 403)
+    def guarded(answer: Answer) -> Answer:
+        async def answered(request: Request) -> Response:
+            if not _is_own(request):
+                return PlainTextResponse("the request comes from another page: open the address that was printed", 403)
+            if not may(request.query_params.get("token")):
+                return PlainTextResponse("the token is missing or wrong: use the address that was printed", 403)
+            return await answer(request)
+
+        return answered
+
+    async def page(_: Request) -> Response:
         text = resources.files("kreisel.dashboard").joinpath(page_file).read_text(encoding="utf-8")
-        policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'"
+        policy = f"{POLICY}; connect-src 'self'; frame-src 'self'"
         return HTMLResponse(text, headers={"Content-Security-Policy": policy})
 
     async def live(socket: WebSocket) -> None:
@@ -176,14 +199,16 @@ def make_app(source: Source, host: str = "127.0.0.1", page_file: str = "page.htm
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        following = asyncio.ensure_future(hub.follow())
-        yield
-        following.cancel()
-        await asyncio.gather(following, return_exceptions=True)
+        async with life():
+            following = asyncio.ensure_future(hub.follow())
+            yield
+            following.cancel()
+            await asyncio.gather(following, return_exceptions=True)
 
     guard = [Middleware(TrustedHostMiddleware, allowed_hosts=[*_LOOPBACK])] if token is None else []
-    routes = [Route("/", page), WebSocketRoute("/live", live)]
-    return Starlette(routes=routes, middleware=guard, lifespan=lifespan), token
+    pages = [("GET", "/", page), *more]
+    routes = [Route(path, guarded(answer), methods=[method]) for method, path, answer in pages]
+    return Starlette(routes=[*routes, WebSocketRoute("/live", live)], middleware=guard, lifespan=lifespan), token
 
 
 def _is_own(connection: HTTPConnection) -> bool:

@@ -121,7 +121,7 @@ def test_another_file_is_not_overwritten(tmp_path):
     other = tmp_path / "other.db"
     with sqlite3.connect(other) as connection:
         connection.execute("create table mine (x)")
-    with pytest.raises(RecordingError, match="version 0 of the file of results, expected 1"):
+    with pytest.raises(RecordingError, match="version 0 of the file of results, expected 2"):
         Store(other)
     text = tmp_path / "text.db"
     text.write_text("hello " * 1000)
