@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.calibration.motion_noise import MotionNoise
     from kreisel.progress import Progress
@@ -16,9 +18,14 @@ if TYPE_CHECKING:
 
 def allan(
     recording: Path = typer.Argument(..., help="Recording: a folder, a table, an .mcap file, or a ROS bag."),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
     in_motion: bool = typer.Option(
         False, "--in-motion", help="Of a recording with poses: what a filter needs in motion, beside the noise at rest."

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -30,10 +32,16 @@ def apply(
     axes: str | None = typer.Option(
         None,
         help="Axes of what is written: tool (by default, where there was one), or the device's: imu, gyro, nominal.",
+        autocompletion=completion.one_of(completion.AXES),
     ),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
     topic: str = typer.Option("/imu/data_calibrated", help="Topic of corrected readings in the copy of a bag."),
     seconds: float | None = typer.Option(None, min=0.1, help="End after so many seconds; for devices."),

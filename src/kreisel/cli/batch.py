@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from kreisel.batch.outcomes import STATUS, most_serious
+from kreisel.cli import completion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -23,9 +24,13 @@ def batch(
     output: Path = typer.Option(..., "-o", "--output", help="Folder for results; a batch in it is continued."),
     jobs: int = typer.Option(2, "--jobs", min=1, help="Local processes."),
     scheduler: str | None = typer.Option(None, help="A running dask scheduler, tcp://host:port, instead."),
-    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+    limits: str | None = typer.Option(
+        None, help="Limits: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
     database: Path | None = typer.Option(None, "--db", help="File of results, SQLite; by default OUT/results.db."),
-    fix: list[str] = typer.Option([], help="Group or parameter not to estimate; may be repeated."),
+    fix: list[str] = typer.Option(
+        [], help="Group or parameter not to estimate; may be repeated.", autocompletion=completion.parameters
+    ),
     links: bool = typer.Option(False, "--links", help="Follow links that lead out of FOLDER."),
     xlsx: bool = typer.Option(False, "--xlsx", help="Write table.xlsx too: units, capability, limits."),
     reports: bool = typer.Option(False, "--reports", help="Write a report for each unit; half as long again."),
@@ -89,7 +94,9 @@ def history(
     unit: str = typer.Argument(..., help="The unit: its serial number, or the recording's name."),
     database: Path = typer.Option(..., "--db", help="File of results of `kreisel batch`."),
     output: Path = typer.Option(..., "-o", "--output", help="Page to write, .html."),
-    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+    limits: str | None = typer.Option(
+        None, help="Limits: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
     of: str | None = typer.Option(None, "--type", help="Type, where devices of several have this serial number."),
     most: float | None = typer.Option(
         None, "--most-months", min=0.1, help="Longest interval between two calibrations, months."

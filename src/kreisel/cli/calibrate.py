@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -24,41 +26,68 @@ def calibrate(
         ..., metavar="RECORDING...", help="Recording: a folder, an .mcap file, or a ROS bag; several with --joint."
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
-    reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    reference: str | None = typer.Option(
+        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
+    ),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
     method: str = typer.Option(
         "dynamic",
         help="dynamic, or static: the older method, by standstills at poses alone (no lever arms).",
+        autocompletion=completion.one_of(completion.METHODS),
     ),
     estimator: str | None = typer.Option(
         None,
         help="ekf (by default; spkf without orientations), iekf, spkf (the paper's), ukf, cdkf, ckf, batch or inverse.",
+        autocompletion=completion.one_of(completion.ESTIMATORS),
     ),
     sigma_points: str | None = typer.Option(
-        None, help="Of spkf, which it chooses: central-difference, unscented or cubature."
+        None,
+        help="Of spkf, which it chooses: central-difference, unscented or cubature.",
+        autocompletion=completion.one_of(completion.WEIGHTS),
     ),
     update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
     fix: list[str] = typer.Option(
-        [], help="Group or parameter not to estimate, with or without a value (time_skew=0); may be repeated."
+        [],
+        help="Group or parameter not to estimate, with or without a value (time_skew=0); may be repeated.",
+        autocompletion=completion.parameters,
     ),
     prior: list[str] = typer.Option(
-        [], help="What is known of a parameter, 'gyroscope.offset[0]=0+-1e-3', in SI; may be repeated."
+        [],
+        help="What is known of a parameter, 'gyroscope.offset[0]=0+-1e-3', in SI; may be repeated.",
+        autocompletion=completion.priors,
     ),
     estimate: list[str] = typer.Option(
-        [], help="Error term to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated."
+        [],
+        help="Error term to estimate whether or not the data show it, e.g. gyro_asymmetry; may be repeated.",
+        autocompletion=completion.error_terms,
     ),
     skew: bool | None = typer.Option(
         None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."
     ),
-    size_effect: str = typer.Option("completed", help="Form of equation (2): completed or fox2005."),
-    only: str | None = typer.Option(
-        None, help="gyroscope or accelerometer: the verdict, and the exit status, are for this sensor."
+    size_effect: str = typer.Option(
+        "completed",
+        help="Form of equation (2): completed or fox2005.",
+        autocompletion=completion.one_of(completion.SIZE_EFFECTS),
     ),
-    use: str | None = typer.Option(None, help="orientations: leave out the reference's positions."),
+    only: str | None = typer.Option(
+        None,
+        help="gyroscope or accelerometer: the verdict, and the exit status, are for this sensor.",
+        autocompletion=completion.one_of(completion.SENSORS),
+    ),
+    use: str | None = typer.Option(
+        None,
+        help="orientations: leave out the reference's positions.",
+        autocompletion=completion.one_of(completion.USES),
+    ),
     passes: int | None = typer.Option(None, help="Passes over the data; by default until another pass changes little."),
     inject: bool = typer.Option(
         False, "--inject", help="Add known errors to the data and check whether they are found."
@@ -66,12 +95,18 @@ def calibrate(
     validate: bool = typer.Option(True, help="Cross-validation for the report."),
     joint: bool = typer.Option(False, "--joint", help="One calibration from several recordings of one device."),
     same: list[str] = typer.Option(
-        [], help="With --joint: what is the same in all recordings, offsets or mount; may be repeated."
+        [],
+        help="With --joint: what is the same in all recordings, offsets or mount; may be repeated.",
+        autocompletion=completion.one_of(completion.SHARED),
     ),
     own: list[str] = typer.Option(
-        [], help="With --joint: what is each recording's own, robot, site or reference; may be repeated."
+        [],
+        help="With --joint: what is each recording's own, robot, site or reference; may be repeated.",
+        autocompletion=completion.one_of(completion.SHARED),
     ),
-    limits: str | None = typer.Option(None, help="Limits for conformity: a TOML file with [limits], or a grade."),
+    limits: str | None = typer.Option(
+        None, help="Limits for conformity: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
     json: bool = typer.Option(False, "--json", help="Print the result as one JSON object."),
 ) -> None:
     """Calibrate an IMU from a recording of its readings and of reference poses.

@@ -7,14 +7,22 @@ from typing import Any
 
 import typer
 
+from kreisel.cli import completion
+
 
 def certificate(
     calibration: Path = typer.Argument(..., help="Result folder, or its calibration.yaml."),
     output: Path = typer.Option(..., "-o", "--output", help="File to write, .pdf or .html."),
-    language: str = typer.Option("en", "--language", help="en or de."),
-    limits: str | None = typer.Option(None, help="Limits for conformity: a TOML file with [limits], or a grade."),
+    language: str = typer.Option(
+        "en", "--language", help="en or de.", autocompletion=completion.one_of(completion.LANGUAGES)
+    ),
+    limits: str | None = typer.Option(
+        None, help="Limits for conformity: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
     field: list[str] = typer.Option(
-        [], help="Field of [device] or [certificate], 'serial_number=123'; may be repeated."
+        [],
+        help="Field of [device] or [certificate], 'serial_number=123'; may be repeated.",
+        autocompletion=completion.fields,
     ),
     key: Path | None = typer.Option(None, help="Secret key of minisign: the signature is written beside the file."),
     force: bool = typer.Option(False, "--force", help="Replace the file."),

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.calibration.by_method import Comparison
     from kreisel.calibration.own_estimator import Estimator
@@ -18,6 +20,7 @@ def compare(
     methods: str = typer.Option(
         "spkf,ekf,batch",
         help="Estimators, with commas between: those of `kreisel calibrate --estimator`, and own ones as FILE.py:NAME.",
+        autocompletion=completion.several_of(completion.ESTIMATORS),
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for comparison.html and comparison.json."),
     json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import typer
 
+from kreisel.cli import completion
+
 
 def convert(
     source: Path = typer.Argument(..., help="Recording to read, or a KUKA trace (.dat with its .r64, or text)."),
@@ -14,10 +16,17 @@ def convert(
         help="What to write: a new folder, an .mcap file, or a .tum file of only the poses. "
         "For a trace, a recording folder.",
     ),
-    reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    reference: str | None = typer.Option(
+        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
+    ),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
 ) -> None:
     """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.calibration.result import Calibration
     from kreisel.exchange.exported import ExportRequest
@@ -15,12 +17,28 @@ if TYPE_CHECKING:
 
 def export(
     calibration: Path = typer.Argument(..., help="Result folder, its calibration.yaml, or with --from another's file."),
-    to: str = typer.Option(..., "--to", help="kalibr, openvins, ros, px4, ardupilot, imu_tk, c, rust, matlab or json."),
+    to: str = typer.Option(
+        ...,
+        "--to",
+        help="kalibr, openvins, ros, px4, ardupilot, imu_tk, c, rust, matlab or json.",
+        autocompletion=completion.one_of(completion.TARGETS),
+    ),
     output: Path = typer.Option(..., "-o", "--output", help="File to write."),
-    axes: str = typer.Option("imu", help="Axes: the device's own (imu, gyro, nominal), or tool."),
-    source: str | None = typer.Option(None, "--from", help="Read another program's file: kalibr, openvins or px4."),
+    axes: str = typer.Option(
+        "imu",
+        help="Axes: the device's own (imu, gyro, nominal), or tool.",
+        autocompletion=completion.one_of(completion.AXES),
+    ),
+    source: str | None = typer.Option(
+        None,
+        "--from",
+        help="Read another program's file: kalibr, openvins or px4.",
+        autocompletion=completion.one_of(completion.SOURCES),
+    ),
     name: str = typer.Option("imu", help="Name of functions in source code."),
-    grade: str | None = typer.Option(None, help="Grade whose noise figures are written, such as fog-mems."),
+    grade: str | None = typer.Option(
+        None, help="Grade whose noise figures are written, such as fog-mems.", autocompletion=completion.grades
+    ),
     at_rest: Path | None = typer.Option(
         None, help="Recording of the device at rest, an hour or more: noise by its Allan deviation."
     ),

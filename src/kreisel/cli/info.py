@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.cli import completion
 from kreisel.units import MG
 
 if TYPE_CHECKING:
@@ -15,10 +16,17 @@ if TYPE_CHECKING:
 
 def info(
     recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
-    reference: str | None = typer.Option(None, help="Reference: a folder's name, or a topic."),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    reference: str | None = typer.Option(
+        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
+    ),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli import completion
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
@@ -23,11 +24,13 @@ def record(
         ...,
         "--imu",
         help="Address of the IMU, such as ixcom://192.168.1.30:3000, csv://…, mavlink://…, ros2://… or mcap:///FILE.",
+        autocompletion=completion.imus,
     ),
     robot: str | None = typer.Option(
         None,
         "--robot",
         help="Address of the robot, such as rsi://0.0.0.0:49152, rtde://…, egm://…, varproxy://…, ros2://… or mcap:///FILE.",
+        autocompletion=completion.robots,
     ),
     output: Path = typer.Option(..., "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     seconds: float | None = typer.Option(

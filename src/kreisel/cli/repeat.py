@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.calibration.repeatability import Repeated
     from kreisel.calibration.result import Calibration
@@ -15,7 +17,11 @@ if TYPE_CHECKING:
 def repeat(
     recordings: list[Path] = typer.Argument(..., help="Recordings of one device, or results of `kreisel calibrate`."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for repeatability.html and .json."),
-    fix: list[str] = typer.Option([], help="Group or parameter not to estimate, NAME or NAME=VALUE; may be repeated."),
+    fix: list[str] = typer.Option(
+        [],
+        help="Group or parameter not to estimate, NAME or NAME=VALUE; may be repeated.",
+        autocompletion=completion.parameters,
+    ),
     json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),
 ) -> None:
     """Calibrate an IMU from several recordings, each alone, and compare the results.

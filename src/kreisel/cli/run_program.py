@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli import completion
 from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
@@ -32,15 +33,23 @@ reduced speed."""
 def run_program(
     program: Path = typer.Argument(..., help="A program of moves (`kreisel simulate --example-program` prints one)."),
     robot: str = typer.Option(
-        ..., "--robot", help="Where the arm reports its pose and joint angles, as for `kreisel record`."
+        ...,
+        "--robot",
+        help="Where the arm reports its pose and joint angles, as for `kreisel record`.",
+        autocompletion=completion.robots,
     ),
-    imu: str = typer.Option(..., "--imu", help="Address of the IMU, as for `kreisel record`."),
+    imu: str = typer.Option(
+        ..., "--imu", help="Address of the IMU, as for `kreisel record`.", autocompletion=completion.imus
+    ),
     mover: str | None = typer.Option(
         None,
         "--mover",
         help="Where moves are sent: urscript://HOST, ekrl://HOST or serial:///dev/…; the same host for rtde and ekrl.",
+        autocompletion=completion.movers,
     ),
-    model: str = typer.Option(..., "--model", help="The robot: kr125, ur10e, or a .urdf file."),
+    model: str = typer.Option(
+        ..., "--model", help="The robot: kr125, ur10e, or a .urdf file.", autocompletion=completion.arms
+    ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     arm: bool = typer.Option(False, "--arm", help="Move the robot. Without it, only print what would be sent."),
     speed: float = typer.Option(
@@ -72,6 +81,7 @@ def run_program(
         [],
         "--until",
         help="End when a standard deviation is small enough: accelerometer.offset=0.02mg; may be repeated.",
+        autocompletion=completion.accuracies,
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
     seconds: float = typer.Option(3600.0, min=1.0, help="End after this many seconds."),

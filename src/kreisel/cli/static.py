@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
+from kreisel.cli import completion
 from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
@@ -33,7 +34,9 @@ def static(
         None, min=9.7, max=9.9, help="Local gravity, m/s^2; else that of recording.toml ([site])."
     ),
     method: str | None = typer.Option(
-        None, help="multi-position, six-position, ferraris or turntable; by default the one that the data show."
+        None,
+        help="multi-position, six-position, ferraris or turntable; by default the one that the data show.",
+        autocompletion=completion.one_of(completion.STATIC_METHODS),
     ),
     squareness: float = typer.Option(
         2.0,
@@ -44,16 +47,29 @@ def static(
     constant_offsets: bool = typer.Option(
         False, "--constant-offsets", help="Take offsets to be constant, as other programs do; by default they may walk."
     ),
-    only: str | None = typer.Option(None, help="gyroscope or accelerometer: the verdict is for this sensor."),
-    imu: str | None = typer.Option(None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID)."),
+    only: str | None = typer.Option(
+        None,
+        help="gyroscope or accelerometer: the verdict is for this sensor.",
+        autocompletion=completion.one_of(completion.SENSORS),
+    ),
+    imu: str | None = typer.Option(
+        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+    ),
     columns: list[str] = typer.Option(
-        [], "--map", help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated."
+        [],
+        "--map",
+        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
+        autocompletion=completion.columns,
     ),
     live: str | None = typer.Option(
-        None, help="Address of an IMU, such as csv://192.168.1.30:4000: record it, and say what to do next."
+        None,
+        help="Address of an IMU, such as csv://192.168.1.30:4000: record it, and say what to do next.",
+        autocompletion=completion.imus,
     ),
     until: list[str] = typer.Option(
-        [], help="With --live: accuracy to reach, 'gyroscope.cross_coupling=500ppm'; may be repeated."
+        [],
+        help="With --live: accuracy to reach, 'gyroscope.cross_coupling=500ppm'; may be repeated.",
+        autocompletion=completion.accuracies,
     ),
     seconds: float | None = typer.Option(None, min=1.0, help="With --live: longest duration of the recording."),
     dashboard: bool = typer.Option(False, "--dashboard", help="With --live: serve a page, for a phone too."),

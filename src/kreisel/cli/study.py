@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.simulation.cell_settings import Cell
     from kreisel.study.bound import Bound
@@ -104,7 +106,9 @@ def robustness(
     seeds: int = typer.Option(3, help="Runs of each situation.", min=1, max=9999),
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
-    only: list[str] = typer.Option([], help="Name of a situation; may be repeated. All if not given."),
+    only: list[str] = typer.Option(
+        [], help="Name of a situation; may be repeated. All if not given.", autocompletion=completion.situations
+    ),
     random: int = typer.Option(
         0, help="Number of runs with random errors outside the model, instead of situations.", min=0
     ),
@@ -149,7 +153,12 @@ def methods(
     workers: int = _WORKERS,
     scheduler: str | None = _SCHEDULER,
     seconds: float = typer.Option(60.0, help="Length of every recording, s.", min=20.0),
-    of: str = typer.Option("", "--methods", help="Estimators, with commas between; all if not given."),
+    of: str = typer.Option(
+        "",
+        "--methods",
+        help="Estimators, with commas between; all if not given.",
+        autocompletion=completion.several_of(completion.STUDY_METHODS),
+    ),
     json: bool = _JSON,
 ) -> None:
     """Compare estimators: devices, references, motions, and first values that are wrong by 1 or 10 degrees."""
