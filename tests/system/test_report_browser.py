@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -123,6 +124,83 @@ def test_it_prints(visit: Visit) -> None:
     before = visit.page.evaluate("document.querySelector('[data-figure=rates]').offsetHeight")
     paper = visit.page.pdf(format="A4")
     assert paper.startswith(b"%PDF")
-    assert len(re.findall(rb"/Type\s*/Page\b", paper)) == 4
+    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 12
     visit.wait_until(f"document.querySelector('[data-figure=rates]').offsetHeight === {before}")
     assert visit.complaints == []
+
+
+AXES = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => charts.get(plot).flatMap((u, row) => u.axes
+  .filter((axis) => axis.show && !(axis.side === 2 && row < charts.get(plot).length - 1))
+  .map((axis) => ({
+    name: `${plot.dataset.figure}, panel ${row}, ${axis.side === 2 ? "x" : "y"}`,
+    texts: (axis._values || []).filter((text) => text !== ""),
+    title: axis.label, room: axis.side === 2 ? u.over.clientWidth : u.over.clientHeight, font: axis.labelFont,
+    canvas: u.root.clientWidth, holder: plot.parentElement.clientWidth,
+  }))))"""
+"""Every axis that is drawn with texts: what they are, its title and the room beside it."""
+
+CLIPPED = """() => [...document.querySelectorAll("figcaption, figure h3, p, caption, dd, li")].filter((part) =>
+  !part.closest("noscript, nav, .readout, details:not([open])") && !part.matches(".readout") && (
+    part.getClientRects().length === 0 || part.scrollHeight > part.clientHeight + 3 && part.clientHeight > 0))
+  .map((part) => part.textContent.trim().slice(0, 60))"""
+"""Beginnings of captions and paragraphs that are not shown, or not to their ends."""
+
+
+def on_paper(visit: Visit) -> Any:
+    visit.page.set_viewport_size({"width": 703, "height": TALL})  # an A4 page without its margins
+    visit.page.emulate_media(media="print")
+    visit.wait_until("printed")
+    return visit.page
+
+
+@pytest.mark.parametrize("paper", [False, True], ids=["screen", "paper"])
+def test_every_axis_has_two_ticks_and_its_whole_title(visit: Visit, paper: bool) -> None:
+    page = on_paper(visit) if paper else visit.page
+    axes = page.evaluate(AXES)
+    assert len(axes) >= 40
+    measure = """([text, font]) => {
+      const c = document.createElement("canvas").getContext("2d");
+      c.font = font;
+      return c.measureText(text).width;
+    }"""
+    ratio = page.evaluate("uPlot.pxRatio")
+    for axis in axes:
+        assert len(axis["texts"]) >= 2, axis
+        assert len(set(axis["texts"])) == len(axis["texts"]), axis
+        assert page.evaluate(measure, [axis["title"], axis["font"][0]]) / ratio <= axis["room"] + 2, axis
+        assert axis["canvas"] <= axis["holder"] + 1, axis
+
+
+@pytest.mark.parametrize("paper", [False, True], ids=["screen", "paper"])
+def test_discs_are_round(visit: Visit, paper: bool) -> None:
+    page = on_paper(visit) if paper else visit.page
+    for name in ("coverage", "path"):
+        chart = f"charts.get(document.querySelector('[data-figure={name}]'))[0]"
+        across, down = (
+            page.evaluate(f"Math.abs({chart}.valToPos(1, '{axis}') - {chart}.valToPos(0, '{axis}'))") for axis in "xy"
+        )
+        assert across == pytest.approx(down, rel=0.01), name
+
+
+def test_paper_shows_all_text_that_the_screen_shows(visit: Visit) -> None:
+    assert on_paper(visit).evaluate(CLIPPED) == []
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext on this machine")
+def test_captions_are_in_the_printed_file_and_no_heading_ends_a_page(visit: Visit, tmp_path: Path) -> None:
+    captions, headings = (
+        visit.page.evaluate(f"[...document.querySelectorAll('{kind}')].map((one) => one.textContent)")
+        for kind in ("figcaption", "h2, h3, caption")
+    )
+    visit.page.pdf(path=tmp_path / "report.pdf", format="A4")
+    command = ["pdftotext", "-enc", "UTF-8", "-layout", str(tmp_path / "report.pdf"), "-"]
+    pages = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split("\f")
+    for sheet in pages[:-1]:
+        lines = [line.strip() for line in sheet.strip().splitlines() if line.strip()]
+        assert len(lines) > 3
+        assert re.split(r" {3,}", lines[-1])[0] not in headings
+    command.remove("-layout")
+    printed = "".join(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+    assert len(captions) >= 17
+    for caption in captions:
+        assert "".join(caption.split()) in printed

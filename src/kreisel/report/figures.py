@@ -105,8 +105,8 @@ def _geometry_figures(e: Excitation) -> list[Figure]:
             Figure(
                 "path",
                 "Path of b",
-                "Positions of b in r, seen from above at an angle; the three axes of r begin at the least x, y and z. "
-                "Good: a path that fills a volume.",
+                "Positions of b in r, seen from above at an angle; the three axes of r begin at the least x, y and z "
+                f"and are {_triad(e.path):g} m long. Good: a path that fills a volume.",
                 _isometric(e.path),
             )
         )
@@ -132,18 +132,23 @@ def _sphere(up: NDArray[np.float64]) -> Plot:
     return plots.plot(x, plots.panel(data, y, height=260, equal=True))
 
 
+def _triad(path: NDArray[np.float64]) -> float:
+    """Return the length of axes that is a round one, a fifth to two fifths of the path's extent."""
+    size = max(float(np.ptp(path, axis=0).max()), 1e-3)
+    length = float(10.0 ** np.floor(np.log10(0.4 * size)))
+    return length * (2.0 if 0.4 * size / length >= 2.0 else 1.0)
+
+
 def _isometric(path: NDArray[np.float64]) -> Plot:
-    """Return positions in isometric projection, with a triad as long as a fifth of the path's extent."""
+    """Return positions in isometric projection, with a triad."""
     across = np.array([[np.cos(np.pi / 6.0), -np.cos(np.pi / 6.0), 0.0], [-0.5, -0.5, 1.0]])
     low = path.min(axis=0)
-    size = max(float(np.ptp(path, axis=0).max()), 1e-3)
-    length = 10.0 ** np.floor(np.log10(0.4 * size))
-    length *= 2.0 if 0.4 * size / length >= 2.0 else 1.0
+    length = _triad(path)
     flat = path @ across.T
     data = [plots.trail(flat[:, 0], flat[:, 1], "", "x/0.8")]
     for i, name in enumerate(AXES):
         ends = np.array([low, low + length * np.eye(3)[i]]) @ across.T
-        data.append(plots.trail(ends[:, 0], ends[:, 1], "", "ink", width=1.5, label=f"{name}, {length:g} m"))
+        data.append(plots.trail(ends[:, 0], ends[:, 1], "", "ink", width=1.5, label=name))
     corner = low @ across.T
     every_x, every_y = np.append(flat[:, 0], corner[0]), np.append(flat[:, 1], corner[1])
     x = plots.axis("", range=[float(every_x.min()) - length, float(every_x.max()) + length], hidden=True)

@@ -4,8 +4,13 @@
 // Colours are written @name or @name/opacity, so that one figure serves light and dark.
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 const plots = [...document.querySelectorAll(".plot")];
-const PRINT_WIDTH = 690, PRINT_HALF = 338, PRINT_SHARE = 0.4;
+const paper = window.matchMedia("print");
 const charts = new Map();  // of each plot, its panels
+// Sizes in pixels: those of letters, of the axes, and of the share of a panel's height; on paper also the widths.
+const SCREEN = { font: 11, title: 12, x: 26, y: 48, label: 18, share: 1 };
+const PAPER = { font: 9, title: 9, x: 17, y: 40, label: 13, share: 0.55, width: 690, half: 336, square: 430 };
+const TOP = 8, RIGHT = 12, STUB = 8;  // room above and to the right of a panel, and below one that is not the last
+const FAMILY = "system-ui, sans-serif";
 const GAP = 65535;
 const DASHES = { "": [], dot: [2, 3], dash: [6, 4] };
 
@@ -45,6 +50,51 @@ function number(value) {
   const text = Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3)
     ? value.toExponential(2) : String(+value.toPrecision(4));
   return text.replace("-", "−");
+}
+
+// Round values from low to high, at least two, with their distance; at most as many as there is room for.
+function round(low, high, most) {
+  const count = (step) => Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) + 1;
+  let chosen = 0;
+  for (let power = Math.ceil(Math.log10(high - low)); power > -18; power--) {
+    for (const k of [5, 2, 1]) {
+      const step = k * 10 ** power, found = count(step);
+      if (found >= 2 && (found <= most || !chosen)) chosen = step;
+      if (chosen && found > most) power = -Infinity;
+    }
+  }
+  const first = Math.ceil(low / chosen - 1e-9);
+  return [Array.from({ length: count(chosen) }, (_, i) => +((first + i) * chosen).toPrecision(12)), chosen];
+}
+
+// Round values of a logarithmic axis: 1, 2 and 5 of every decade, or 1 of some of them.
+function decades(low, high, most) {
+  const a = Math.floor(Math.log10(low)), b = Math.ceil(Math.log10(high));
+  const own = (digits, every) => {
+    const out = [];
+    for (let power = a - a % every; power <= b; power += every) out.push(...digits.map((k) => +`${k}e${power}`));
+    return out.filter((v) => v >= low && v <= high);
+  };
+  for (const found of [own([1, 2, 5], 1), own([1], 1), own([1], 2), own([1], 3)]) {
+    if (found.length >= 2 && found.length <= Math.max(most, 2)) return found;
+  }
+  const every = own([1, 2, 3, 4, 5, 6, 7, 8, 9], 1);
+  return every.length >= 2 ? every : round(low, high, most)[0];
+}
+
+// The ticks of an axis that has none of its own: values, and texts with as many digits as their distance asks for.
+function ticksOf(own, low, high, room, gap) {
+  if (!(high > low) || !isFinite(high - low)) return [[low], [number(low)]];
+  const most = Math.max(2, Math.floor(room / gap));
+  if (own.log) {
+    const values = decades(low, high, most);
+    return [values, values.map(number)];
+  }
+  const [values, step] = round(low, high, most);
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  const long = digits > 4 || Math.max(Math.abs(low), Math.abs(high)) >= 1e6;
+  const text = (v) => v.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
+  return [values, values.map(long ? number : text)];
 }
 
 function mark(context, symbol, x, y, size) {
@@ -95,9 +145,15 @@ function paint(u, traces, palette, scale, behind) {
         c.stroke();
       }
       if (t.label) {
-        c.font = `${12 * scale}px system-ui, sans-serif`;
-        const k = t.path[0].length - 1;
-        c.fillText(t.label, px(t.path[0][k]) + 4 * scale, py(t.path[1][k]) - 4 * scale);
+        const k = t.path[0].length - 1, x = px(t.path[0][k]) + 4 * scale, y = py(t.path[1][k]) - 4 * scale;
+        c.font = `${(printed ? PAPER : SCREEN).title * scale}px ${FAMILY}`;
+        c.setLineDash([]);
+        c.lineJoin = "round";
+        c.lineWidth = 3 * scale;
+        c.strokeStyle = colour("@ground/0.8", palette);  // letters stay readable above lines
+        c.strokeText(t.label, x, y);
+        if (t.colour === "@grid") c.fillStyle = colour("@muted", palette);
+        c.fillText(t.label, x, y);
       }
     } else if (t.kind === "markers" && !behind) {
       c.globalAlpha = t.opacity || 1;
@@ -131,7 +187,7 @@ function rules(u, panel, palette, scale) {
   }
   if (panel.remark) {
     c.fillStyle = colour("@muted", palette);
-    c.font = `${13 * scale}px system-ui, sans-serif`;
+    c.font = `${13 * scale}px ${FAMILY}`;
     c.textAlign = "center";
     c.fillText(panel.remark, box.left + box.width / 2, box.top + box.height / 2);
   }
@@ -161,8 +217,38 @@ function bounds(values) {
   return low > high ? [0, 1] : [low, high];
 }
 
-function chart(holder, figure, panel, last, palette, width, height, pixels, mates) {
-  const traces = panel.traces.map(opened);
+// A title in letters so small that it fits beside its axis.
+function titleFont(text, room, size) {
+  const c = document.createElement("canvas").getContext("2d");
+  c.font = `${size}px ${FAMILY}`;
+  const wide = c.measureText(text).width;
+  return `${Math.max(7, Math.floor(Math.min(1, room / wide) * size))}px ${FAMILY}`;  // uPlot wants a whole number
+}
+
+const longest = (texts) => Math.max(0, ...(texts || []).map((text) => String(text).length));
+
+function axisOf(own, palette, sizes, room, vertical, shown) {
+  const gap = vertical ? 2.2 * sizes.font : 5.5 * sizes.font;
+  const found = (u, low, high) => own.ticks || ticksOf(own, low, high, room, gap);
+  const scale = vertical ? "y" : "x";
+  return {
+    side: vertical ? 3 : 2, scale, space: 5, gap: 4, labelGap: 0, filter: (u, marks) => marks,
+    stroke: colour("@muted", palette), font: `${sizes.font}px ${FAMILY}`,
+    label: shown ? own.title : undefined, labelSize: sizes.label, labelFont: titleFont(own.title, room, sizes.title),
+    size: vertical ? (u, texts) => Math.max(sizes.y, 12 + 0.62 * sizes.font * longest(texts)) : shown ? sizes.x : STUB,
+    show: !own.hidden,
+    grid: { stroke: own.bare ? "transparent" : colour("@grid", palette), width: 1 },
+    ticks: { stroke: colour("@line", palette), width: 1, size: 4, show: !own.bare },
+    splits: (u, i, low, high) => found(u, low, high)[0],
+    values: (u) => {
+      const [at, texts] = found(u, u.scales[scale].min, u.scales[scale].max);
+      return shown ? texts : at.map(() => "");
+    },
+  };
+}
+
+// The series of a panel's traces as uPlot wants them: their tables, and the areas between two of them.
+function seriesOf(figure, traces, palette) {
   const shown = (_, v) => v === null || v === undefined ? "" : number(v);
   const series = [{ label: figure.x.title, value: shown, class: "quiet" }], tables = [], bands = [];
   for (const t of traces) {
@@ -178,11 +264,26 @@ function chart(holder, figure, panel, last, palette, width, height, pixels, mate
                   { ...edge, class: "quiet" });
     } else {
       const paths = t.kind === "markers" ? () => null : t.steps ? uPlot.paths.stepped({ align: 0 }) : undefined;
-      series.push({ ...common, paths, stroke: ink, width: t.width || 1, dash: DASHES[t.dash || ""],
-                    class: t.legend === false || !t.name ? "quiet" : undefined });
+      const dash = DASHES[t.dash || ""].map((d) => d * uPlot.pxRatio);
+      const shape = t.kind === "markers" ? t.symbol || "disc" : t.dash || "line";
+      series.push({ ...common, paths, stroke: ink, width: t.width || 1, dash,
+                    class: t.legend === false || !t.name ? "quiet" : shape });
     }
   }
+  return [series, tables, bands];
+}
+
+// The ranges of both axes that make one unit as long on either; across, down: the room.
+function equalRanges(x, y, across, down) {
+  const unit = Math.max((x[1] - x[0]) / across, (y[1] - y[0]) / down) || 1;
+  const about = ([low, high], room) => [(low + high - unit * room) / 2, (low + high + unit * room) / 2];
+  return [about(x, across), about(y, down)];
+}
+
+function chart(holder, figure, panel, last, palette, width, room, sizes, mates) {
+  const traces = panel.traces.map(opened), [series, tables, bands] = seriesOf(figure, traces, palette);
   const all = traces.flatMap((t) => t.kind === "trail" ? [t.path] : []);
+  const across = width - RIGHT - (panel.y.hidden ? 0 : sizes.y + sizes.label);
   let data = tables.length ? uPlot.join(tables) : [[0, 1]];
   let xRange = figure.x.range, yRange = panel.y.range;
   if (!tables.length) {
@@ -190,31 +291,11 @@ function chart(holder, figure, panel, last, palette, width, height, pixels, mate
     yRange = yRange || bounds(all.flatMap((p) => p[1]));
     data = [xRange.slice()];
   }
-  const axis = (own, side, shown) => ({
-    stroke: colour("@muted", palette), label: shown ? own.title : undefined, labelSize: 18, labelGap: 0, gap: 4,
-    labelFont: "12px system-ui, sans-serif", font: "11px system-ui, sans-serif",
-    grid: { stroke: own.bare ? "transparent" : colour("@grid", palette), width: 1 },
-    ticks: { stroke: colour("@line", palette), width: 1, size: 4, show: !own.bare },
-    size: side === "x" ? (shown ? 26 : 8) : 52,
-    ...(own.hidden ? { show: false } : {}),
-    ...(own.ticks ? { splits: () => own.ticks[0], values: () => own.ticks[1], filter: undefined } : {
-      values: (u, marks) => side === "x" && !shown ? marks.map(() => "")
-        : marks.map((v) => v === null ? "" : own.log ? (/^[125](e|$)/.test(String(+v.toPrecision(6)).replace(/^0\.0*|0+$|\./g, "")) ? number(v) : "") : number(v)),
-    }),
-  });
-  let fitted;
-  if (panel.equal && xRange && yRange && !panel.size) {
-    const w = Math.max(width - 52, 50), h = Math.max(height - 44, 50);
-    const unit = Math.max((xRange[1] - xRange[0]) / w, (yRange[1] - yRange[0]) / h) * 1.06 || 1;
-    const mid = [(xRange[0] + xRange[1]) / 2, (yRange[0] + yRange[1]) / 2];
-    fitted = [[mid[0] - unit * w / 2, mid[0] + unit * w / 2], [mid[1] - unit * h / 2, mid[1] + unit * h / 2]];
-    [xRange, yRange] = fitted;
-  }
-  const shape = { width, height };
+  if (panel.equal && xRange && yRange && !panel.size) [xRange, yRange] = equalRanges(xRange, yRange, across, room);
   const options = {
-    ...shape,
+    width, height: TOP + room + below(figure, last, sizes),
     pxAlign: 0,
-    padding: [8, 12, 0, 0],
+    padding: [TOP, RIGHT, 0, 0],
     cursor: { drag: { x: !panel.equal, y: false, setScale: !panel.equal }, points: { show: false },
               sync: holder.dataset.link ? { key: holder.dataset.link } : undefined },
     legend: { live: !panel.equal && !panel.texts, show: series.slice(1).some((s) => s.class !== "quiet"),
@@ -223,7 +304,7 @@ function chart(holder, figure, panel, last, palette, width, height, pixels, mate
       x: { time: false, ...(xRange ? { range: (u, a, b) => u.zoomed ? [a, b] : xRange } : {}) },
       y: { distr: panel.y.log ? 3 : 1, ...(yRange ? { range: yRange } : {}) },
     },
-    axes: [axis(figure.x, "x", last), axis(panel.y, "y", true)],
+    axes: [axisOf(figure.x, palette, sizes, across, false, last), axisOf(panel.y, palette, sizes, room, true, true)],
     series, bands,
     hooks: {
       drawClear: [(u) => paint(u, traces, palette, uPlot.pxRatio, true)],
@@ -237,6 +318,11 @@ function chart(holder, figure, panel, last, palette, width, height, pixels, mate
   const u = new uPlot(options, data, holder);
   u.over.addEventListener("dblclick", () => { u.zoomed = false; mates().forEach((m) => { m.zoomed = false; }); });
   return u;
+}
+
+// Height of the horizontal axis of a panel.
+function below(figure, last, sizes) {
+  return figure.x.hidden ? 0 : last ? sizes.x + sizes.label : STUB;
 }
 
 // Time axes of one section move together, and those of the panels of one figure.
@@ -280,18 +366,20 @@ function readout(holder, u, panel, traces) {
 }
 
 function draw(holder, palette, printed) {
-  const figure = DRAWINGS[holder.dataset.figure];
+  const figure = DRAWINGS[holder.dataset.figure], sizes = printed ? PAPER : SCREEN, n = figure.panels.length;
   (charts.get(holder) || []).forEach((u) => u.destroy());
   holder.textContent = "";
   holder.style.height = "auto";
-  const width = printed ? (holder.parentElement.className ? PRINT_WIDTH : PRINT_HALF) : Math.max(holder.clientWidth, 200);
-  const mates = () => plots.filter((p) => p === holder || (holder.dataset.link && p.dataset.link === holder.dataset.link))
+  const onPaper = holder.parentElement.className ? PAPER.width : PAPER.half;
+  const whole = printed ? onPaper : Math.max(holder.clientWidth, 200);
+  const link = holder.dataset.link;
+  const mates = () => plots.filter((p) => p === holder || (link && p.dataset.link === link))
     .flatMap((p) => charts.get(p) || []);
+  const beside = TOP + (below(figure, true, sizes) + (n - 1) * below(figure, false, sizes)) / n;  // panels have equal room
   const made = figure.panels.map((panel, i) => {
-    const square = panel.equal && Math.min(panel.height, width + 20);
-    const height = (square || panel.height) * (printed && !panel.size ? PRINT_SHARE : 1);
-    const last = i === figure.panels.length - 1;
-    return chart(holder, figure, panel, last, palette, square && panel.size ? Math.min(width, square) : width, height, 1, mates);
+    const own = panel.size ? Math.min(printed ? PAPER.square : panel.height, whole + 20) : panel.height * sizes.share;
+    const width = panel.size ? Math.min(whole, own) : whole;
+    return chart(holder, figure, panel, i === n - 1, palette, width, Math.max(own - beside, 40), sizes, mates);
   });
   charts.set(holder, made);
   if (figure.panels.some((p) => p.traces.some((t) => t.kind === "matrix" || t.texts))) {
@@ -302,28 +390,41 @@ function draw(holder, palette, printed) {
   }
 }
 
-const palette = () => PALETTES[dark.matches ? "dark" : "light"];
+const palette = () => PALETTES[dark.matches && !printed ? "dark" : "light"];
 
+let printed = paper.matches;  // whether it is drawn for paper
 async function drawAll() {
   for (const holder of plots) {
-    draw(holder, palette(), false);
+    draw(holder, palette(), printed);
     await new Promise((next) => setTimeout(next));  // let the browser handle events between figures
   }
+  reachable();
   document.documentElement.dataset.drawn = "all";
 }
 
-function redrawAll(printed) {
-  plots.forEach((holder) => draw(holder, printed ? PALETTES.light : palette(), printed));
+function redrawAll(onPaper) {
+  printed = onPaper;
+  plots.forEach((holder) => draw(holder, palette(), onPaper));
+  reachable();
+}
+
+// What is wider than the page can be scrolled by keys, too.
+function reachable() {
+  for (const part of document.querySelectorAll(".scroll, pre")) {
+    if (part.scrollWidth > part.clientWidth + 1) part.tabIndex = 0;
+    else part.removeAttribute("tabindex");
+  }
 }
 
 let wide = window.innerWidth;
 window.addEventListener("resize", () => {
-  if (window.innerWidth === wide) return;
+  if (window.innerWidth === wide || printed) return;
   wide = window.innerWidth;
   clearTimeout(window.redrawing);
-  window.redrawing = setTimeout(() => redrawAll(false), 150);
+  window.redrawing = setTimeout(() => redrawAll(printed), 150);
 });
-dark.addEventListener("change", () => redrawAll(false));
-window.addEventListener("beforeprint", () => redrawAll(true));
-window.addEventListener("afterprint", () => redrawAll(false));
+dark.addEventListener("change", () => { if (!printed) redrawAll(false); });
+paper.addEventListener("change", () => { if (paper.matches !== printed) redrawAll(paper.matches); });
+window.addEventListener("beforeprint", () => { if (!printed) redrawAll(true); });
+window.addEventListener("afterprint", () => { if (printed) redrawAll(false); });
 drawAll();
