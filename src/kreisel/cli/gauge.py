@@ -18,10 +18,7 @@ def gauge(
     by: str = typer.Option("operator", "--by", help="Key of [certificate] or [device] that says who calibrated."),
     json: bool = typer.Option(False, "--json", help="Print the study as one JSON object."),
 ) -> None:
-    """Study a gauge: calibrations of some units, each several times, by one appraiser or several.
-
-    Example: kreisel gauge out/results.db --limits limits.toml -o gauge.html
-    """
+    """Study a gauge: calibrations of some units, each several times, by one appraiser or several."""
     import json as json_module
 
     from kreisel.batch.gauge_study import APPRAISERS, appraiser_of, gauge_facts, gauge_study, gauge_table

@@ -11,6 +11,7 @@ if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != __file_
 
 import ctypes
 import gc
+from collections.abc import Callable
 from contextlib import suppress
 
 import typer
@@ -43,6 +44,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     virtual_cell,
     watch,
 )
+from kreisel.cli.command_help import START, epilog, help_of  # noqa: E402
 from kreisel.cli.foreign_warnings import keep_from_terminal  # noqa: E402
 from kreisel.errors import KreiselError, UnknownColumnsError  # noqa: E402
 
@@ -56,35 +58,44 @@ app = typer.Typer(
     name="kreisel",
     help="Calibrate inertial measurement units while a robot or motion capture measures their motion.",
     no_args_is_help=True,
+    epilog=epilog(START),
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("calibrate")(calibrate.calibrate)
-app.command("info")(info.info)
-app.command("apply")(apply.apply)
-app.command("export")(export.export)
-app.command("certificate")(certificate.certificate)
-app.command("verify")(certificate.verify)
-app.command("key")(certificate.key)
-app.command("batch")(batch.batch)
-app.command("history")(batch.history)
-app.command("gauge")(gauge.gauge)
-app.command("static")(static.static)
-app.command("robot")(robot.robot)
-app.command("allan")(allan.allan)
-app.command("repeat")(repeat.repeat)
-app.command("compare")(compare.compare)
-app.command("convert")(convert.convert)
-app.command("simulate")(simulate.simulate)
+
+
+def _add(name: str, command: Callable[..., None]) -> None:
+    """Add a command, with its line in the list and its examples."""
+    said = help_of(name)
+    app.command(name, short_help=said.summary, epilog=said.epilog)(command)
+
+
+_add("calibrate", calibrate.calibrate)
+_add("info", info.info)
+_add("apply", apply.apply)
+_add("export", export.export)
+_add("certificate", certificate.certificate)
+_add("verify", certificate.verify)
+_add("key", certificate.key)
+_add("batch", batch.batch)
+_add("history", batch.history)
+_add("gauge", gauge.gauge)
+_add("static", static.static)
+_add("robot", robot.robot)
+_add("allan", allan.allan)
+_add("repeat", repeat.repeat)
+_add("compare", compare.compare)
+_add("convert", convert.convert)
+_add("simulate", simulate.simulate)
 app.add_typer(study.app, name="study")
-app.command("record")(record.record)
-app.command("run")(run_program.run_program)
-app.command("krl")(krl.krl)
-app.command("recover")(record.recover)
-app.command("watch")(watch.watch)
-app.command("virtual-cell")(virtual_cell.virtual_cell)
-app.command("demo")(demo.demo)
-app.command("doctor")(doctor.doctor)
+_add("record", record.record)
+_add("run", run_program.run_program)
+_add("krl", krl.krl)
+_add("recover", record.recover)
+_add("watch", watch.watch)
+_add("virtual-cell", virtual_cell.virtual_cell)
+_add("demo", demo.demo)
+_add("doctor", doctor.doctor)
 
 
 @app.callback(invoke_without_command=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import typer
 
 from kreisel.cli import completion
+from kreisel.cli.command_help import help_of
 
 if TYPE_CHECKING:
     from kreisel.simulation.cell_settings import Cell
@@ -21,6 +22,13 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 app = typer.Typer(no_args_is_help=True, help="Monte-Carlo studies in the virtual cell.", rich_markup_mode=None)
+
+
+def _command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return what adds a command, with its line in the list and its examples."""
+    said = help_of(f"study {name}")
+    return app.command(name, short_help=said.summary, epilog=said.epilog)
+
 
 _CELL = typer.Argument(None, help="CELL.toml; the default cell if not given.")
 _TRIALS = typer.Option(100, "--trials", help="Number of trials, including those already done.", min=1)
@@ -34,7 +42,7 @@ _JSON = typer.Option(False, "--json", help="Print the summary as one JSON object
 sqrt(200); two processes suit any machine."""
 
 
-@app.command()
+@_command("consistency")
 def consistency(
     cell: Path | None = _CELL,
     trials: int = _TRIALS,
@@ -49,7 +57,7 @@ def consistency(
     _say(summary, rows, columns, output, as_json=json)
 
 
-@app.command()
+@_command("accuracy")
 def accuracy(
     cell: Path | None = _CELL,
     trials: int = _TRIALS,
@@ -76,7 +84,7 @@ def accuracy(
     _say(summary, rows, ["group", "unit", "rms error", "bound", "error / bound"], output, as_json=json)
 
 
-@app.command()
+@_command("bound")
 def bound(
     cell: Path | None = _CELL,
     trials: int = typer.Option(
@@ -98,7 +106,7 @@ def bound(
     print_rows("posterior Cramer-Rao bound, rms over each group", ["group", "unit", "bound"], rows)
 
 
-@app.command()
+@_command("robustness")
 def robustness(
     output: Path = typer.Option(
         Path("robustness"), "-o", "--output", help="Folder for the results; a folder with results is continued."
@@ -144,7 +152,7 @@ def robustness(
     _say_robustness(rows, output, as_json=json)
 
 
-@app.command()
+@_command("methods")
 def methods(
     output: Path = typer.Option(
         Path("methods"), "-o", "--output", help="Folder for the results; a folder with results is continued."
