@@ -1,4 +1,4 @@
-"""Write commands and examples of the manual page, share/kreisel.1, as the program has them: `python design/man_page.py`.
+"""Write commands and examples of the manual page share/kreisel.1 as the program has them: `python design/man_page.py`.
 
 The other sections are written by hand.
 """
