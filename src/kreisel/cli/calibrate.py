@@ -21,6 +21,14 @@ if TYPE_CHECKING:
     from kreisel.recording.recording import Recording
 
 
+_DYNAMIC_ALONE = {
+    "estimator": "--estimator", "sigma_points": "--sigma-points", "update_interval": "--update-interval",
+    "polynomial_order": "--polynomial-order", "estimated": "--estimate", "fixed": "--fix", "priors": "--prior",
+    "skew": "--skew", "size_effect": "--size-effect", "passes": "--passes", "use": "--use",
+}  # fmt: skip
+"""Settings that standstills alone do not have, with their options."""
+
+
 def calibrate(
     recordings: list[Path] = typer.Argument(
         ..., metavar="RECORDING...", help="Recording: a folder, an .mcap file, or a ROS bag; several with --joint."
@@ -124,6 +132,7 @@ def calibrate(
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.model.stated_parameters import parse_fixed, parse_priors
 
+    _check_together(estimator, sigma_points, skew, parse_fixed(fix), estimate)
     settings = CalibrationSettings(
         estimator=estimator,
         sigma_points=sigma_points,
@@ -142,7 +151,7 @@ def calibrate(
     if output is not None:
         check_output(output)
     read_one = partial(load, reference=reference, imu=imu, columns=columns, executor=in_threads)
-    _check_method(method, joint=joint, inject=inject)
+    _check_method(method, settings, joint=joint, inject=inject)
     if joint:
         from kreisel.cli.joint import calibrate_together, say_joint
 
@@ -176,9 +185,24 @@ def calibrate(
     _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, output, as_json=json)
 
 
-def _check_method(method: str, *, joint: bool, inject: bool) -> None:
+def _check_together(
+    estimator: str | None, sigma_points: str | None, skew: bool | None, fixed: dict[str, Any], estimated: list[str]
+) -> None:
+    """Raise an error for options that contradict each other."""
+    from kreisel.errors import SettingsError
+
+    if sigma_points is not None and estimator not in (None, "spkf"):
+        raise SettingsError(f"--sigma-points is for spkf; leave it out, or --estimator {estimator}")
+    if skew and "time_skew" in fixed:
+        raise SettingsError("--skew and --fix time_skew contradict each other; leave one out")
+    if both := [name for name in estimated if name in fixed]:
+        raise SettingsError(f"--estimate {both[0]} and --fix {both[0]} contradict each other; leave one out")
+
+
+def _check_method(method: str, settings: CalibrationSettings, *, joint: bool, inject: bool) -> None:
     """Raise an error for a method that there is not, or for options that do not go with it."""
     from kreisel.errors import SettingsError, unknown_name
+    from kreisel.model.calibration_settings import CalibrationSettings
 
     if method not in ("dynamic", "static"):
         raise SettingsError(unknown_name("method", method, ("dynamic", "static")))
@@ -186,6 +210,11 @@ def _check_method(method: str, *, joint: bool, inject: bool) -> None:
         raise SettingsError(f"{'--inject' if inject else '--method static'} is for one recording; leave out --joint")
     if inject and method == "static":
         raise SettingsError("--inject is for the dynamic method; leave out --method static")
+    if method == "static":
+        usual = CalibrationSettings(fixed=[name for name in settings.fixed if name == "robot_placement"])
+        for name, option in _DYNAMIC_ALONE.items():
+            if getattr(settings, name) != getattr(usual, name):
+                raise SettingsError(f"{option} is for the dynamic method; leave out --method static")
 
 
 def _statically(

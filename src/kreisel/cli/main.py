@@ -11,10 +11,12 @@ if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != __file_
 
 import ctypes
 import gc
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 # The filter's matrices are small: threads inside BLAS cost more time than they save.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -54,8 +56,35 @@ _ALLOCATIONS = 100_000
 """Objects created between two garbage collections: imports create many permanent objects, and collecting would take a
 fifth of their time."""
 
+
+class Program(TyperGroup):
+    """All commands; with `--json` what is wrong with a command line is an object on standard output, too."""
+
+    def make_context(self, *args: Any, **how: Any) -> Any:
+        """Read the command line up to the command."""
+        with _usage_as_json():
+            return super().make_context(*args, **how)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Read what follows the command, and run it."""
+        with _usage_as_json():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _usage_as_json() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        usage = getattr(error, "format_message", None)
+        if usage is not None and "--json" in sys.argv:
+            _print_error(usage())
+        raise
+
+
 app = typer.Typer(
     name="kreisel",
+    cls=Program,
     help="Calibrate inertial measurement units while a robot or motion capture measures their motion.",
     no_args_is_help=True,
     epilog=epilog(START),
@@ -152,11 +181,16 @@ def fail(message: str, **more: str) -> None:
     line = " ".join(message.split())
     typer.echo(f"kreisel: {line}", err=True)
     if "--json" in sys.argv:
-        import json
-
-        with suppress(OSError):
-            typer.echo(json.dumps({"error": line, **more}))
+        _print_error(line, **more)
     sys.exit(1)
+
+
+def _print_error(message: str, **more: str) -> None:
+    """Print the object that stands for an error."""
+    import json
+
+    with suppress(OSError):
+        typer.echo(json.dumps({"error": " ".join(message.split()), **more}))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,8 @@ def simulate(
     from kreisel.simulation.cell_settings import Cell, parse_cell, read_cell
     from kreisel.simulation.cell_settings import example as example_cell
 
+    if (example or example_program) and (cell is not None or output is not None):
+        raise SettingsError("--example and --example-program print, and simulate nothing; leave out CELL and -o")
     if example or example_program:
         from kreisel.robot.program import EXAMPLE
 

@@ -139,7 +139,7 @@ def robustness(
         check_output(write)
         write.mkdir(parents=True, exist_ok=True)
         _each(partial(write_numbered, seconds, write), wanted, how, lambda _name: None)
-        typer.echo(f"written: {len(wanted)} recordings in {write}")
+        _say_written(len(wanted), write, as_json=json)
         return
     check_output(output)
     file = RowFile(output, seconds)
@@ -212,6 +212,14 @@ def _each(
             take(result)
             if show is not None:
                 show(f"{done} of {len(missing)} runs", done / len(missing))
+
+
+def _say_written(count: int, folder: Path, *, as_json: bool) -> None:
+    """Print how many recordings were written."""
+    import json
+
+    document = json.dumps({"recordings": count, "output": str(folder)})
+    typer.echo(document if as_json else f"written: {count} recordings in {folder}")
 
 
 def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:

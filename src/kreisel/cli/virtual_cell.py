@@ -91,6 +91,8 @@ def virtual_cell(
         raise SettingsError(
             f"--obey: a simulated {robot.value} arm does not accept moves; choose {', '.join(COMMANDED)}"
         )
+    if obey and (speed != 1.0 or robot_port or imu_port):
+        raise SettingsError("--speed, --robot-port and --imu-port are for a cell without --obey")
     described = _described(cell, robot, interval, {"seed": seed, "seconds": seconds})
     if output is not None:
         check_output(output)

@@ -29,6 +29,10 @@ def watch(
     as_json: bool = typer.Option(False, "--json", help="Print every estimate as one line of JSON."),
 ) -> None:
     """Calibrate a recording again and again while it grows; end when it ends. The recorder is not disturbed."""
+    if as_json and (guide or dashboard):
+        from kreisel.errors import SettingsError
+
+        raise SettingsError("--json prints estimates, --dashboard serves a page; give one of them")
     if guide or dashboard:
         _serve(recording, host, port, guide=guide)
     else:
