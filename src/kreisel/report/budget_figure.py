@@ -8,12 +8,42 @@ import numpy as np
 
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.uncertainty_budget import Budget, Source
+from kreisel.geometry.rotation import Indices
 from kreisel.model.groups import group_named
 from kreisel.report.cells import NOTHING, Row, Table, number
+from kreisel.units import MRAD, PPM
 
-_MATRICES = ("gyro_cross_coupling", "accel_cross_coupling")
+_MATRICES = {"gyro_cross_coupling": "Gyro", "accel_cross_coupling": "Accelerometer"}
+_WORDS = {
+    "gyro_offset": "Gyro bias",
+    "accel_offset": "Accelerometer bias",
+    "lever_arms": "Positions of the accelerometers",
+    "alignment": "Tilt of the reference frame",
+    "north": "Direction of north",
+    "earth_down": "Latitude",
+    "gravity": "Gravity",
+    "time_offset": "Time offset of the reference",
+    "time_skew": "Ratio of the clocks",
+    "robot_placement": "Placements of the robot's joints",
+}
 _SHOWN = 0.05
 """Per cent below which a share is written as a dash."""
+
+
+@dataclass(frozen=True)
+class BudgetPart:
+    """Parameters that share a bar: their words, group and places, their rms standard deviation (SI), and its unit."""
+
+    words: str
+    group: str
+    places: Indices
+    deviation: float
+    unit: str
+    size: float
+
+    def text(self, deviation: float) -> str:
+        """Return a standard deviation (SI) in the unit."""
+        return f"{number(deviation / self.size, 2)}{'' if self.unit == '1' else f' {self.unit}'}"
 
 
 @dataclass(frozen=True)
@@ -49,24 +79,34 @@ def budget_picture(outcome: Outcome) -> BudgetPicture | None:
     budget = outcome.calibration.budget
     if budget is None:
         return None
-    layout, bars = outcome.problem.layout, []
-    for group in outcome.problem.groups:
-        known, places = group_named(group), np.arange(layout[group].start, layout[group].stop)
-        title = group.replace("_", " ")
-        parts = {title: places}
-        if group in _MATRICES:
-            diagonal = layout.present(group) % 4 == 0
-            parts = {f"{title}, diagonal": places[diagonal], f"{title}, other": places[~diagonal]}
-        for words, own in parts.items():
-            if budget.deviation[own].any():
-                rms = float(np.sqrt(np.mean(budget.deviation[own] ** 2))) / known.size
-                text = f"{number(rms, 2)} {known.unit}" if known.unit != "1" else number(rms, 2)
-                bars.append(Bar(known.symbol, words, text, _segments(budget, own)))
+    bars = []
+    for part in parts_of(outcome):
+        known = group_named(part.group)
+        bars.append(Bar(known.symbol, part.words, part.text(part.deviation), _segments(budget, part.places)))
     legend = tuple(Segment(i, str(source), 0.0) for i, source in enumerate(Source) if source in budget.by_source)
     return BudgetPicture(tuple(bars), legend, _table(budget))
 
 
-def _segments(budget: Budget, places: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> tuple[Segment, ...]:
+def parts_of(outcome: Outcome) -> list[BudgetPart]:
+    """Return the groups of a calibration with a budget, matrices divided into scale factors and all else."""
+    budget, layout, out = outcome.calibration.budget, outcome.problem.layout, []
+    for group in () if budget is None else outcome.problem.groups:
+        known, places = group_named(group), np.arange(layout[group].start, layout[group].stop)
+        parts = [(_WORDS.get(group, group.replace("_", " ").capitalize()), places, known.unit, known.size)]
+        if group in _MATRICES:
+            diagonal, name = layout.present(group) % 4 == 0, _MATRICES[group]
+            parts = [
+                (f"{name} scale factors", places[diagonal], "ppm", PPM),
+                (f"{name} misalignment, mounting", places[~diagonal], "mrad", MRAD),
+            ]
+        for words, own, unit, size in parts:
+            if budget is not None and budget.deviation[own].any():
+                rms = float(np.sqrt(np.mean(budget.deviation[own] ** 2)))
+                out.append(BudgetPart(words, group, own, rms, unit, size))
+    return out
+
+
+def _segments(budget: Budget, places: Indices) -> tuple[Segment, ...]:
     """Return the shares of the sources in the variance of some parameters, on average."""
     shares = budget.by_source
     means = {i: 100.0 * float(np.mean(shares[s][places])) for i, s in enumerate(Source) if s in shares}

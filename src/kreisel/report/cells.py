@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 NOTHING = "–"
@@ -27,7 +26,8 @@ class Row:
 class Table:
     """A table: its title, its columns, its rows.
 
-    The first `text` columns are not numbers; `broad` tables turn their rows into blocks on a narrow screen.
+    The first `text` columns are not numbers; `broad` tables turn their rows into blocks on a narrow screen, and `prose`
+    tables, with sentences in their cells, into paragraphs.
     """
 
     title: str
@@ -35,6 +35,7 @@ class Table:
     rows: tuple[Row, ...]
     text: int = 1
     broad: bool = False
+    prose: bool = False
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -66,12 +67,3 @@ def user_fixed(value: float | None) -> str:
 def with_minus(text: str) -> str:
     """Return the text of a number with a minus sign instead of a hyphen, and none before zero."""
     return "−" + text[1:] if text.startswith("-") and text.strip("-0.") else text.removeprefix("-")
-
-
-def by_group(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return names of parameters as path and the indices or names under it."""
-    found: dict[str, list[str]] = {}
-    for name in names:
-        path, bracket, index = name.partition("[")
-        found.setdefault(path, []).append(bracket + index)
-    return [(path, " ".join(i for i in indices if i)) for path, indices in found.items()]

@@ -102,7 +102,8 @@ def splits_figures(splits: Sequence[Split]) -> list[Figure]:
             "By how much parts of the recording with low and with high values of a quantity differ in what they say of "
             "a sensor's group that differs most, over what one pair in 10,000 exceeds by chance. Good: all below one. "
             "Above it, an error that is not modelled changes with that quantity; deviations contain it.",
-            plots.plot(x, plots.panel(data, y, texts=True)),
+            plots.plot(x, plots.panel(data, y, height=240, texts=True)),
+            shape="wide",
         )
     ]
 

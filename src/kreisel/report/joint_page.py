@@ -8,7 +8,8 @@ from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import JointRecording, Measured
-from kreisel.report.cells import Row, Table, by_group, pair, user_fixed
+from kreisel.report.cells import Row, Table, pair, user_fixed
+from kreisel.report.reader_names import by_quantity
 from kreisel.report.repeatability_page import figure_of, table_of
 from kreisel.report.result_tables import device_tables
 from kreisel.report.snippet import snippet
@@ -31,7 +32,8 @@ def write_joint(joint: Joint, path: Path) -> None:
         figures,
         document=calibration.document,
         verdict=calibration.verdict,
-        unobservable=by_group(calibration.verdict.unobservable),
+        unobservable=by_quantity(calibration.verdict.unobservable),
+        lost=None,
         warnings=joint.warnings,
         keys=_results(values),
         device=device_tables(calibration),

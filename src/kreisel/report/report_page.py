@@ -10,10 +10,11 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.model.considered_terms import MIN_GAIN
 from kreisel.report import figures, report_tables, result_tables
 from kreisel.report.budget_figure import budget_picture
-from kreisel.report.cells import by_group
 from kreisel.report.data import ReportData, extract
+from kreisel.report.improvement import improvement_table
 from kreisel.report.influence import influence_figures, influence_of, splits_figures
 from kreisel.report.plots import Figure
+from kreisel.report.reader_names import by_quantity, unobservable_table
 from kreisel.report.snippet import snippet
 from kreisel.report.template import fill
 
@@ -44,7 +45,8 @@ def render(data: ReportData) -> str:
         title=data.outcome.calibration.recording.title if data.outcome.calibration.recording else "IMU",
         warnings=report_tables.ranked(data.outcome.warnings),
         verdict=data.outcome.verdict,
-        unobservable=by_group(data.outcome.observability.unobservable),
+        unobservable=by_quantity(data.outcome.observability.unobservable),
+        lost=unobservable_table(data.outcome),
         not_estimated=report_tables.not_estimated(data.outcome),
         figures=drawn,
         min_gain=MIN_GAIN,
@@ -88,6 +90,8 @@ def _tables(data: ReportData) -> dict[str, Any]:
         "cause_table": report_tables.cause_table(data.difference),
         "robot_tables": report_tables.robot_tables(outcome),
         "budget": budget_picture(outcome),
+        "improvement": improvement_table(outcome),
+        "free_navigation": None if data.unseen is None else report_tables.free_navigation_table(data.unseen),
         "parameter_table": report_tables.parameter_table(data),
         "considered_table": report_tables.considered_table(outcome),
         "drift_table": None if data.unseen is None else report_tables.drift_table(data.unseen),

@@ -17,6 +17,7 @@ from kreisel.recording.recording import DataWarning
 from kreisel.refinement.noise_adaptation import imu_density
 from kreisel.report.cells import NOTHING, Row, Table, number, pair, with_minus
 from kreisel.report.data import Change, Difference, Excitation, ReportData, Residuals, Unseen
+from kreisel.report.reader_names import in_words
 from kreisel.report.result_tables import Support
 from kreisel.robot.pose_accuracy import PoseAccuracy
 from kreisel.synchronization.clock import Clock
@@ -181,7 +182,7 @@ def considered_row(effect: Considered) -> Row:
     group = group_named(effect.group)
     values, sd = effect.value / group.size, effect.deviation / group.size
     worst = int(np.argmax(np.abs(values) / np.maximum(sd, 1e-300)))
-    shift = f"{effect.shift:.1f} ({effect.shifted})" if effect.shifted else ""
+    shift = f"{effect.shift:.1f} ({in_words(effect.shifted)})" if effect.shifted else ""
     name = group.meaning if values.size == 1 else f"{group.meaning} (of {values.size}, the clearest)"
     cells = (name, group.unit, pair(float(values[worst]), float(sd[worst])), f"{effect.gain:.1f}")
     return Row((*cells, "yes" if effect.included else "no", shift), weak=not effect.included)
@@ -289,6 +290,19 @@ def drift_table(unseen: Unseen) -> Table:
     return Table("Drift between updates on unseen data", columns, tuple(rows), 2, broad=True)
 
 
+def free_navigation_table(unseen: Unseen) -> Table:
+    """Return the rms error of free navigation on data that were not used, before and after calibration."""
+    rows = [
+        Row((title, unit, number(before), number(after), number(before / after) if after > 0.0 else NOTHING))
+        for title, unit, before, after in zip(
+            ("Position", "Attitude"), ("mm", "mrad"), unseen.nominal.rms, unseen.calibrated.rms, strict=True
+        )
+        if math.isfinite(after)
+    ]
+    columns = ("Error", "Unit", "Before calibration", "After", "Times smaller")
+    return Table("Error of free navigation from one update to the next, rms", columns, tuple(rows), 2)
+
+
 def score_summary(halves: SplitHalves) -> tuple[str, str, str]:
     """Return rms of the scores, share within two, and the parameter that repeats worst."""
     score: Array = halves.score
@@ -296,7 +310,7 @@ def score_summary(halves: SplitHalves) -> tuple[str, str, str]:
     return (
         number(float(np.sqrt(np.mean(score**2)))),
         f"{100.0 * float(np.mean(np.abs(score) <= 2.0)):.0f} %",
-        f"{halves.names[worst]} ({with_minus(f'{score[worst]:.1f}')})",
+        f"{in_words(halves.names[worst])} ({with_minus(f'{score[worst]:.1f}')})",
     )
 
 

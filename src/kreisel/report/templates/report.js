@@ -227,6 +227,17 @@ function titleFont(text, room, size) {
 
 const longest = (texts) => Math.max(0, ...(texts || []).map((text) => String(text).length));
 
+// Texts of given ticks, without those that would touch the one before.
+function apart(at, texts, scale, font, vertical) {
+  let end = -Infinity;
+  return texts.map((text, i) => {
+    const half = vertical ? 0.6 * font : 0.31 * font * (text.length + 1), place = scale * Math.abs(at[i] - at[0]);
+    if (place - half < end) return "";
+    end = place + half;
+    return text;
+  });
+}
+
 function axisOf(own, palette, sizes, room, vertical, shown) {
   const gap = vertical ? 2.2 * sizes.font : 5.5 * sizes.font;
   const found = (u, low, high) => own.ticks || ticksOf(own, low, high, room, gap);
@@ -241,8 +252,8 @@ function axisOf(own, palette, sizes, room, vertical, shown) {
     ticks: { stroke: colour("@line", palette), width: 1, size: 4, show: !own.bare },
     splits: (u, i, low, high) => found(u, low, high)[0],
     values: (u) => {
-      const [at, texts] = found(u, u.scales[scale].min, u.scales[scale].max);
-      return shown ? texts : at.map(() => "");
+      const { min, max } = u.scales[scale], [at, texts] = found(u, min, max);
+      return !shown ? at.map(() => "") : own.ticks ? apart(at, texts, room / (max - min), sizes.font, vertical) : texts;
     },
   };
 }
