@@ -225,7 +225,7 @@ def gauge_facts(found: Sequence[Gauged]) -> list[str]:
             facts.append(f"{text}: {count} of {len(limited)} figures")
     ratios = np.array([one.components.repeatability / one.calibration_sd for one in found])
     facts.append(
-        f"Repeatability is {np.median(ratios):.2f} times the deviation that calibrations state (median of {ratios.size} "
+        f"Repeatability is {np.median(ratios):.2f} times the deviation that calibrations state (median of {len(found)} "
         "figures): 1 if nothing but what they account for changes from run to run. Offsets change when a "
         "device is switched off and on."
     )

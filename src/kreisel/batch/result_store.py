@@ -169,9 +169,23 @@ class Store:
 
     def attempts(self, unit: str | None = None) -> list[Attempt]:
         """Return all attempts, or those of one unit, in their order."""
+        return self._attempts("order by id") if unit is None else self._attempts("where unit = ? order by id", unit)
+
+    def attempt(self, number: int) -> Attempt | None:
+        """Return the attempt of a number; None where there is none."""
+        return next(iter(self._attempts("where id = ?", number)), None)
+
+    def recent(self, count: int) -> list[Attempt]:
+        """Return the last attempts, the newest first."""
+        return self._attempts("order by id desc limit ?", count)
+
+    def attempts_since(self, begun: str) -> list[Attempt]:
+        """Return the attempts that began on a date or later, in their order."""
+        return self._attempts("where begun >= ? order by id", begun)
+
+    def _attempts(self, chosen: str, *values: object) -> list[Attempt]:
         names = ", ".join(field.name for field in fields(Attempt))
-        some, values = ("", ()) if unit is None else (" where unit = ?", (unit,))
-        return [Attempt(*row) for row in self._query(f"select {names} from attempts{some} order by id", *values)]
+        return [Attempt(*row) for row in self._query(f"select {names} from attempts {chosen}", *values)]
 
     def _write(self, text: str, *values: object) -> int:
         try:
@@ -180,7 +194,7 @@ class Store:
         except sqlite3.Error as error:
             raise RecordingError(f"cannot be written: {error}", file=self.path) from error
 
-    def _query(self, text: str, *values: str) -> list[tuple[Any, ...]]:
+    def _query(self, text: str, *values: object) -> list[tuple[Any, ...]]:
         try:
             with closing(self._connection.execute(text, values)) as cursor:
                 return list(cursor)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.data_sheet import QUANTITIES
+from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Measured
 from kreisel.errors import SettingsError
@@ -86,13 +86,15 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
     return tuple(out)
 
 
-def quantities_compared(derived: Sequence[Mapping[str, Measured]]) -> list[Repeated]:
-    """Return the comparison of the quantities of data sheets over several calibrations."""
+def quantities_compared(
+    derived: Sequence[Mapping[str, Measured]], chosen: Sequence[Quantity] = QUANTITIES
+) -> list[Repeated]:
+    """Return the comparison of quantities of data sheets over several calibrations."""
     return [
         _compared(
             q.name, q.title, q.unit, *(np.array([getattr(one[q.name], part) for one in derived]) for part in _PARTS)
         )
-        for q in QUANTITIES
+        for q in chosen
     ]
 
 

@@ -71,7 +71,7 @@ def batch(
     work = Batch(jobs_in(folder, output, settings, links=links), settings, (output / "results").resolve(), reports)
     if not links and (left := leaving(folder)):
         typer.echo(f"links that lead out of {folder} are left out: {', '.join(left[:5])}; --links takes them", err=True)
-    with _alone(output), Store(database or output / "results.db") as store:
+    with alone_in(output), Store(database or output / "results.db") as store:
         done = len(work.jobs) - len(waiting_in(work, store))
         if done and not json:
             typer.echo(f"{done} of {len(work.jobs)} are done already")
@@ -132,8 +132,8 @@ def history(
 
 
 @contextmanager
-def _alone(output: Path) -> Iterator[None]:
-    """Keep other batches out of a folder, where the system has locks.
+def alone_in(output: Path, other: str = "batch") -> Iterator[None]:
+    """Keep other commands of a kind out of a folder, where the system has locks.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _alone(output: Path) -> Iterator[None]:
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            busy = f"-o {output}: another batch is at work there; wait for it, or give another folder"
+            busy = f"-o {output}: another {other} is at work there; wait for it, or give another folder"
             raise SettingsError(busy) from error
         yield
 

@@ -82,6 +82,13 @@ COMMANDS = {
         "Write the history of a unit over the years.",
         ("kreisel history 0042 --db lot/results.db -o 0042.html --limits fog",),
     ),
+    "station": CommandHelp(
+        "Calibrate unit after unit, by an operator at a page.",
+        (
+            "kreisel station --imu ixcom://192.168.1.30:3000 --robot rsi://0.0.0.0:49152 -o line --limits limits.toml",
+            "kreisel station --imu csv://127.0.0.1:4000 --robot rtde://127.0.0.1 -o line --golden golden/result",
+        ),
+    ),
     "gauge": CommandHelp(
         "Study a gauge: units calibrated several times.",
         ("kreisel gauge lot/results.db --limits limits.toml -o gauge.html",),

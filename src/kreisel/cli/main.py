@@ -42,6 +42,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
     run_program,
     simulate,
     static,
+    station,
     study,
     virtual_cell,
     watch,
@@ -121,6 +122,7 @@ _add("record", record.record)
 _add("run", run_program.run_program)
 _add("krl", krl.krl)
 _add("recover", record.recover)
+_add("station", station.station)
 _add("watch", watch.watch)
 _add("virtual-cell", virtual_cell.virtual_cell)
 _add("demo", demo.demo)

@@ -53,12 +53,12 @@ def record(
     of_imu = parse_address(imu, IMUS)
     of_robot = None if robot is None else parse_address(robot, ROBOTS)
     known = RecordingSettings() if settings is None else read_settings(settings)
-    description = None if urdf is None else _description(urdf)
+    robot_text = None if urdf is None else description(urdf)
 
     async def until_stopped() -> Status:
         stop = interrupted()
         return await record_streams(
-            of_imu, of_robot, output, seconds=seconds, settings=known, urdf=description, stop=stop, show=_show()
+            of_imu, of_robot, output, seconds=seconds, settings=known, urdf=robot_text, stop=stop, show=_show()
         )
 
     place = Place.of(output)
@@ -122,7 +122,14 @@ def _check_settings(known: RecordingSettings, status: Status) -> None:
         typer.echo(f"for a calibration the motion lacks: {', '.join(missing)}", err=True)
 
 
-def _description(path: Path) -> str:
+def description(path: Path) -> str:
+    """Return the text of a robot's description.
+
+    Raises
+    ------
+    SettingsError
+        If it cannot be read.
+    """
     from kreisel.errors import SettingsError
     from kreisel.files import read_text
 

@@ -1,0 +1,1 @@
+"""A station of a production line: units are recorded, calibrated and judged; an operator has one page."""
