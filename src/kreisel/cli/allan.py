@@ -113,14 +113,13 @@ def _show(
     """Print what was found, as an object or as a table with sentences."""
     import json as json_module
 
-    from kreisel.cli.terminal_tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
 
     if json:
         typer.echo(json_module.dumps(document))
         return
     print_rows(title, columns, rows)
-    for remark in remarks:
-        typer.echo(f"· {remark}")
+    print_sentences([f"· {remark}" for remark in remarks])
     typer.echo(f"for recording.toml:\n{table}")
     if output is not None:
         typer.echo(f"written: {output / 'allan.html'}, allan.json")

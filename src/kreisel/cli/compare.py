@@ -116,11 +116,8 @@ def _truth(recording: Path) -> dict[str, float]:
 
 
 def _print(compared: Sequence[Comparison], runs: Sequence[str]) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
     from kreisel.calibration.by_method import GROUPS
-    from kreisel.cli.terminal_tables import wide_console
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
     from kreisel.report.comparison_page import (
         OVER_EXPECTED,
         chi_squares,
@@ -147,14 +144,7 @@ def _print(compared: Sequence[Comparison], runs: Sequence[str]) -> None:
     if together:
         columns, squares = chi_squares(together)
         tables.append(("chi-square per degree of freedom over the recordings", list(columns), squares))
-    out = wide_console()
     for title, heads, cells in tables:
-        table = Table(title=title, title_justify="left")
-        for name in heads:
-            words = name in ("recording", "estimator", "result", "quantity")
-            table.add_column(name, justify="left" if words else "right")
-        for row in cells:
-            table.add_row(*map(escape, row))
-        out.print(table)
-    for fact in facts_of(compared, runs):
-        out.print(fact, markup=False)
+        words = sum(name in ("recording", "estimator", "result", "quantity") for name in heads)
+        print_rows(title, heads, cells, words)
+    print_sentences(facts_of(compared, runs))

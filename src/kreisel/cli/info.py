@@ -42,13 +42,15 @@ def info(
     if json:
         typer.echo(json_module.dumps(facts))
         return
+    from kreisel.cli.terminal_tables import print_sentences
+
     for title, table in facts.items():
         if isinstance(table, dict):
             typer.echo(f"{title}")
             for name, value in table.items():
-                typer.echo(f"  {name:<30}{_text(value)}")
-    for line in facts["findings"]:
-        typer.echo(f"· {line}")
+                text = _text(value)
+                typer.echo(f"  {name:<30}{text}" if len(text) < 48 else f"  {name}\n      {text}")
+    print_sentences([f"· {line}" for line in facts["findings"]])
 
 
 def _text(value: Any) -> str:

@@ -142,19 +142,10 @@ def _document(found: tuple[Repeated, ...], runs: list[str], left_out: dict[str, 
 
 
 def _print(found: tuple[Repeated, ...], runs: list[str], facts: list[str]) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from kreisel.cli.terminal_tables import wide_console
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
     from kreisel.report.repeatability_page import COLUMNS, cells_of
 
-    out, rows = wide_console(), [cells_of(one, runs) for one in found]
+    rows = [cells_of(one, runs) for one in found]
     for title, shown in ((f"{len(runs)} recordings of one device", slice(1, 5)), ("means of the runs", slice(5, 8))):
-        table = Table(title=title, title_justify="left")
-        for name in (COLUMNS[0], *COLUMNS[shown]):
-            table.add_column(name, justify="left" if name in ("quantity", "run") else "right")
-        for row in rows:
-            table.add_row(*map(escape, (row[0], *row[shown])))
-        out.print(table)
-    for fact in facts:
-        out.print(fact, markup=False)
+        print_rows(title, [COLUMNS[0], *COLUMNS[shown]], [[row[0], *row[shown]] for row in rows], 1)
+    print_sentences(facts)

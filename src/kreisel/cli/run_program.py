@@ -185,18 +185,18 @@ _JOIN = 60.0
 
 def _show_dry(moves: Program, mover: Mover, checked: list[str]) -> None:
     from kreisel.acquisition.preflight import approach_share
+    from kreisel.cli.terminal_tables import print_sentences
 
     slow = approach_share(moves, mover)
     typer.echo("nothing is moved (add --arm to move the robot); this would be sent, each once the arm rests:")
     typer.echo(f"  0  {mover.describe(moves.start, slow)}")
     for number, move in enumerate(moves.moves, start=1):
         typer.echo(f"{number:3d}  {mover.describe(move.target, move.speed)}   then rest {move.rest:g} s")
-    for text in checked:
-        typer.echo(text)
-    typer.echo(
+    later = (
         "checked only with --arm, before the first move: the way to the program's start, against the room too, and the "
         "model against the joints and the pose that the controller reports"
     )
+    print_sentences([*checked, later])
 
 
 _PATIENCE = 1.0

@@ -236,11 +236,10 @@ def _say_robustness(rows: list[Row], output: Path, *, as_json: bool) -> None:
 
         typer.echo(json.dumps(as_document(totals, rows)))
         return
-    from kreisel.cli.terminal_tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
 
-    print_rows("verdicts, and errors over standard deviations", COLUMNS, lines)
-    for fact in facts:
-        typer.echo(fact)
+    print_rows("verdicts, and errors over standard deviations", COLUMNS, lines, 3)
+    print_sentences(facts)
     typer.echo(f"written: {output}/robustness.csv, report.html")
 
 
@@ -338,9 +337,8 @@ def _say(summary: Summary, rows: list[list[str]], columns: list[str], output: Pa
         document["output"] = str(output)
         typer.echo(json.dumps(document))
         return
-    from kreisel.cli.terminal_tables import print_rows
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
 
     print_rows("error compared with the standard deviation of the calibration", columns, rows)
-    for fact in _facts(summary):
-        typer.echo(fact)
+    print_sentences(_facts(summary))
     typer.echo(f"written: {output}/trials.csv, parameters.csv, report.html")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from math import isnan
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from kreisel.calibration.result_views import with_deviation
 
@@ -25,9 +29,9 @@ _WIDE = 104
 
 
 def wide_console() -> Console:
-    """Return a console, 120 columns wide where it is no terminal."""
+    """Return a console; where it is no terminal it is as wide as COLUMNS says, or 120 columns."""
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=120)
+    return console if console.is_terminal or os.environ.get("COLUMNS") else Console(highlight=False, width=120)
 
 
 def print_result(calibration: Calibration, warnings: Sequence[object]) -> None:
@@ -65,14 +69,17 @@ def print_arm(found: ArmCalibration) -> None:
     console = wide_console()
     for warning in found.warnings:
         console.print(f"· {warning}", markup=False)
-    table = Table(title=f"{found.robot.name}: errors that the motion shows", title_justify="left")
-    for name in ("error", "unit", "estimate", "before"):
-        table.add_column(name, justify="left" if name in ("error", "unit") else "right")
     shown = [one for one in found.errors if one.separable]
-    for one in shown:
-        found_value = with_deviation(one.value / one.size, one.deviation / one.size)
-        table.add_row(one.title, one.unit, found_value, f"± {one.prior / one.size:.3g}")
-    console.print(table)
+    rows = [
+        [
+            one.title,
+            one.unit,
+            with_deviation(one.value / one.size, one.deviation / one.size),
+            f"± {one.prior / one.size:.3g}",
+        ]
+        for one in shown
+    ]
+    print_rows(f"{found.robot.name}: errors that the motion shows", ("error", "unit", "estimate", "before"), rows)
     console.print(f"{len(found.errors) - len(shown)} of {len(found.errors)} errors are not distinguished from others")
     for part in found.unused:
         before, after, expected = (
@@ -173,38 +180,106 @@ def _print_verdict(console: Console, calibration: Calibration) -> None:
 
 
 def print_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 2) -> None:
-    """Print a table of text; the first `text` columns are not numbers."""
-    table = Table(title=title, title_justify="left")
+    """Print a table of text that fits the terminal; the first `text` columns are not numbers.
+
+    Where a grid has no room its lines are left out, and heads and words are wrapped; where numbers would be, what is
+    not a number stands above them. Nothing is cut.
+    """
+    console = wide_console()
+    grid = Table(title=title, title_justify="left")
     for i, name in enumerate(columns):
-        table.add_column(name, justify="left" if i < text else "right")
+        grid.add_column(name, justify="left" if i < text else "right")
+    for row in rows:
+        grid.add_row(*map(escape, row))
+    if console.measure(grid, options=console.options.update(max_width=_UNLIMITED)).maximum <= console.width:
+        console.print(grid)
+        return
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(columns)
+    least = [
+        _longest([*cells[i], name], words=True) if i < text else max(_longest(cells[i]), _longest([name], words=True))
+        for i, name in enumerate(columns)
+    ]
+    if sum(least) + len(columns) - 1 <= console.width:
+        console.print(_without_lines(title, columns, rows, text, least))
+    else:
+        _print_stacked(console, title, columns, rows, text, least)
+
+
+_UNLIMITED = 10_000
+"""Columns that every table has room in."""
+
+
+def _longest(texts: Sequence[str], *, words: bool = False) -> int:
+    """Return the length of the longest text, or of the longest word of all."""
+    parts = [part for one in texts for part in (one.split() if words else one.splitlines())]
+    return max((cell_len(part) for part in parts), default=0)
+
+
+def _without_lines(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int, least: Sequence[int]
+) -> Table:
+    """Return a table without lines, whose heads and texts are wrapped, and whose numbers are not."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for i, name in enumerate(columns):
+        if i < text:
+            table.add_column(name, overflow="fold", min_width=least[i])
+        else:
+            table.add_column("\n".join(wrap(name, least[i])), justify="right", no_wrap=True, min_width=least[i])
     for row in rows:
         table.add_row(*map(escape, row))
-    wide_console().print(table)
+    return table
+
+
+def _print_stacked(
+    console: Console, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int, least: Sequence[int]
+) -> None:
+    """Print numbers below the texts of their row."""
+    console.print(title, style="italic", markup=False)
+    numbers = [["  ", *row[text:]] for row in rows]
+    table = _without_lines("", ["  ", *columns[text:]], numbers, 1, [2, *least[text:]])
+    head, *lines = _lines_of(console, table, len(rows))
+    console.print(", ".join(columns[:text]), style="bold", markup=False)
+    console.print(head, style="bold", markup=False, soft_wrap=True)
+    for row, line in zip(rows, lines, strict=True):
+        console.print(", ".join(cell for cell in row[:text] if cell), markup=False)
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _lines_of(console: Console, table: Table, rows: int) -> list[str]:
+    """Return the head of a table, which may have several lines, and the lines of its rows."""
+    table.title = None
+    with console.capture() as caught:
+        console.print(table, soft_wrap=False)
+    lines = [Text.from_ansi(line).plain.rstrip() for line in caught.get().splitlines()]
+    return ["\n".join(lines[: len(lines) - rows]), *lines[len(lines) - rows :]]
+
+
+def print_sentences(lines: Sequence[str]) -> None:
+    """Print sentences, wrapped at words where the width is known."""
+    console = wide_console()
+    known = console.is_terminal or bool(os.environ.get("COLUMNS"))
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=not known)
 
 
 def print_devices(devices: Sequence[Device]) -> None:
     """Print error, standard deviation and their ratio, rms over each group, of every device."""
-    table = Table(
-        title="rms error compared with the truth (rms standard deviation; rms of error over it)", title_justify="left"
-    )
-    table.add_column("group")
-    table.add_column("unit")
-    for device in devices:
-        table.add_column(device.name, justify="right")
+    rows = []
     for name, group in devices[0].errors.items():
         cells = [device.errors[name] for device in devices]
-        table.add_row(group.title, group.unit, *(f"{c.size:.3g} ({c.expected:.3g}; {c.ratio:.1f})" for c in cells))
-    console = wide_console()
-    console.print(table)
-    console.print("the paper's accelerometer offsets were uncertain by up to 0.1 mg", markup=False)
+        rows.append([group.title, group.unit, *(f"{c.size:.3g} ({c.expected:.3g}; {c.ratio:.1f})" for c in cells)])
+    title = "rms error compared with the truth (rms standard deviation; rms of error over it)"
+    print_rows(title, ["group", "unit", *(device.name for device in devices)], rows)
+    print_sentences(["the paper's accelerometer offsets were uncertain by up to 0.1 mg"])
 
 
 def print_injection(injection: Injection) -> None:
     """Print injected errors and what was found."""
-    table = Table(title="injected errors", title_justify="left")
-    for name in ("parameter", "injected", "found", "difference / sd"):
-        table.add_column(name, justify="left" if name == "parameter" else "right")
-    for name, a, b, sd in zip(injection.names, injection.injected, injection.found, injection.deviation, strict=True):
-        if abs(a) > 1e-12:
-            table.add_row(name, f"{a:.6g}", f"{b:.6g}", f"{(b - a) / sd:.2f}")
-    wide_console().print(table)
+    rows = [
+        [name, f"{a:.6g}", f"{b:.6g}", f"{(b - a) / sd:.2f}"]
+        for name, a, b, sd in zip(
+            injection.names, injection.injected, injection.found, injection.deviation, strict=True
+        )
+        if abs(a) > 1e-12
+    ]
+    print_rows("injected errors", ("parameter", "injected", "found", "difference / sd"), rows, 1)
