@@ -17,7 +17,7 @@ DECISIVE = tuple(outcome for outcome in OUTCOMES if outcome != "failed")
 """Outcomes that say something of the unit; the others leave it untested."""
 
 
-def tests_of(attempts: Sequence[Attempt]) -> int:
+def count_tests(attempts: Sequence[Attempt]) -> int:
     """Return how often a unit was tested."""
     return sum(attempt.kind == "unit" and attempt.outcome in DECISIVE for attempt in attempts)
 

@@ -35,7 +35,7 @@ from kreisel.certificate.statement import digest_of
 from kreisel.errors import KreiselError, SettingsError
 from kreisel.station.golden_unit import golden_check
 from kreisel.station.line import Line
-from kreisel.station.retest import outcome_of, tests_of
+from kreisel.station.retest import outcome_of, count_tests
 
 SILENT = 3.0
 """Seconds without readings after which an attempt ends. Chosen: devices that connect again need one or two."""
@@ -94,7 +94,7 @@ class Station:
         if kind == "unit":
             if due := self.golden_due():
                 raise SettingsError(due)
-            tests = tests_of(self._store.attempts(serial))
+            tests = count_tests(self._store.attempts(serial))
             if tests > self.line.retests:
                 raise SettingsError(f"unit {serial} was tested {_times(tests)}, as often as allowed: set it aside")
         begun = self._now().isoformat(timespec="seconds")
