@@ -119,7 +119,9 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     RecordingError
         If no readings of an IMU are found.
     """
-    sheets = _readable(path, progress)
+    say = progress or _unheard
+    sheets = _readable(path, say)
+    say("find columns", 0.0)
     groups = tables.all_groups(sheets)
     devices = tables.devices(sheets, groups)
     if not devices:
@@ -128,7 +130,8 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
         )
     taken = {(one.sheet, k) for one in devices if one.named for k in one.places}
     bodies = tables.attitudes(sheets, groups, taken)
-    tries = _tried(sheets, devices, bodies, progress)
+    tries = _tried(sheets, devices, bodies, say)
+    say("choose columns", 0.0)
     best, notes = _chosen(sheets, tries)
     best = [_with_positions(sheets, groups, one, notes) for one in best]
     against = _contradictions(best)
@@ -149,7 +152,11 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     return "\n".join(lines).rstrip()
 
 
-def _readable(path: Path, progress: Progress | None) -> list[Sheet]:
+def _unheard(step: str, share: float) -> None:
+    """Take progress that nobody asked for."""
+
+
+def _readable(path: Path, progress: Progress) -> list[Sheet]:
     """Return the tables that can be read; others may lie beside them.
 
     Raises
@@ -160,8 +167,7 @@ def _readable(path: Path, progress: Progress | None) -> list[Sheet]:
     found, first = [], None
     files = tables_in(path)
     for k, file in enumerate(files):
-        if progress is not None:
-            progress("read tables", k / len(files))
+        progress("read tables", k / len(files))
         try:
             found.append(read_sheet(file))
         except RecordingError as error:
@@ -174,9 +180,7 @@ def _readable(path: Path, progress: Progress | None) -> list[Sheet]:
 # ---- trying
 
 
-def _tried(
-    sheets: list[Sheet], devices: list[Device], bodies: list[list[Attitude]], progress: Progress | None
-) -> list[_Try]:
+def _tried(sheets: list[Sheet], devices: list[Device], bodies: list[list[Attitude]], progress: Progress) -> list[_Try]:
     """Return what was tried: the likely ways to read each, and, where these do not fit, the others."""
     work = _Work(sheets, progress)
     likely = [(device, one) for device in devices for found in bodies for one in found
@@ -200,7 +204,7 @@ def _overlap(device: Device, attitude: Attitude) -> bool:
 class _Work:
     """Comparisons of devices and orientations, each stream thinned once."""
 
-    def __init__(self, sheets: list[Sheet], progress: Progress | None) -> None:
+    def __init__(self, sheets: list[Sheet], progress: Progress) -> None:
         self._sheets, self._progress = sheets, progress
         self._samples: dict[tuple[Device, str], ImuSamples | None] = {}
         self._times: dict[object, list[TimeColumn]] = {}
@@ -214,8 +218,7 @@ class _Work:
                 break
             found = self._compared(device, attitude)
             self._done += 1.0 if found.fit.explained > 0.3 or found.fit.explained < 0.0 else 0.2
-            if self._progress is not None:
-                self._progress("compare motion", min(self._done / _MAX_TRIES, 1.0))
+            self._progress("compare motion", min(self._done / _MAX_TRIES, 1.0))
             out.append(found)
         return out
 
@@ -384,7 +387,7 @@ def _with_positions(sheets: list[Sheet], groups: Sequence[Group], one: _Try, not
     if named:
         notes.append(f"which are the positions: {', or '.join(_listed(sheets, group) for group in named)}")
         return one
-    found, work = [], _Work(sheets, None)
+    found, work = [], _Work(sheets, _unheard)
     for window in tables.possible_positions(sheets, groups, one.device, one.attitude):
         if one.fit.explained < CONFIRMED:
             break
@@ -404,7 +407,7 @@ def _with_positions(sheets: list[Sheet], groups: Sequence[Group], one: _Try, not
 
 def _options(sheets: list[Sheet], one: _Try) -> list[_Option]:
     """Return the mappings of a try: several if a time or a unit is open."""
-    sheet, work = sheets[one.device.sheet], _Work(sheets, None)
+    sheet, work = sheets[one.device.sheet], _Work(sheets, _unheard)
     out = []
     for time in one.times or ("",):
         for unit in _rate_units(one, work.samples(one.device, time) if time else None, sheet):
