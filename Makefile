@@ -30,10 +30,10 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The documentation site, site/index.html: pages, API reference, and a gallery made by the commands themselves. Simulated
+# The documentation site, site/index.html: pages, notebooks, API reference, and a gallery made by the commands themselves. Simulated
 # devices need not be within limits: the exit status is then 3 or 4.
 site: $(VENV)/.ready-dev
-	rm -rf build/gallery build/api site
+	rm -rf build/gallery build/api build/notebooks site
 	mkdir -p build/gallery
 	$(BIN)/kreisel demo -o build/gallery/demo --seconds 120 >/dev/null
 	find build/gallery/demo -name recording -prune -exec rm -r {} +
@@ -44,6 +44,9 @@ site: $(VENV)/.ready-dev
 	$(BIN)/kreisel batch build/lot -o build/gallery/batch --simulate 12 --limits industrial-mems >/dev/null || [ $$? -ge 3 ]
 	rm -r build/gallery/batch/results build/gallery/batch/results.db
 	$(BIN)/python design/api_pages.py build/api
+	mkdir -p build/notebooks
+	cp docs/notebooks/*.ipynb build/notebooks
+	OPENBLAS_NUM_THREADS=1 $(BIN)/jupyter-execute --inplace build/notebooks/*.ipynb
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)

@@ -1,8 +1,10 @@
-"""What the site has beyond its pages: generated pages, tables and figures from data files, typeset equations."""
+"""What the site has beyond its pages: generated pages, notebooks, tables and figures from data files, equations."""
 
 from __future__ import annotations
 
+import base64
 import csv
+import json
 import math
 import os
 import re
@@ -22,6 +24,9 @@ GALLERY = Path("build/gallery")
 
 API = Path("build/api")
 
+NOTEBOOKS = Path("build/notebooks")
+"""Notebooks that `make site` executed; pages of others have no results."""
+
 
 def on_files(files: Files, config: Any, **_: Any) -> Files:
     """Add what is generated."""
@@ -31,6 +36,12 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
             if path.is_file():
                 name = f"{target}/{path.relative_to(folder).as_posix()}"
                 files.append(File.generated(config, name, abs_src_path=str(path.resolve())))
+    for path in sorted((Path(config.docs_dir) / "notebooks").glob("*.ipynb")):
+        executed = NOTEBOOKS / path.name
+        notebook = json.loads((executed if executed.is_file() else path).read_text(encoding="utf-8"))
+        page, pictures = notebook_page(notebook, path.stem)
+        for name, content in {f"{path.stem}.md": page, **pictures}.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
     return files
 
 
@@ -56,6 +67,54 @@ def options() -> str:
     return "\n".join(out)
 
 
+# Notebooks
+
+
+def notebook_page(notebook: dict[str, Any], name: str) -> tuple[str, dict[str, bytes]]:
+    """Return a notebook as a page in Markdown, and its pictures by the names of their files.
+
+    A picture is described by `alt` in the metadata of its cell.
+    """
+    out, pictures = [], {}
+    for cell in notebook["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            out.append(source)
+            continue
+        out.append(f"```python\n{source}\n```")
+        for output in _joined(cell["outputs"]):
+            if png := output.get("data", {}).get("image/png"):
+                file = f"{name}-{len(pictures) + 1}.png"
+                pictures[file] = base64.b64decode(png)
+                width = output["metadata"]["image/png"]["width"]
+                alt = escape(cell["metadata"]["alt"])
+                out.append(f'<img src="{file}" alt="{alt}" width="{width}" loading="lazy">')
+            else:
+                out.append(_result(output))
+    title, _, rest = out[0].partition("\n")
+    link = f'<a href="{name}.ipynb" download>Download this page as a notebook</a>'
+    return "\n\n".join([title, link, rest.strip(), *out[1:]]) + "\n", pictures
+
+
+def _joined(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return outputs with texts that follow each other made one."""
+    out: list[dict[str, Any]] = []
+    for output in outputs:
+        if out and "text" in output and "text" in out[-1]:
+            out[-1] = {**output, "text": [*out[-1]["text"], *output["text"]]}
+        else:
+            out.append(output)
+    return out
+
+
+def _result(output: dict[str, Any]) -> str:
+    """Return what a cell printed, or its last value."""
+    data = output.get("data", {})
+    if html := data.get("text/html"):
+        return f'<div class="result">{"".join(html)}</div>'
+    return f"```text\n{''.join(output.get('text') or data['text/plain']).rstrip()}\n```"
+
+
 # Tables from data files
 
 TABLE = re.compile(r"^<!-- table: (data/[\w-]+\.csv) -->\n.*\n", re.M)
@@ -68,8 +127,9 @@ word whose rows are left out."""
 
 
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Put tables and figures in the place of their markers."""
+    """Put tables and figures in the place of their markers; let links to notebooks lead to their pages."""
     folder = Path(config.docs_dir)
+    markdown = re.sub(r"(\]\([\w./-]+)\.ipynb\)", r"\1.md)", markdown)
     markdown = FIGURE.sub(lambda m: figure(folder / m[1], m[2], m[3].split("; "), m[4]), markdown)
     return TABLE.sub(lambda marker: table(folder / marker[1]) + "\n", markdown)
 

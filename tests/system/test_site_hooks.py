@@ -48,3 +48,36 @@ def test_formulas_become_mathml(hooks):
     assert "(7)</span>" in page
     assert "&lt;" in page or "&#x0003C;" in page
     assert "$" not in page
+
+
+def test_a_notebook_becomes_a_page(hooks):
+    png = {"data": {"image/png": "iVBORw0KGgo="}, "metadata": {"image/png": {"width": 640}}}
+    notebook = {
+        "cells": [
+            {"cell_type": "markdown", "source": ["# Title\n", "\n", "text"]},
+            {
+                "cell_type": "code",
+                "source": ["draw()"],
+                "metadata": {"alt": 'a "line" < 1'},
+                "outputs": [{"text": ["one\n"]}, {"text": ["two\n"]}, png, {"data": {"text/html": ["<b>3</b>"]}}],
+            },
+        ]
+    }
+    page, pictures = hooks.notebook_page(notebook, "own")
+    assert page.startswith('# Title\n\n<a href="own.ipynb" download>')
+    assert page.index("text") < page.index("```python\ndraw()\n```") < page.index("```text\none\ntwo\n```")
+    assert '<img src="own-1.png" alt="a &quot;line&quot; &lt; 1" width="640" loading="lazy">' in page
+    assert '<div class="result"><b>3</b></div>' in page
+    assert pictures == {"own-1.png": b"\x89PNG\r\n\x1a\n"}
+
+
+def test_a_picture_without_a_description_is_refused(hooks):
+    png = {"data": {"image/png": "iVBORw0KGgo="}, "metadata": {"image/png": {"width": 640}}}
+    cell = {"cell_type": "code", "source": ["draw()"], "metadata": {}, "outputs": [png]}
+    with pytest.raises(KeyError, match="alt"):
+        hooks.notebook_page({"cells": [cell]}, "own")
+
+
+def test_links_to_notebooks_lead_to_their_pages(hooks):
+    text = "[own](../notebooks/own-data.ipynb), [other](own.ipynb)"
+    assert hooks.on_page_markdown(text, CONFIG) == "[own](../notebooks/own-data.md), [other](own.md)"

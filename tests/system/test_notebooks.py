@@ -1,0 +1,58 @@
+"""Notebooks of the documentation run from top to bottom, as readers run them, and make the pages of the site."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nbclient")
+pytest.importorskip("ipykernel")
+pytest.importorskip("matplotlib")
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "docs" / "notebooks").glob("*.ipynb"))
+by_name = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def cells(path):
+    return json.loads(path.read_text(encoding="utf-8"))["cells"]
+
+
+@by_name
+def test_they_are_stored_without_results(path):
+    for cell in cells(path):
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+
+
+@by_name
+def test_their_links_lead_somewhere(path):
+    for cell in cells(path):
+        if cell["cell_type"] == "markdown":
+            for target in re.findall(r"\]\(([^)#]+)[^)]*\)", "".join(cell["source"])):
+                assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.slow if path.stem == "figure-4" else (), id=path.stem) for path in NOTEBOOKS],
+)
+def test_they_run(path, tmp_path):
+    copy = Path(shutil.copy(path, tmp_path))
+    command = [sys.executable, "-c", "from nbclient.cli import main; main()", "--inplace", str(copy)]
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    for cell in cells(copy):
+        for output in cell.get("outputs", ()):
+            assert output.get("name") != "stderr", output["text"]
+            if "image/png" in output.get("data", {}):
+                assert len(cell["metadata"].get("alt", "")) > 50, "a picture without a description for the site"
+    last = [cell for cell in cells(copy) if cell["cell_type"] == "code"][-1]
+    assert last["execution_count"] == sum(cell["cell_type"] == "code" for cell in cells(copy))
