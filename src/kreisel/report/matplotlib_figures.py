@@ -271,7 +271,7 @@ def residuals(calibration: Calibration, *, figure: Figure | None = None) -> Figu
     for one, (title, part, size) in zip(axes, kinds, strict=False):
         _innovations(one, history, history.innovation[:, part] / size)
         one.set_ylabel(title, fontsize="small")
-    axes[0].legend(fontsize="small", ncols=5, loc="upper right")
+    axes[0].legend(fontsize="small", ncols=4, loc="upper right", markerscale=2.0)
     _nis(axes[-1], history)
     drawn.suptitle("Innovations at every update", fontsize="medium")
     return drawn

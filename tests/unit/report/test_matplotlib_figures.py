@@ -141,7 +141,9 @@ def test_a_notebook_shows_a_figure_once(made):
     """It is no figure of pyplot, which would show it a second time."""
     figure = kreisel.plot.budget(made[2])
     assert isinstance(figure, ShownFigure)
-    assert figure._repr_png_().startswith(b"\x89PNG")
+    picture, size = figure._repr_png_()
+    assert picture.startswith(b"\x89PNG")
+    assert int.from_bytes(picture[16:20]) == 2 * size["width"]
     from matplotlib import pyplot
 
     assert pyplot.get_fignums() == []
