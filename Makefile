@@ -30,8 +30,8 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The documentation site, site/index.html: pages, notebooks, API reference, and a gallery made by the commands themselves. Simulated
-# devices need not be within limits: the exit status is then 3 or 4.
+# The documentation site, site/index.html: pages, notebooks, API reference, and a gallery made by the commands themselves.
+# Simulated devices need not be within limits: the exit status is then 3 or 4.
 site: $(VENV)/.ready-dev
 	rm -rf build/gallery build/api build/notebooks site
 	mkdir -p build/gallery
@@ -46,7 +46,7 @@ site: $(VENV)/.ready-dev
 	$(BIN)/python design/api_pages.py build/api
 	mkdir -p build/notebooks
 	cp docs/notebooks/*.ipynb build/notebooks
-	OPENBLAS_NUM_THREADS=1 $(BIN)/jupyter-execute --inplace build/notebooks/*.ipynb
+	OPENBLAS_NUM_THREADS=1 $(BIN)/jupyter-execute --NbClientApp.log_level=ERROR --inplace build/notebooks/*.ipynb
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)

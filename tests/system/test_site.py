@@ -35,6 +35,15 @@ def test_every_page_is_there_and_loads_nothing_from_other_hosts(site):
         assert not re.search(r'<link[^>]*rel="(stylesheet|preconnect)"[^>]*href="https?:', text), page.name
 
 
+def test_notebooks_have_pages_and_can_be_downloaded(site):
+    for notebook in (ROOT / "docs" / "notebooks").glob("*.ipynb"):
+        page = (site / "notebooks" / f"{notebook.stem}.html").read_text(encoding="utf-8")
+        assert f'href="{notebook.name}" download' in page
+        assert (site / "notebooks" / notebook.name).is_file()
+        for picture in re.findall(r"<img [^>]*>", re.search(r"<article.*?</article>", page, re.S)[0]):
+            assert re.search(r' alt="[^"]{50,}"', picture), picture
+
+
 def test_equations_are_typeset_without_scripts(site):
     source = (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
     page = (site / "explanation" / "model.html").read_text(encoding="utf-8")
@@ -58,7 +67,8 @@ def test_pages_read_offline_on_any_screen(site, width):
         heard: list[str] = []
         page.on("console", lambda message: heard.append(message.text))
         page.on("pageerror", lambda error: heard.append(str(error)))
-        for name in ("index", "how-to/export", "explanation/accuracy", "explanation/model", "reference/options"):
+        pages = ("index", "how-to/export", "explanation/accuracy", "explanation/model", "reference/options")
+        for name in (*pages, "notebooks/own-data", "notebooks/figure-4"):
             page.goto((site / f"{name}.html").as_uri())
             assert page.evaluate("document.documentElement.scrollWidth - window.innerWidth") <= 0, name
         page.keyboard.press("/")

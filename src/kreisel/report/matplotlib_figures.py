@@ -20,7 +20,7 @@ from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Measured
 from kreisel.calibration.result_views import group_of
-from kreisel.errors import LibraryError, RecordingError, SettingsError, unknown_name
+from kreisel.errors import RecordingError, SettingsError, unknown_name
 from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array, Indices, Mask
@@ -81,9 +81,7 @@ def parameters(
     Raises
     ------
     SettingsError
-        If a quantity does not exist, or none is determined.
-    LibraryError
-        If matplotlib is not installed.
+        If a quantity does not exist or none is determined, or if matplotlib is not installed.
     """
     shown = _quantities(calibration, quantities)
     rows = -(-len(shown) // 3)
@@ -151,11 +149,9 @@ def estimates(
     Raises
     ------
     SettingsError
-        If the group was not estimated, or if there are no estimates over time.
+        If the group was not estimated, if there are no estimates over time, or if matplotlib is not installed.
     RecordingError
         If the folder has no `estimates.csv`.
-    LibraryError
-        If matplotlib is not installed.
     """
     names, table = _over_time(source)
     groups = [group_of(name) for name in names]
@@ -251,9 +247,7 @@ def residuals(calibration: Calibration, *, figure: Figure | None = None) -> Figu
     Raises
     ------
     SettingsError
-        If the calibration was read from files: updates are not stored.
-    LibraryError
-        If matplotlib is not installed.
+        If the calibration was read from files (updates are not stored), or if matplotlib is not installed.
     """
     history = calibration.updates
     if history is None:
@@ -337,9 +331,7 @@ def correlations(
     Raises
     ------
     SettingsError
-        If a group was not estimated, or if the calibration has no covariance.
-    LibraryError
-        If matplotlib is not installed.
+        If a group was not estimated, if the calibration has no covariance, or if matplotlib is not installed.
     """
     known = [group_of(name) for name in calibration.names]
     if not known:
@@ -397,9 +389,7 @@ def budget(calibration: Calibration, *, figure: Figure | None = None) -> Figure:
     Raises
     ------
     SettingsError
-        If the calibration has no budget.
-    LibraryError
-        If matplotlib is not installed.
+        If the calibration has no budget, or if matplotlib is not installed.
     """
     made = calibration.budget
     if made is None:
@@ -452,9 +442,7 @@ def methods(
     Raises
     ------
     SettingsError
-        If a quantity does not exist, or if no estimator succeeded.
-    LibraryError
-        If matplotlib is not installed.
+        If a quantity does not exist, if no estimator succeeded, or if matplotlib is not installed.
     """
     known = {quantity.name: quantity for quantity in QUANTITIES}
     for name in quantities:
@@ -489,11 +477,11 @@ def _drawn_in(figure: Figure | None, height: float) -> Figure:
 
     Raises
     ------
-    LibraryError
+    SettingsError
         If matplotlib is not installed.
     """
     try:
         from kreisel.report.shown_figure import ShownFigure
     except ImportError as error:
-        raise LibraryError("figures need matplotlib: pip install 'kreisel[plot]'") from error
+        raise SettingsError("figures need matplotlib: pip install 'kreisel[plot]'") from error
     return ShownFigure(figsize=(_WIDTH, height), layout="constrained") if figure is None else figure

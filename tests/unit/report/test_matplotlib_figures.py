@@ -9,7 +9,7 @@ import pytest
 import kreisel
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.own_estimator import Estimates
-from kreisel.errors import KreiselError, LibraryError, RecordingError, SettingsError
+from kreisel.errors import RecordingError, SettingsError
 from kreisel.model.groups import REGISTRY
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
@@ -201,10 +201,9 @@ def test_what_was_read_or_is_in_other_axes_has_no_updates(made):
 def test_without_matplotlib_the_extra_is_named():
     code = (
         "import sys; sys.modules['matplotlib'] = sys.modules['matplotlib.figure'] = None\n"
-        "import kreisel\nfrom kreisel.errors import LibraryError\n"
+        "import kreisel\nfrom kreisel.errors import SettingsError\n"
         "try:\n    kreisel.plot.methods\n    kreisel.plot._drawn_in(None, 1.0)\n"
-        "except LibraryError as error:\n    print(error)\n"
+        "except SettingsError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "figures need matplotlib: pip install 'kreisel[plot]'\n"
-    assert issubclass(LibraryError, KreiselError)
