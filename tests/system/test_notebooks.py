@@ -56,3 +56,15 @@ def test_they_run(path, tmp_path):
                 assert len(cell["metadata"].get("alt", "")) > 50, "a picture without a description for the site"
     last = [cell for cell in cells(copy) if cell["cell_type"] == "code"][-1]
     assert last["execution_count"] == sum(cell["cell_type"] == "code" for cell in cells(copy))
+
+
+def test_a_cell_shows_progress_in_one_line(tmp_path):
+    lines = ["from kreisel.progress import shown\n", "with shown(True) as show:\n", "    show('pass 1', 0.5)\n"]
+    cell = {"cell_type": "code", "id": "a", "metadata": {}, "outputs": [], "execution_count": None, "source": lines}
+    kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    path = tmp_path / "progress.ipynb"
+    path.write_text(json.dumps({"cells": [cell], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}))
+    command = [sys.executable, "-c", "from nbclient.cli import main; main()", "--inplace", str(path)]
+    subprocess.run(command, check=True, capture_output=True)
+    (output,) = cells(path)[0]["outputs"]
+    assert re.fullmatch(r"done in \d\.\d s", "".join(output["data"]["text/plain"]))
