@@ -31,6 +31,7 @@ from kreisel.devices.events import Arrival
 from kreisel.devices.simulators import imu_samples, robot_samples
 from kreisel.errors import RecordingError
 from kreisel.recording.recording_settings import RecordingSettings
+from kreisel.report.cells import pair
 
 from ..small_cell import simulate
 
@@ -211,7 +212,7 @@ def test_the_page_shows_what_was_recorded(small, tmp_path):
         last = json.loads(tab.get_attribute("#rates", "data-last"))
         assert last[1:4] == recording.imu.rates[-1].tolist()
         assert last[4:7] == recording.imu.accelerations[-1].tolist()
-        shown = [float(x) for x in tab.inner_text("#pose").removesuffix(" m").split()]
+        shown = [float(x) for x in tab.inner_text("#pose").removesuffix(" m").replace("−", "-").split()]
         assert shown == pytest.approx(recording.reference.positions[-1], abs=5.1e-4)
         whole = kreisel.calibrate(recording)
         cells = "#table td[data-name]"
@@ -222,9 +223,11 @@ def test_the_page_shows_what_was_recorded(small, tmp_path):
             )
             for k in range(tab.locator(cells).count())
         }
-        assert found == {
-            f"accelerometer.offset[{i}]": value for i, value in enumerate(whole.document["accelerometer"]["offset"])
-        }
+        bias = whole.derived["accel_bias_mg"]
+        assert found == {f"accel_bias_mg[{i}]": value for i, value in enumerate(bias.value)}
+        texts = [line.split("\t")[1:] for line in tab.inner_text("#table tbody").splitlines()]
+        pairs = zip(bias.value, bias.deviation, strict=True)
+        assert texts == [pair(value, sd).replace(" ± ", "|± ").split("|") for value, sd in pairs]
         wait_until(lambda: second.inner_text("#link") == "recording has ended")
         browser.close()
     assert complaints == []

@@ -12,6 +12,8 @@ import numpy as np
 from kreisel.acquisition.recorder import Excitation
 from kreisel.acquisition.tail import Rows, Tail
 from kreisel.dashboard.live_estimate import LiveEstimate
+from kreisel.dashboard.live_goals import goals_of
+from kreisel.dashboard.live_quantities import quantities_of
 from kreisel.errors import RobotError
 from kreisel.formats.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
 from kreisel.protocols.samples import ImuSample
@@ -36,7 +38,7 @@ class Feed:
     """
 
     def __init__(self, path: Path, look: Look = lambda: None) -> None:
-        self._look = look
+        self._look, self._path = look, path
         self._tail = Tail(path, keep=False)
         self._excitation = Excitation()
         self._streams = {name: _StreamState() for name in ("imu", "robot")}
@@ -70,6 +72,7 @@ class Feed:
             **{name: stream.message() for name, stream in self._streams.items()},
             "lacks": self._excitation.missing(),
             "turned_deg": [round(float(np.degrees(angle)), 1) for angle in self._excitation.turned],
+            "goals": goals_of(self._path),
             "notes": [{"warning": level >= WARN, "text": text} for level, text in self._tail.notes[-50:]],
         }
         return [*messages, self._status]
@@ -87,6 +90,7 @@ class Feed:
             "names": list(found.names),
             "values": found.values.tolist(),
             "deviations": found.deviations.tolist(),
+            "quantities": quantities_of(found.calibration),
             "accepted": found.accepted,
             "summary": found.summary,
         }
