@@ -134,7 +134,7 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
     )
     return Figure(
         quantity.name, quantity.title, caption,
-        plots.plot(x, plots.panel(data, plots.axis(quantity.unit), height=220, texts=True)),
+        plots.plot(x, plots.panel(data, plots.axis(f"{quantity.title} ({quantity.unit})"), height=220, texts=True)),
     )  # fmt: skip
 
 

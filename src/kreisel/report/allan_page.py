@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,16 @@ from kreisel.report.plots import Figure
 from kreisel.report.template import fill
 from kreisel.report.thinning import Curve
 
+_DECADES = 3.0
+"""Decades above which an axis has ticks at powers of ten alone."""
+
 COLUMNS = ("sensor", "figure", "x", "y", "z", "unit")
 
 
 def write_allan(title: str, found: AllanReport, path: Path) -> None:
     """Write the page as one HTML file that works offline."""
     figures = [_figure(sensor, one) for sensor, one in found.figures.items()]
-    rows = tuple(Row(tuple(row)) for row in rows_of(found))
+    rows = tuple(Row((*row[:-1], _typeset(row[-1]))) for row in rows_of(found))
     table = settings_table(filter_figures(found)).replace("\n", "; ")
     shown = {
         "title": "Allan deviation",
@@ -48,7 +52,7 @@ def rows_of(found: AllanReport) -> list[list[str]]:
 
 
 def _figure(sensor: str, one: NoiseFigures) -> Figure:
-    """Return the curve of each axis; both axes of the figure are logarithms, with ticks at powers of ten."""
+    """Return the curve of each axis; both axes of the figure are logarithms, with ticks at round values."""
     unit, size = UNITS[sensor][2]
     at, curve, fitted = np.log10(one.tau), _logarithms(one.curve / size), _logarithms(one.fitted / size)
     traces = []
@@ -57,9 +61,9 @@ def _figure(sensor: str, one: NoiseFigures) -> Figure:
         line = Curve(at.astype(np.float32), fitted[:, i].astype(np.float32))
         traces.append(plots.line(line, f"{axis}, by the figures", axis, legend=False))
     caption = "Points: overlapping Allan deviation. Lines: what the figures make of it."
-    y = _axis(f"Allan deviation, {unit}", curve)
+    y = _axis(f"Allan deviation ({_typeset(unit)})", curve)
     return Figure(
-        sensor, sensor.capitalize(), caption, plots.plot(_axis("averaging time, s", at), plots.panel(traces, y))
+        sensor, sensor.capitalize(), caption, plots.plot(_axis("averaging time (s)", at), plots.panel(traces, y))
     )
 
 
@@ -69,5 +73,14 @@ def _logarithms(values: Array) -> Array:
 
 def _axis(title: str, logarithms: Array) -> dict[str, Any]:
     low, high = float(np.min(logarithms)) - 0.15, float(np.max(logarithms)) + 0.15
-    powers = np.arange(np.ceil(low), np.floor(high) + 1.0)
-    return plots.axis(title, range=[low, high], ticks=[powers.tolist(), [f"{10.0**k:g}" for k in powers]])
+    powers = np.arange(np.floor(low), np.ceil(high) + 1.0)
+    values = np.outer(10.0**powers, [1.0] if high - low > _DECADES else [1.0, 2.0, 5.0]).ravel()
+    shown = values[(np.log10(values) >= low) & (np.log10(values) <= high)]
+    return plots.axis(title, range=[low, high], ticks=[np.log10(shown).tolist(), [f"{v:g}" for v in shown]])
+
+
+def _typeset(unit: str) -> str:
+    """Return a unit with its signs."""
+    for plain, sign in (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²")):
+        unit = unit.replace(plain, sign)
+    return re.sub(r"^u(?=rad|m|g)", "µ", unit)

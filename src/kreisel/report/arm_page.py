@@ -69,11 +69,13 @@ def _errors(errors: tuple[ArmError, ...]) -> Figure:
     shown = np.array([one.separable for one in errors])
     traces = []
     for own, name, colour in ((shown, "shown by the motion", "x"), (~shown, "not distinguished", "y")):
-        trace = plots.markers(place[own], value[own], name, colour, size=6)
-        traces.append({**trace, "error_y": {"type": "data", "array": bar[own].tolist(), "thickness": 1}})
-    caption = "Each error over the standard deviation of its prior."
-    drawn = plots.plot(plots.axis("number of the error in the table"), plots.panel(traces, plots.axis("before")))
-    return Figure("errors", "Errors of the arm", caption, drawn)
+        texts = [one.title for one, mine in zip(errors, own, strict=True) if mine]
+        traces.append(plots.markers(place[own], value[own], name, colour, size=6, error=bar[own], texts=texts))
+    caption = "Each error over the standard deviation of its prior, in the order of the table. Bars: one deviation."
+    x = plots.axis("number of the error in the table", range=[-1.0, float(len(errors))])
+    most = 1.05 * float(np.max(np.abs(value) + bar, initial=1.0))
+    panel = plots.panel(traces, plots.axis("Error / deviation before (1)", range=[-most, most]), texts=True)
+    return Figure("errors", "Errors of the arm", caption, plots.plot(x, panel), shape="wide")
 
 
 def _unused(found: ArmCalibration) -> Figure:
@@ -83,9 +85,13 @@ def _unused(found: ArmCalibration) -> Figure:
         plots.markers(place, np.array([getattr(one, key).position / MM for one in found.unused]), name, colour, size=9)
         for key, name, colour in (("before", "before", "y"), ("after", "after", "x"), ("expected", "expected", "z"))
     ]
-    caption = "; ".join(f"{k}: {one.name}" for k, one in enumerate(found.unused)) + "."
+    caption = "Root mean square before correction, after it, and as expected after it. Good: after is far below before."
+    most = max(part.position / MM for one in found.unused for part in (one.before, one.after, one.expected))
     drawn = plots.plot(
-        plots.axis("part of the data", range=[-0.5, len(found.unused) - 0.5]),
-        plots.panel(traces, plots.axis("mm", rangemode="tozero")),
-    )
+        plots.axis(
+            "part of the data", range=[-0.5, len(found.unused) - 0.5],
+            ticks=[place.tolist(), [one.name for one in found.unused]],
+        ),
+        plots.panel(traces, plots.axis("Position error (mm)", range=[0.0, 1.1 * most])),
+    )  # fmt: skip
     return Figure("unused", "Position error on poses not used", caption, drawn)

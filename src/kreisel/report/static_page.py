@@ -115,7 +115,7 @@ def _lengths(found: StaticEstimate) -> Figure:
         plots.markers(rests.seconds, 1e3 * after, "calibrated, offsets of the middle", "x", size=5),
     ]
     caption = "What is left once calibrated is noise, walks of the offsets, and standstills that were none."
-    drawn = plots.plot(_time(rests.seconds), plots.panel(traces, plots.axis("mm/s²")))
+    drawn = plots.plot(_time(rests.seconds), plots.panel(traces, plots.axis("Length less gravity (mm/s²)")))
     return Figure("lengths", "Length of the force less gravity", caption, drawn)
 
 
@@ -140,7 +140,7 @@ def _turns(found: StaticEstimate) -> Figure:
         plots.markers(time, missed(found.linear.turns.rotations), "calibrated", "x", size=5),
     ]
     caption = "The vertical by the gyros after each turn, from the one before it, against that by the accelerometers."
-    drawn = plots.plot(_time(problem.rests.seconds), plots.panel(traces, plots.axis("mrad")))
+    drawn = plots.plot(_time(problem.rests.seconds), plots.panel(traces, plots.axis("Error of the vertical (mrad)")))
     return Figure("turns", "Vertical after each turn", caption, drawn)
 
 
@@ -152,7 +152,7 @@ def _attitudes(found: StaticEstimate) -> Figure:
     traces = [plots.markers(azimuth[order], elevation[order], "up", "z", size=7)]
     caption = "Gaps are attitudes to add: a filled sphere distinguishes scale factors from offsets."
     drawn = plots.plot(
-        plots.axis("azimuth of up in the xy plane, deg", range=[-185.0, 185.0]),
-        plots.panel(traces, plots.axis("elevation of up, deg", range=[-95.0, 95.0])),
+        plots.axis("azimuth of up in the xy plane (deg)", range=[-185.0, 185.0]),
+        plots.panel(traces, plots.axis("elevation of up (deg)", range=[-95.0, 95.0])),
     )
     return Figure("attitudes", "Attitudes", caption, drawn)
