@@ -36,13 +36,15 @@ def record_guided(address: str, output: Path, how: Guided) -> Path:
     from kreisel.acquisition.recorder import Place
     from kreisel.cli.record import check_complete
     from kreisel.cli.targets import targets
-    from kreisel.cli.watch import page_of
+    from kreisel.cli.watch import check_page_installed, page_of
     from kreisel.devices.address import IMUS, parse_address
     from kreisel.static.guide import Guide
 
     of_imu = parse_address(address, IMUS)
     guide = Guide(targets(how.until), how.gravity)
     file = output / RECORDING
+    if how.dashboard:
+        check_page_installed()
     output.mkdir(parents=True, exist_ok=True)
     with page_of(file, how.port, wanted=how.dashboard, guide=True, host=how.host):
         status = _recorded(of_imu, file, guide, how.seconds)

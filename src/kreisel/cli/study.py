@@ -128,6 +128,7 @@ def robustness(
     """Calibrate hundreds of cells with errors outside the model: results must be right, or rejected."""
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
+    from kreisel.study.dask import check_installed
     from kreisel.study.robustness import RowFile, numbers, random_numbers, run_numbered, write_numbered
     from kreisel.study.situations import RANDOM
 
@@ -136,11 +137,13 @@ def robustness(
     wanted = random_numbers(random, first) if random else numbers(seeds, only, seconds)
     how = {"scheduler": scheduler, "workers": workers}
     if write is not None:
+        check_installed()
         check_output(write)
         write.mkdir(parents=True, exist_ok=True)
         _each(partial(write_numbered, seconds, write), wanted, how, lambda _name: None)
         _say_written(len(wanted), write, as_json=json)
         return
+    check_installed()
     check_output(output)
     file = RowFile(output, seconds)
     _each(partial(run_numbered, seconds), file.missing(wanted, seconds), how, file.add)
@@ -177,9 +180,11 @@ def methods(
     from kreisel.cli.terminal_tables import print_rows
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.report.study_page import write_methods
+    from kreisel.study.dask import check_installed
     from kreisel.study.method_rows import COLUMNS, METHODS, MethodFile, numbers, summaries, table
     from kreisel.study.methods import run_numbered
 
+    check_installed()
     check_output(output)
     chosen = tuple(name.strip() for name in of.split(",") if name.strip()) or METHODS
     for name in chosen:
@@ -256,12 +261,13 @@ def _study(cell: Path | None, trials: int, output: Path, scheduler: str | None, 
     from kreisel.errors import EstimationError
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.report.study_page import write_study
-    from kreisel.study.dask import dask_map
+    from kreisel.study.dask import check_installed, dask_map
     from kreisel.study.monte_carlo import run_trial
     from kreisel.study.stored_trials import Results
     from kreisel.study.summary import GROUPS, scores_of, summarise
 
     described, settings = _described(cell), CalibrationSettings()
+    check_installed()
     check_output(output)
     results = Results(output, described, settings)
     missing = [k for k in range(trials) if k not in results.done]

@@ -39,6 +39,23 @@ def watch(
         _print(recording, as_json=as_json)
 
 
+def check_page_installed() -> None:
+    """Check that what serves pages is there, before a recording or a motion begins.
+
+    Raises
+    ------
+    SettingsError
+        If it is not.
+    """
+    from importlib.util import find_spec
+
+    from kreisel.errors import SettingsError
+
+    missing = next((name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None), None)
+    if missing is not None:
+        raise SettingsError(f"the page needs an extra ({missing}): pip install 'kreisel[serve]'")
+
+
 @contextmanager
 def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host: str = "127.0.0.1") -> Iterator[None]:
     """Serve the page of a recording that is being made, from a separate process, which cannot delay the recorder.
@@ -57,6 +74,7 @@ def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host:
     if not wanted:
         yield
         return
+    check_page_installed()
     program = [sys.executable, "-P", "-m", "kreisel.cli.main"]  # -P: no modules from the working folder
     page = "--guide" if guide else "--dashboard"
     environment = {**os.environ, _PARENT: str(os.getpid())}

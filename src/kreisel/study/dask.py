@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from importlib.util import find_spec
 from typing import TypeVar
 
 from kreisel.errors import SettingsError
@@ -27,6 +28,21 @@ _KEEP_FREED_MEMORY = {
 """The C library of a worker keeps freed memory: a third more trials, because the system zeroes every new page."""
 
 
+def check_installed() -> None:
+    """Check, without loading it, that dask.distributed is there: before work begins, and before folders are made.
+
+    Raises
+    ------
+    SettingsError
+        If it is not.
+    """
+    if find_spec("distributed") is None:
+        raise SettingsError(
+            "studies and several --jobs need dask.distributed: pip install 'kreisel[study]'; `kreisel batch --jobs 1` "
+            "does without"
+        )
+
+
 def dask_map(
     function: Callable[[int], Result], numbers: Iterable[int], *, scheduler: str | None, workers: int
 ) -> Iterator[Result]:
@@ -48,11 +64,10 @@ def dask_map(
     -----
     If a worker dies, no trial is lost: its trials are given to another one.
     """
-    try:
-        from dask import config
-        from distributed import Client, LocalCluster, wait
-    except ImportError as error:
-        raise SettingsError("studies and several --jobs need dask.distributed: pip install 'kreisel[study]'") from error
+    check_installed()
+    from dask import config
+    from distributed import Client, LocalCluster, wait
+
     if scheduler is None:
         with config.set(_KEEP_FREED_MEMORY):
             cluster = LocalCluster(
