@@ -33,9 +33,11 @@ lint: $(VENV)/.ready-dev
 # The documentation site, site/index.html: pages, notebooks, API reference, and a gallery made by the commands themselves.
 # Simulated devices need not be within limits: the exit status is then 3 or 4.
 site: $(VENV)/.ready-dev
-	rm -rf build/gallery build/api build/notebooks site
+	rm -rf build/gallery build/pictures build/api build/notebooks site
 	mkdir -p build/gallery
 	$(BIN)/kreisel demo -o build/gallery/demo --seconds 120 >/dev/null
+	$(BIN)/kreisel static build/gallery/demo/iNAV-FMS/recording -o build/gallery/static >/dev/null || [ $$? -ge 3 ]
+	$(BIN)/kreisel compare build/gallery/demo/iNAV-FMS/recording --methods spkf,ekf,batch -o build/gallery/compare >/dev/null
 	find build/gallery/demo -name recording -prune -exec rm -r {} +
 	$(BIN)/kreisel certificate build/gallery/demo/iNAV-FMS/result -o build/gallery/certificate.html --limits fog || [ $$? -ge 3 ]
 	$(BIN)/kreisel certificate build/gallery/demo/iNAV-FMS/result -o build/gallery/kalibrierschein.html --limits fog --language de || [ $$? -ge 3 ]
@@ -43,6 +45,9 @@ site: $(VENV)/.ready-dev
 	$(BIN)/kreisel export build/gallery/demo/iNAV-FMS/result --to kalibr --grade fog -o build/gallery/imu.yaml >/dev/null
 	$(BIN)/kreisel batch build/lot -o build/gallery/batch --simulate 12 --limits industrial-mems >/dev/null || [ $$? -ge 3 ]
 	rm -r build/gallery/batch/results build/gallery/batch/results.db
+	$(BIN)/python design/tour.py build/pictures
+	$(BIN)/python design/explanatory_pictures.py build/pictures
+	$(BIN)/python design/gallery_pictures.py build/gallery build/pictures
 	$(BIN)/python design/api_pages.py build/api
 	mkdir -p build/notebooks
 	cp docs/notebooks/*.ipynb build/notebooks

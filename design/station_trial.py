@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import sync_playwright
+from tests.station_line import PROGRAM, Operator, StationLine
 
 from kreisel.formats.loading import load
-from tests.station_line import PROGRAM, Operator, StationLine
 
 STATUS = {"conforms": 0, "does not conform": 3, "rejected": 3, "no decision": 4, "failed": 1}
 

@@ -24,6 +24,9 @@ GALLERY = Path("build/gallery")
 
 API = Path("build/api")
 
+PICTURES = Path("build/pictures")
+"""Pictures that `make site` drew: those of the tour, of explanations, and of the gallery's pages."""
+
 NOTEBOOKS = Path("build/notebooks")
 """Notebooks that `make site` executed; pages of others have no results."""
 
@@ -31,7 +34,7 @@ NOTEBOOKS = Path("build/notebooks")
 def on_files(files: Files, config: Any, **_: Any) -> Files:
     """Add what is generated."""
     files.append(File.generated(config, "reference/options.md", content=options()))
-    for folder, target in ((GALLERY, "gallery"), (API, "api")):
+    for folder, target in ((GALLERY, "gallery"), (API, "api"), (PICTURES, "pictures")):
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 name = f"{target}/{path.relative_to(folder).as_posix()}"
@@ -126,9 +129,24 @@ FIGURE = re.compile(r"^<!-- figure: (data/[\w-]+\.csv) \| (.+?) \| (.+?)(?: \| w
 word whose rows are left out."""
 
 
-def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Put tables and figures in the place of their markers; let links to notebooks lead to their pages."""
+PICTURE = re.compile(r"^<!-- picture: ([\w-]+\.(?:svg|png)) \| (.+?)(?: \| (.+?))? -->$", re.M)
+"""A marker: the file below pictures/, what it shows in words, and a page that it leads to."""
+
+
+def picture(name: str, alt: str, link: str | None, page: str) -> str:
+    """Return a picture with its words as caption; a page without it keeps the words."""
+    up = "../" * page.count("/")
+    image = f'<img src="{up}pictures/{name}" alt="{escape(alt)}" loading="lazy">' if (PICTURES / name).is_file() else ""
+    caption = escape(alt)
+    if link is not None:
+        image, caption = f'<a href="{link}" aria-label="{caption}">{image}</a>', f'<a href="{link}">{caption}</a>'
+    return f'<figure class="picture">{image}<figcaption>{caption}</figcaption></figure>\n'
+
+
+def on_page_markdown(markdown: str, config: Any, page: Any, **_: Any) -> str:
+    """Put tables, figures and pictures in the place of their markers; let links to notebooks lead to their pages."""
     folder = Path(config.docs_dir)
+    markdown = PICTURE.sub(lambda m: picture(m[1], m[2], m[3], page.file.src_uri), markdown)
     markdown = re.sub(r"(\]\([\w./-]+)\.ipynb\)", r"\1.md)", markdown)
     markdown = FIGURE.sub(lambda m: figure(folder / m[1], m[2], m[3].split("; "), m[4]), markdown)
     return TABLE.sub(lambda marker: table(folder / marker[1]) + "\n", markdown)

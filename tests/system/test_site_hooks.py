@@ -13,6 +13,7 @@ pytest.importorskip("latex2mathml")
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 CONFIG = SimpleNamespace(docs_dir=str(DOCS))
+PAGE = SimpleNamespace(file=SimpleNamespace(src_uri="how-to/own.md"))
 
 
 @pytest.fixture(scope="module")
@@ -80,4 +81,4 @@ def test_a_picture_without_a_description_is_refused(hooks):
 
 def test_links_to_notebooks_lead_to_their_pages(hooks):
     text = "[own](../notebooks/own-data.ipynb), [other](own.ipynb)"
-    assert hooks.on_page_markdown(text, CONFIG) == "[own](../notebooks/own-data.md), [other](own.md)"
+    assert hooks.on_page_markdown(text, CONFIG, PAGE) == "[own](../notebooks/own-data.md), [other](own.md)"
