@@ -85,8 +85,8 @@ COMMANDS = {
     "station": CommandHelp(
         "Calibrate unit after unit, by an operator at a page.",
         (
-            "kreisel station --imu ixcom://192.168.1.30:3000 --robot rsi://0.0.0.0:49152 -o line --limits limits.toml",
-            "kreisel station --imu csv://127.0.0.1:4000 --robot rtde://127.0.0.1 -o line --golden golden/result",
+            "kreisel station --imu csv://H:4000 --robot rtde://R -o line --limits fog",
+            "kreisel station --imu csv://H:4000 --robot rtde://R -o line --golden g",
         ),
     ),
     "gauge": CommandHelp(

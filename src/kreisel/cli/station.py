@@ -11,7 +11,7 @@ import typer
 from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
-    from kreisel.station.line import Golden
+    from kreisel.station.production_line import Golden
 
 
 def station(
@@ -49,7 +49,7 @@ def station(
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.model.stated_parameters import parse_fixed
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
-    from kreisel.station.line import Line
+    from kreisel.station.production_line import Line
 
     try:
         from kreisel.dashboard.serving import address_of, listening, server_of
@@ -77,7 +77,7 @@ def station(
 def _golden(result: Path | None, hours: float) -> Golden | None:
     from kreisel.calibration.result import Calibration
     from kreisel.errors import SettingsError
-    from kreisel.station.line import Golden
+    from kreisel.station.production_line import Golden
 
     if result is None:
         return None

@@ -18,7 +18,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from kreisel.dashboard.feed import Message
+from kreisel.dashboard.message import Message
 from kreisel.errors import KreiselError
 
 PERIOD = 0.05

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from kreisel.acquisition.tail import Rows, Tail
 from kreisel.dashboard.live_estimate import LiveEstimate
 from kreisel.dashboard.live_goals import goals_of
 from kreisel.dashboard.live_quantities import quantities_of
+from kreisel.dashboard.message import Message
 from kreisel.errors import RobotError
 from kreisel.formats.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
 from kreisel.protocols.samples import ImuSample
@@ -25,8 +25,6 @@ WINDOW = 10.0
 
 MAX_ESTIMATES = 2000
 """Estimates sent to a newly connected browser; of more, the last and evenly spaced earlier ones are sent."""
-
-Message = dict[str, Any]
 
 Look = Callable[[], LiveEstimate | None]
 

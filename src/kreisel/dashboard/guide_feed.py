@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from kreisel.dashboard.feed import Message
+from kreisel.dashboard.message import Message
 
 ADVICE = "guide.json"
 """The file that the guide writes, beside the recording."""

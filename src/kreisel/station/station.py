@@ -34,8 +34,8 @@ from kreisel.certificate.content import certificate_of, fields_of
 from kreisel.certificate.statement import digest_of
 from kreisel.errors import KreiselError, SettingsError
 from kreisel.station.golden_unit import golden_check
-from kreisel.station.line import Line
-from kreisel.station.retest import outcome_of, count_tests
+from kreisel.station.production_line import Line
+from kreisel.station.retest import count_tests, outcome_of
 
 SILENT = 3.0
 """Seconds without readings after which an attempt ends. Chosen: devices that connect again need one or two."""
