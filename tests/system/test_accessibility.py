@@ -41,6 +41,7 @@ from ..unit.batch.test_lot import LIMITS, run
 from ..unit.calibration.test_arm_calibration import cell
 from ..unit.certificate.test_certificate import page as certificate
 from ..unit.preparation.test_resting_noise import at_rest
+from .test_report_browser import AXES, CLIPPED
 from .test_watch import chunks
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -206,3 +207,20 @@ def test_the_live_page_has_the_titles_of_the_report(browser, folder):
             "Object.fromEntries(Object.entries(QUANTITIES).map(([name, own]) => [name, own.slice(0, 2)]))"
         )
     assert {one.name: [one.title, one.unit] for one in QUANTITIES}.items() <= titles.items()
+
+
+@pytest.mark.parametrize("name", [name for name in WRITTEN if name != "certificate"])
+def test_every_axis_has_two_ticks_on_paper(browser, folder, name):
+    with opened(browser, folder, name, "dark", 703) as (page, complaints):
+        page.emulate_media(media="print")
+        for _ in range(200):
+            if page.evaluate("printed"):
+                break
+            page.wait_for_timeout(50)
+        axes = page.evaluate(AXES)
+        assert axes
+        assert [axis for axis in axes if len(axis["texts"]) < 2] == []
+        assert [axis for axis in axes if not axis["title"]] == []
+        assert page.evaluate("palette() === PALETTES.light")
+        assert page.evaluate(CLIPPED) == []
+        assert complaints == []

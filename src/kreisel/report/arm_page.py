@@ -10,6 +10,7 @@ from kreisel.calibration.arm_result import NOT_SHOWN, ArmCalibration, ArmError
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure
+from kreisel.report.reader_names import by_quantity
 from kreisel.report.template import fill
 from kreisel.units import MM, MRAD
 
@@ -25,8 +26,10 @@ def write_arm(found: ArmCalibration, path: Path) -> None:
             figures,
             title=f"{found.robot.name} by IMU",
             kind="calibration of a robot by an IMU",
-            heading=verdict.headline,
-            lead=f"{shown} of {len(found.errors)} errors are shown by this motion. {verdict.sentence}",
+            heading="Result",
+            verdict=verdict,
+            by_quantity=by_quantity,
+            lead=f"{shown} of {len(found.errors)} errors are shown by this motion",
             table_of_groups=_worth(found),
             further_tables=[_table(found.errors)],
             facts=[*(f"{warning}." for warning in found.warnings), *(f"Not shown: {one}." for one in NOT_SHOWN)],

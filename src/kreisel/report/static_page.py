@@ -14,6 +14,7 @@ from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure
+from kreisel.report.reader_names import by_quantity
 from kreisel.report.report_tables import CONSIDERED, considered_row
 from kreisel.report.template import fill
 from kreisel.static.multi_position import StaticEstimate
@@ -28,16 +29,17 @@ def write_static(outcome: StaticOutcome, path: Path) -> None:
     facts = calibration.recording
     rests = found.problem.rests
     figures = [_lengths(found), _turns(found), _attitudes(found)]
-    verdict = " ".join([calibration.verdict.sentence, *(f"Reason: {one}." for one in calibration.verdict.reasons)])
     path.write_text(
         fill(
             "study.html",
             figures,
             title="Calibration without a reference" if facts is None else facts.title,
             kind=f"calibration from standstills, {outcome.method}",
-            heading=calibration.verdict.headline,
+            heading="Result",
+            verdict=calibration.verdict,
+            by_quantity=by_quantity,
             lead=f"{rests.count} standstills, {found.linear.turn.node.size} turns, "
-            f"{rests.seconds[-1] - rests.seconds[0]:.0f} s. {verdict}",
+            f"{rests.seconds[-1] - rests.seconds[0]:.0f} s",
             table_of_groups=_quantities(calibration),
             further_tables=[_parameters(outcome), _noise(found), _considered(found)],
             facts=[f"{warning}." for warning in outcome.warnings],
