@@ -29,6 +29,10 @@ _LONGEST = 4.0
 _WORTH = 0.9
 """Share of the deviation that another recording must reach to be worth its time."""
 
+_TURNS, _ALONG, _STANDING = 5.0, 0.5, 0.3
+"""Deg: a smaller angle is no turn. Share of gravity from which on an axis is named. Seconds over which gravity is
+averaged."""
+
 _OTHERWISE = {
     Source.PRIOR: "state site.gravity and site.gravity_sd, measured, or other known values, in recording.toml",
     Source.ROBOT: "know base and tool frames better, and state robot.length_sd and robot.angle_sd in recording.toml",
@@ -41,18 +45,31 @@ _OTHERWISE = {
 
 @dataclass(frozen=True)
 class Block:
-    """A part of the recording: from when to when (IMU seconds), and how it turns about the IMU's axes (deg, (3,))."""
+    """A part of the recording.
+
+    Attributes
+    ----------
+    start, stop
+        IMU seconds.
+    turned : (3,)
+        By which angles it turns about the IMU's axes, deg.
+    up : (3,)
+        Which direction is up, in axes of the IMU, where it begins at a standstill; else NaN.
+    """
 
     start: float
     stop: float
     turned: Array
+    up: Array
 
     @property
     def words(self) -> str:
-        """Which part it is, and about which axis it mostly turns."""
+        """Which part it is: how it stands at first, and about which axis it mostly turns."""
         most = int(np.argmax(self.turned))
-        turn = f"mostly about {'xyz'[most]}, {self.turned[most]:.0f} deg" if self.turned[most] >= 5.0 else "at rest"
-        return f"from {self.start:.0f} s to {self.stop:.0f} s ({turn})"
+        turn = f"mostly about {'xyz'[most]}, {self.turned[most]:.0f} deg" if self.turned[most] >= _TURNS else "no turn"
+        along = [f"{'−' if self.up[k] < 0.0 else ''}{'xyz'[k]}" for k in range(3) if abs(self.up[k]) > _ALONG]
+        stands = f"standing with {' and '.join(along)} upward, then " if along else ""
+        return f"from {self.start:.0f} s to {self.stop:.0f} s ({stands}{turn})"
 
 
 @dataclass(frozen=True)
@@ -180,5 +197,9 @@ def _blocks(outcome: Outcome) -> list[Block]:
     for first, last in pairwise(ends):
         seconds = readings.stamps[first : last + 1]
         turned = np.abs(readings.rates[first:last]).T @ np.diff(seconds) / DEG
-        out.append(Block(float(seconds[0]), float(seconds[-1]), turned))
+        begins = float(seconds[0])
+        still = any(one.start - _STANDING <= begins <= one.stop - _STANDING for one in problem.schedule.standstills)
+        force = readings.accelerations[first : first + max(1, int(np.searchsorted(seconds, begins + _STANDING)))]
+        up = force.mean(axis=0) / np.linalg.norm(force.mean(axis=0)) if still else np.full(3, np.nan)
+        out.append(Block(begins, float(seconds[-1]), turned, up))
     return out

@@ -11,7 +11,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.report.budget_figure import parts_of
-from kreisel.report.improvement import Repetition, improvement_table
+from kreisel.report.improvement import Block, Repetition, improvement_table
 from kreisel.report.reader_names import by_quantity, in_words, reader_name, unobservable_table
 
 from ...small_cell import simulate
@@ -65,6 +65,18 @@ def test_every_quantity_of_the_sensors_is_told_what_helps(outcome: Outcome) -> N
     without = improvement_table(replace(outcome, lack=None))
     assert without is not None
     assert not [row for row in without.rows if "move" in row.cells[3]]
+
+
+def test_a_part_is_named_by_how_it_stands_and_turns() -> None:
+    still, nothing = np.array([0.1, -0.97, 0.2]), np.full(3, np.nan)
+    turned = np.array([3.0, 20.0, 120.4])
+    assert Block(26.0, 30.2, turned, still).words == (
+        "from 26 s to 30 s (standing with −y upward, then mostly about z, 120 deg)"
+    )
+    assert Block(26.0, 30.2, turned, nothing).words == "from 26 s to 30 s (mostly about z, 120 deg)"
+    assert Block(1.0, 2.0, np.ones(3), np.array([0.7, 0.0, 0.71])).words == (
+        "from 1 s to 2 s (standing with x and z upward, then no turn)"
+    )
 
 
 def test_every_parameter_has_words_of_its_own() -> None:
