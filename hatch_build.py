@@ -152,18 +152,48 @@ class LibraryHook(BuildHookInterface[Any]):
         build_data["force_include"][str(out)] = f"kreisel/_kernels/{target.file}"
 
 
+def build_wheels(root: Path, out: Path) -> list[Path]:
+    """Build a wheel for each of the `TARGETS` by zig, check them, and return them.
+
+    Raises
+    ------
+    SystemExit
+        If zig is missing, a build fails, or a wheel is not what its name says.
+    """
+    from wheel_check import WheelError, check_wheel
+
+    if zig() is None:
+        raise SystemExit("kreisel: wheels for other platforms are compiled by zig: run `pip install ziglang` first")
+    made = []
+    for name, target in TARGETS.items():
+        build = [sys.executable, "-P", "-m", "hatchling", "build", "-t", "wheel", "-d", str(out.resolve())]
+        if subprocess.run(build, cwd=root, env={**os.environ, "KREISEL_TARGET": name}, check=False).returncode != 0:
+            raise SystemExit(f"kreisel: the wheel for {name} was not built")
+        wheel = max(out.glob(f"kreisel-*-py3-none-{target.tag}.whl"), key=lambda path: path.stat().st_mtime)
+        try:
+            check_wheel(wheel)
+        except WheelError as error:
+            raise SystemExit(f"kreisel: {error}") from error
+        made.append(wheel)
+    return made
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", dest="out", type=Path, default=PACKAGE / this_machine().file, help="the file to write")
+    parser.add_argument("-o", dest="out", type=Path, help="the file to write, or with --wheels the folder")
     parser.add_argument("--target", choices=TARGETS, help="compile for another platform, with zig")
     parser.add_argument(
         "--exports", type=Path, help="the file with the library's functions; the tests have another one"
     )
     parser.add_argument("--sanitize", action="store_true", help="with address and undefined-behaviour sanitizers")
     parser.add_argument("--compiler", action="store_true", help="only say which C++ compiler is used; fail without one")
+    parser.add_argument("--wheels", action="store_true", help="build and check the wheels of all platforms, with zig")
     options = parser.parse_args()
+    if options.wheels:
+        for path in build_wheels(Path(__file__).resolve().parent, options.out or Path("dist")):
+            print(path)  # noqa: T201
+        sys.exit()
     if options.compiler:
         sys.exit(print(shlex.join(found)) if (found := native_compiler() or zig()) else "no C++ compiler")  # noqa: T201
-    compile_library(
-        Path(__file__).parent, options.out, options.target, sanitize=options.sanitize, exports=options.exports
-    )
+    here, file = Path(__file__).parent, options.out or PACKAGE / this_machine().file
+    compile_library(here, file, options.target, sanitize=options.sanitize, exports=options.exports)
