@@ -42,6 +42,7 @@ def certificate(
     from kreisel.certificate.signature import sign
     from kreisel.certificate.statement import as_comment, digest_of, statement_of
     from kreisel.cli.conformity import sentence, status_of
+    from kreisel.cli.foreign_warnings import kept_from_standard_error
     from kreisel.errors import RecordingError, SettingsError
 
     if output.suffix.lower() not in (".pdf", ".html"):
@@ -59,7 +60,8 @@ def certificate(
     digest = digest_of(calibration)
     made = certificate_of(found, fields, known, language, today, digest)
     page = html(made)
-    content = page.encode() if output.suffix.lower() == ".html" else pdf(page)
+    with kept_from_standard_error():
+        content = page.encode() if output.suffix.lower() == ".html" else pdf(page)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(content)
     typer.echo(f"written: {output}")

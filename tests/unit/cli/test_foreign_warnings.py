@@ -42,3 +42,18 @@ def test_they_are_shown_for_finding_faults() -> None:
     said = run_noisy(KREISEL_DEBUG="1").stderr
     for text in ("Mean of empty slice", "said by a library", "logged by a library", "said by a child"):
         assert text in said
+
+
+def test_what_libraries_in_c_write_does_not_reach_the_terminal() -> None:
+    """Only while they work: what follows is written, also after an error."""
+    code = (
+        "import os, sys\nfrom kreisel.cli.foreign_warnings import kept_from_standard_error\n"
+        "try:\n    with kept_from_standard_error():\n        os.write(2, b'of a library')\n        raise ValueError\n"
+        "except ValueError:\n    print('our own', file=sys.stderr)\n"
+    )
+    kept = {name: value for name, value in os.environ.items() if name != "KREISEL_DEBUG"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=kept)
+    assert done.stderr == "our own\n"
+    shown = kept | {"KREISEL_DEBUG": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=shown)
+    assert done.stderr == "of a libraryour own\n"
