@@ -54,7 +54,22 @@ HOST = "http://kreisel.invalid/"
 """Where the served pages are; nothing is sent there."""
 
 WRITTEN = "report", "gaps", "static", "comparison", "batch", "history", "allan", "arm", "certificate"
-SERVED = "live", "guide"
+SERVED = "live", "guide", "station"
+STATION = {
+    "kind": "station", "station": "west", "phase": "ready", "attempt": None, "seconds": 60.0, "progress": {},
+    "last": {"id": 2, "unit": "SN-0043", "kind": "unit", "outcome": "does not conform", "reason": "gyro bias x: 31 ± 2 deg/h",
+             "has_certificate": False, "has_report": True},
+    "recent": [
+        {"id": 2, "unit": "SN-0043", "outcome": "does not conform", "state": "ended", "ended": "2026-01-01T08:02:00+00:00",
+         "reason": "gyro bias x: 31 ± 2 deg/h"},
+        {"id": 1, "unit": "SN-0042", "outcome": "conforms", "state": "ended", "ended": "2026-01-01T08:00:00+00:00",
+         "reason": ""},
+    ],
+    "units": 2, "good": 1, "golden": "station checked with unit G-1", "golden_due": False, "limits": "limits.toml",
+    "software": "kreisel",
+}  # fmt: skip
+"""What a station's page is sent after two units."""
+
 SERIOUS = {"serious", "critical"}
 
 
@@ -85,6 +100,7 @@ def folder(small, tmp_path_factory):
     write_arm(arm_of(run_calibration(cell(0)[1], CalibrationSettings())), out / "arm.html")
     (out / "certificate.html").write_text(certificate(), encoding="utf-8")
     served(out, "live", "page.html", live_messages(small, out))
+    served(out, "station", "station.html", [STATION])
     served(out, "guide", "guide.html", [Guide({"accelerometer.offset": 1e-3}).look(turned).document])
     return out
 

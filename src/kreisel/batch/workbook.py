@@ -18,6 +18,20 @@ _COLOURS = {True: "#d9f2e0", False: "#f8d4d0", None: "#fdecc8"}
 """Background by whether a unit is good; None: no decision."""
 
 
+def check_workbook() -> None:
+    """Check that workbooks can be written.
+
+    Raises
+    ------
+    SettingsError
+        Without the extra `xlsx`.
+    """
+    try:
+        import xlsxwriter  # noqa: F401
+    except ImportError as error:
+        raise SettingsError("--xlsx needs an extra (xlsxwriter): pip install 'kreisel[xlsx]'") from error
+
+
 def write_workbook(units: Sequence[Unit], limits: Limits | None, path: Path) -> None:
     """Write sheets with units, capability and limits; numbers are numbers.
 
@@ -26,10 +40,9 @@ def write_workbook(units: Sequence[Unit], limits: Limits | None, path: Path) -> 
     SettingsError
         Without the extra `xlsx`.
     """
-    try:
-        from xlsxwriter import Workbook
-    except ImportError as error:
-        raise SettingsError("--xlsx needs an extra (xlsxwriter): pip install 'kreisel[xlsx]'") from error
+    check_workbook()
+    from xlsxwriter import Workbook
+
     with Workbook(path, {"strings_to_formulas": False, "strings_to_urls": False}) as book:
         _units(book, units)
         found = capability_table(capabilities(units, limits))

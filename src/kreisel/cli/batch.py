@@ -51,7 +51,7 @@ def batch(
     from kreisel.batch.lot import table, units_of
     from kreisel.batch.result_store import Store
     from kreisel.batch.unit_document import write_unit
-    from kreisel.batch.workbook import write_workbook
+    from kreisel.batch.workbook import check_workbook, write_workbook
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.errors import SettingsError
@@ -62,13 +62,15 @@ def batch(
     known = None if limits is None else limits_named(limits)
     if is_folder(output):
         raise SettingsError(f"-o {output}: is a recording; give another folder for results")
+    if xlsx:
+        check_workbook()
     check_output(output)
     distribute = _map(jobs, scheduler)
     if simulate is not None:
         _simulate(folder, simulate, seconds, distribute)
     settings = CalibrationSettings(fixed=parse_fixed(fix))
-    output.mkdir(parents=True, exist_ok=True)
     work = Batch(jobs_in(folder, output, settings, links=links), settings, (output / "results").resolve(), reports)
+    output.mkdir(parents=True, exist_ok=True)
     if not links and (left := leaving(folder)):
         typer.echo(f"links that lead out of {folder} are left out: {', '.join(left[:5])}; --links takes them", err=True)
     with alone_in(output), Store(database or output / "results.db") as store:
@@ -165,8 +167,9 @@ def _map(jobs: int, scheduler: str | None) -> Map:
 
     if scheduler is None and jobs == 1:
         return one_after_another
-    from kreisel.study.dask import dask_map
+    from kreisel.study.dask import check_installed, dask_map
 
+    check_installed()
     return partial(dask_map, scheduler=scheduler, workers=jobs)
 
 

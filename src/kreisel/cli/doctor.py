@@ -25,11 +25,12 @@ class _Extra:
 _EXTRAS = {
     "live": _Extra(("serial",), "record, run and apply at serial lines"),
     "ros2": _Extra(("cyclonedds",), "record and virtual-cell at ros2:// addresses"),
-    "serve": _Extra(("starlette", "uvicorn", "websockets"), "--dashboard of record, run and watch"),
+    "serve": _Extra(("starlette", "uvicorn", "websockets"), "station, and --dashboard of record, run and watch"),
     "study": _Extra(("distributed",), "study, and batch with several --jobs"),
     "inverse": _Extra(("scipy",), "the estimator that predicts readings (--estimator inverse)"),
     "plot": _Extra(("matplotlib",), "figures in Python: kreisel.plot"),
     "tables": _Extra(("h5py", "pyarrow", "scipy"), "recordings in MATLAB and Parquet files"),
+    "xlsx": _Extra(("xlsxwriter",), "batch --xlsx"),
     "certificate": _Extra(("weasyprint", "minisign"), "certificate as PDF or with --key, key and verify"),
 }
 

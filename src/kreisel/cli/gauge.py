@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from kreisel.cli import completion
+
 if TYPE_CHECKING:
     from kreisel.batch.gauge_study import Gauged
 
@@ -14,8 +16,15 @@ if TYPE_CHECKING:
 def gauge(
     database: Path = typer.Argument(..., help="File of results of `kreisel batch` or `kreisel station`."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Page to write, .html."),
-    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
-    by: str = typer.Option("operator", "--by", help="Key of [certificate] or [device] that says who calibrated."),
+    limits: str | None = typer.Option(
+        None, help="Limits: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
+    by: str = typer.Option(
+        "operator",
+        "--by",
+        help="Key of [certificate] or [device] that says who calibrated.",
+        autocompletion=completion.one_of(completion.FIELDS),
+    ),
     json: bool = typer.Option(False, "--json", help="Print the study as one JSON object."),
 ) -> None:
     """Study a gauge: calibrations of some units, each several times, by one appraiser or several."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from kreisel.cli import completion
 from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
@@ -15,19 +16,32 @@ if TYPE_CHECKING:
 
 
 def station(
-    imu: str = typer.Option(..., "--imu", help="Address of the IMU, as for `kreisel record`."),
-    robot: str = typer.Option(..., "--robot", help="Address of the robot, as for `kreisel record`."),
+    imu: str = typer.Option(
+        ..., "--imu", help="Address of the IMU, as for `kreisel record`.", autocompletion=completion.imus
+    ),
+    robot: str = typer.Option(
+        ..., "--robot", help="Address of the robot, as for `kreisel record`.", autocompletion=completion.robots
+    ),
     output: Path = typer.Option(..., "-o", "--output", help="Folder for everything; one in use is continued."),
     seconds: float = typer.Option(120.0, "--seconds", min=5.0, help="Length of each recording, s."),
-    limits: str | None = typer.Option(None, help="Limits: a TOML file with [limits], or a grade."),
+    limits: str | None = typer.Option(
+        None, help="Limits: a TOML file with [limits], or a grade.", autocompletion=completion.grades
+    ),
     settings: Path | None = typer.Option(None, help="recording.toml for every unit."),
     urdf: Path | None = typer.Option(None, help="The robot's description; needed to use joint angles."),
-    fix: list[str] = typer.Option([], help="Group or parameter not to estimate; may be repeated."),
+    fix: list[str] = typer.Option(
+        [], help="Group or parameter not to estimate; may be repeated.", autocompletion=completion.parameters
+    ),
     retests: int = typer.Option(1, min=0, help="How often a unit may be tested again."),
     golden: Path | None = typer.Option(None, help="Result of the known unit that checks the station."),
     golden_hours: float = typer.Option(12.0, min=0.1, help="For how many hours such a check holds."),
     name: str = typer.Option("", "--name", help="The station's name, for the file of results."),
-    language: str = typer.Option("en", "--language", help="Language of certificates, en or de."),
+    language: str = typer.Option(
+        "en",
+        "--language",
+        help="Language of certificates, en or de.",
+        autocompletion=completion.one_of(completion.LANGUAGES),
+    ),
     host: str = typer.Option(
         "127.0.0.1", help="Address to serve the page on; any other than this machine's needs a token."
     ),
