@@ -6,7 +6,9 @@ shapes and text.
 
 from __future__ import annotations
 
+import re
 import sys
+import warnings
 from pathlib import Path
 
 import numpy.typing
@@ -31,8 +33,20 @@ def write(folder: Path) -> None:
         setattr(kreisel, name, getattr(kreisel, name))
     root = Path(kreisel.__file__).parent
     packages = sorted(path.parent.name for path in root.glob("*/__init__.py") if path.parent.name != "_kernels")
-    pdoc.render.configure(docformat="numpy")
-    pdoc.pdoc("kreisel", *(f"kreisel.{name}" for name in packages), output_directory=folder)
+    pdoc.render.configure(docformat="numpy", template_directory=Path(__file__).with_name("api_templates"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of names that are imported for types alone
+        pdoc.pdoc("kreisel", *(f"kreisel.{name}" for name in packages), output_directory=folder)
+    for page in folder.rglob("*.html"):
+        page.write_text(accessible(page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def accessible(text: str) -> str:
+    """Return a page whose links have names, and whose signatures that scroll take the focus."""
+    text = re.sub(
+        r'<a class="headerlink" href="#([^"]+)">', r'<a class="headerlink" href="#\1" aria-label="link to \1">', text
+    )
+    return re.sub(r'<div class="attr (\w+)">', r'<div class="attr \1" tabindex="0">', text)
 
 
 if __name__ == "__main__":

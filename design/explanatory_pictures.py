@@ -137,8 +137,12 @@ def _accuracy() -> Figure:
 
 def _robustness() -> Figure:
     """Return what becomes of runs with errors outside the model, as shares."""
-    runs = [("errors on the list", _rows("robustness.csv")[:1]), ("drawn at random", _rows("random.csv")[:1]),
-            ("users' own kinds of data", _rows("foreign.csv")[:1]), ("without a reference", _rows("static.csv"))]  # fmt: skip
+    runs = [
+        ("errors on the list", _rows("robustness.csv")[:1]),
+        ("drawn at random", _rows("random.csv")[:1]),
+        ("users' own kinds of data", _rows("foreign.csv")[:1]),
+        ("without a reference", _rows("static.csv")),
+    ]
     figure, ax = _axes(2.6)
     for i, (_, own) in enumerate(runs):
         total, accepted, wrong = (sum(int(one[name]) for one in own) for name in ("runs", "accepted", "wrong"))

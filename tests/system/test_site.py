@@ -76,3 +76,23 @@ def test_pages_read_offline_on_any_screen(site, width):
         page.wait_for_selector(".md-search-result__article", timeout=20_000)
         assert heard == []
         browser.close()
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 390)])
+def test_pages_have_no_serious_finding_of_accessibility(site, scheme, width):
+    playwright = pytest.importorskip("playwright.sync_api")
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        found = {}
+        for name in ("index", "tutorial/tour", "gallery", "explanation/model", "explanation/robustness",
+                     "how-to/production", "reference/commands", "notebooks/own-data"):  # fmt: skip
+            page.goto((site / f"{name}.html").as_uri())
+            page.wait_for_timeout(200)
+            violations = axe.Axe().run(page).response["violations"]
+            found[name] = [one["help"] for one in violations if one["impact"] in ("serious", "critical")]
+        browser.close()
+    assert not any(found.values()), found
