@@ -11,21 +11,12 @@ from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.geometry.rotation import Indices
 from kreisel.model.groups import group_named
 from kreisel.report.cells import NOTHING, Row, Table, number
+from kreisel.report.reader_names import SENSORS, TITLES
 from kreisel.units import MRAD, PPM
 
-_MATRICES = {"gyro_cross_coupling": "Gyro", "accel_cross_coupling": "Accelerometer"}
-_WORDS = {
-    "gyro_offset": "Gyro bias",
-    "accel_offset": "Accelerometer bias",
-    "lever_arms": "Positions of the accelerometers",
-    "alignment": "Tilt of the reference frame",
-    "north": "Direction of north",
-    "earth_down": "Latitude",
-    "gravity": "Gravity",
-    "time_offset": "Time offset of the reference",
-    "time_skew": "Ratio of the clocks",
-    "robot_placement": "Placements of the robot's joints",
-}
+_WORDS = {"lever_arms": "Positions of the accelerometers", "robot_placement": "Placements of the robot's joints"}
+"""Of groups of several parameters, in the plural."""
+
 _SHOWN = 0.05
 """Per cent below which a share is written as a dash."""
 
@@ -92,9 +83,16 @@ def parts_of(outcome: Outcome) -> list[BudgetPart]:
     budget, layout, out = outcome.calibration.budget, outcome.problem.layout, []
     for group in () if budget is None else outcome.problem.groups:
         known, places = group_named(group), np.arange(layout[group].start, layout[group].stop)
-        parts = [(_WORDS.get(group, group.replace("_", " ").capitalize()), places, known.unit, known.size)]
-        if group in _MATRICES:
-            diagonal, name = layout.present(group) % 4 == 0, _MATRICES[group]
+        parts = [
+            (
+                _WORDS.get(group) or TITLES.get(group, group.replace("_", " ").capitalize()),
+                places,
+                known.unit,
+                known.size,
+            )
+        ]
+        if group in SENSORS:
+            diagonal, name = layout.present(group) % 4 == 0, SENSORS[group]
             parts = [
                 (f"{name} scale factors", places[diagonal], "ppm", PPM),
                 (f"{name} misalignment, mounting", places[~diagonal], "mrad", MRAD),

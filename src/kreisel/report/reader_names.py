@@ -12,7 +12,7 @@ from kreisel.units import MRAD, PPM
 
 AXES = "xyz"
 
-_OF_GROUPS = {
+TITLES = {
     "gyro_offset": "Gyro bias",
     "gyro_polynomial": "Gyro non-linearity",
     "gyro_g_sensitivity": "Gyro g-sensitivity",
@@ -45,9 +45,11 @@ _OF_GROUPS = {
     "robot_compliance": "Sag of robot joint",
     "robot_zeros": "Zero of robot joint",
 }
+"""Of groups of parameters, in the singular."""
 
 _PLACED = ("x", "y", "z", "about x", "about y", "about z")
-_SENSORS = {"gyro_cross_coupling": "Gyro", "accel_cross_coupling": "Accelerometer"}
+SENSORS = {"gyro_cross_coupling": "Gyro", "accel_cross_coupling": "Accelerometer"}
+"""Of the groups that are matrices."""
 
 _UNITS = {"scale factor": ("ppm", PPM), "misalignment": ("mrad", MRAD)}
 """Units of the two kinds of elements of the sensors' matrices."""
@@ -82,10 +84,10 @@ def reader_name(name: str) -> tuple[str, str]:
     group, index = group_of(name), [int(k) for k in re.findall(r"\d+", name.partition("[")[2])]
     if group is None:
         return name, ""
-    if group.name in _SENSORS:
+    if group.name in SENSORS:
         i, j = index
-        return (f"{_SENSORS[group.name]} {'scale factor' if i == j else 'misalignment'}", AXES[i] + AXES[j] * (i != j))
-    title = _OF_GROUPS.get(group.name, group.meaning.partition(",")[0])
+        return (f"{SENSORS[group.name]} {'scale factor' if i == j else 'misalignment'}", AXES[i] + AXES[j] * (i != j))
+    title = TITLES.get(group.name, group.meaning.partition(",")[0])
     if group.name == "lever_arms":
         return f"{title} {AXES[index[0]]}", AXES[index[1]]
     if group.owner == "robot":
