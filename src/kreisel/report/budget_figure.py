@@ -11,7 +11,7 @@ from kreisel.estimation.uncertainty_budget import Budget, Source
 from kreisel.geometry.rotation import Indices
 from kreisel.model.groups import group_named
 from kreisel.report.cells import NOTHING, Row, Table, number
-from kreisel.report.reader_names import SENSORS, TITLES
+from kreisel.report.group_titles import SENSORS, TITLES
 from kreisel.units import MRAD, PPM
 
 _WORDS = {"lever_arms": "Positions of the accelerometers", "robot_placement": "Placements of the robot's joints"}
