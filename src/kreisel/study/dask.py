@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Iterable, Iterator
-from importlib.util import find_spec
 from typing import TypeVar
 
 from kreisel.errors import SettingsError
@@ -36,7 +36,7 @@ def check_installed() -> None:
     SettingsError
         If it is not.
     """
-    if find_spec("distributed") is None:
+    if importlib.util.find_spec("distributed") is None:
         raise SettingsError(
             "studies and several --jobs need dask.distributed: pip install 'kreisel[study]'; `kreisel batch --jobs 1` "
             "does without"
