@@ -17,7 +17,6 @@ def without(monkeypatch, tmp_path):
     def go(missing, *words):
         hidden = lambda name, *rest: None if name in missing else known(name, *rest)  # noqa: E731
         monkeypatch.setattr(importlib.util, "find_spec", hidden)
-        monkeypatch.setattr("kreisel.study.dask.find_spec", hidden)
         monkeypatch.chdir(tmp_path)
         with pytest.raises(SettingsError) as error:
             CliRunner().invoke(app, list(words), catch_exceptions=False)
