@@ -57,11 +57,11 @@ WRITTEN = "report", "gaps", "static", "comparison", "batch", "history", "allan",
 SERVED = "live", "guide", "station"
 STATION = {
     "kind": "station", "station": "west", "phase": "ready", "attempt": None, "seconds": 60.0, "progress": {},
-    "last": {"id": 2, "unit": "SN-0043", "kind": "unit", "outcome": "does not conform", "reason": "gyro bias x: 31 ± 2 deg/h",
-             "has_certificate": False, "has_report": True},
+    "last": {"id": 2, "unit": "SN-0043", "kind": "unit", "outcome": "does not conform",
+             "reason": "gyro bias x: 31 ± 2 deg/h", "has_certificate": False, "has_report": True},
     "recent": [
-        {"id": 2, "unit": "SN-0043", "outcome": "does not conform", "state": "ended", "ended": "2026-01-01T08:02:00+00:00",
-         "reason": "gyro bias x: 31 ± 2 deg/h"},
+        {"id": 2, "unit": "SN-0043", "outcome": "does not conform", "state": "ended",
+         "ended": "2026-01-01T08:02:00+00:00", "reason": "gyro bias x: 31 ± 2 deg/h"},
         {"id": 1, "unit": "SN-0042", "outcome": "conforms", "state": "ended", "ended": "2026-01-01T08:00:00+00:00",
          "reason": ""},
     ],

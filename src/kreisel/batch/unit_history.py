@@ -245,6 +245,13 @@ def _scatter(A: Array, y: Array, sd: Array) -> float:
     return 0.5 * (low + high)
 
 
+def _not_known(ageing: Ageing) -> str:
+    """Return that a change is not known yet, where it is uncertain and not shown: a due date is then early."""
+    if not np.isfinite(ageing.rate) or ageing.significant:
+        return ""
+    return f"; its change a year is not known better than ± {COVERAGE * ageing.rate_sd:.2g}: calibrate again before"
+
+
 def _at_most(due: Due, last: date, months: float | None) -> Due:
     """Return the due date, not later than the longest interval allows."""
     if months is None:
@@ -271,7 +278,7 @@ def _due(trends: Sequence[Trend], last: date) -> Due:
             label = f"{trend.quantity.title} {label_of(trend.quantity, axis)}"
             if np.isfinite(limit := trend.limits[axis]):
                 over = np.abs(value) + COVERAGE * sd > limit
-                text = f"{label} may reach its limit of {limit:.3g} {trend.quantity.unit}"
+                text = f"{label} may reach its limit of {limit:.3g} {trend.quantity.unit}{_not_known(ageing)}"
             elif limited or not np.isfinite(ageing.rate) or ageing.free < 1:
                 continue
             else:

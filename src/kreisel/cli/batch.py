@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 def batch(
     folder: Path = typer.Argument(..., help="Folder with recordings, at any depth."),
     output: Path = typer.Option(..., "-o", "--output", help="Folder for results; a batch in it is continued."),
-    jobs: int = typer.Option(2, "--jobs", min=1, help="Local processes."),
+    jobs: int | None = typer.Option(
+        None, "--jobs", min=1, help="Local processes; by default 2, or 1 without the extra study."
+    ),
     scheduler: str | None = typer.Option(None, help="A running dask scheduler, tcp://host:port, instead."),
     limits: str | None = typer.Option(
         None, help="Limits: a TOML file with [limits], or a grade.", autocompletion=completion.grades
@@ -38,6 +40,7 @@ def batch(
         None, min=1, help="First simulate so many units into FOLDER, each another device; for a trial."
     ),
     seconds: float = typer.Option(60.0, min=30.0, help="With --simulate: length of each recording, s."),
+    repeats: int = typer.Option(1, min=1, max=99, help="With --simulate: recordings of each unit."),
     json: bool = typer.Option(False, "--json", help="Print the summary as one JSON object."),
 ) -> None:
     """Calibrate all recordings in a folder, and write one table, one page and one file of results.
@@ -67,7 +70,7 @@ def batch(
     check_output(output)
     distribute = _map(jobs, scheduler)
     if simulate is not None:
-        _simulate(folder, simulate, seconds, distribute)
+        _simulate(folder, simulate * repeats, seconds, repeats, distribute)
     settings = CalibrationSettings(fixed=parse_fixed(fix))
     work = Batch(jobs_in(folder, output, settings, links=links), settings, (output / "results").resolve(), reports)
     output.mkdir(parents=True, exist_ok=True)
@@ -159,12 +162,15 @@ def alone_in(output: Path, other: str = "batch") -> Iterator[None]:
         yield
 
 
-def _map(jobs: int, scheduler: str | None) -> Map:
+def _map(jobs: int | None, scheduler: str | None) -> Map:
     """Return what does the work: this process alone, local processes, or a cluster."""
+    import importlib.util
     from functools import partial
 
     from kreisel.batch.execution import one_after_another
 
+    if jobs is None:
+        jobs = 2 if importlib.util.find_spec("distributed") is not None else 1
     if scheduler is None and jobs == 1:
         return one_after_another
     from kreisel.study.dask import check_installed, dask_map
@@ -173,18 +179,18 @@ def _map(jobs: int, scheduler: str | None) -> Map:
     return partial(dask_map, scheduler=scheduler, workers=jobs)
 
 
-def _simulate(folder: Path, count: int, seconds: float, distribute: Map) -> None:
-    """Write simulated units that are not in the folder yet."""
+def _simulate(folder: Path, count: int, seconds: float, repeats: int, distribute: Map) -> None:
+    """Write simulated recordings that are not in the folder yet."""
     from functools import partial
 
     from kreisel.batch.simulated import simulate_unit, unit_folder
 
-    waiting = [number for number in range(count) if not unit_folder(folder, number).is_dir()]
+    waiting = [number for number in range(count) if not unit_folder(folder, number, repeats).is_dir()]
     if not waiting:
         return
-    typer.echo(f"simulate {len(waiting)} units of {seconds:g} s", err=True)
+    typer.echo(f"simulate {len(waiting)} recordings of {seconds:g} s", err=True)
     with _progress(len(waiting), 0) as show:
-        for _ in distribute(partial(simulate_unit, folder.resolve(), seconds), waiting):
+        for _ in distribute(partial(simulate_unit, folder.resolve(), seconds, repeats), waiting):
             show(None)
 
 

@@ -100,8 +100,8 @@ def unknown_columns(path: Path, progress: Progress | None = None) -> UnknownColu
     place = (path if path.is_dir() else path.parent) / "recording.toml"
     choose = "choose among its lines, and " if _CHOOSE in text or _NO_TIME in text else ""
     return UnknownColumnsError(
-        f"which columns of {names} hold what is not said; {choose}write the mapping above into {place}, if it is "
-        "right, or give --map",
+        f"no mapping says which columns of {names} hold time, readings and poses; {choose}write the mapping above into "
+        f"{place}, if it is right, or give all of it by --map",
         text,
         file=path,
     )

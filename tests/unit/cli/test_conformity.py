@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from kreisel.batch.outcomes import most_serious
 from kreisel.calibration.limits import Decision, Limits
 from kreisel.calibration.result_sections import Verdict
 from kreisel.cli.batch import _some
-from kreisel.batch.outcomes import most_serious
 from kreisel.cli.conformity import as_table, conformity, sentence, status_of
 from kreisel.errors import SettingsError
 

@@ -10,7 +10,7 @@ from kreisel.batch.lot import units_of
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.result_sections import Measured, Verdict
 from kreisel.station.golden_unit import SCORE, golden_check
-from kreisel.station.retest import outcome_of, count_tests
+from kreisel.station.retest import count_tests, outcome_of
 
 from ..batch.test_lot import run
 from ..calibration.example import calibration
