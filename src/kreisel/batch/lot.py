@@ -70,13 +70,16 @@ def label_of(quantity: Quantity, axis: int) -> str:
 
 
 def units_of(runs: Sequence[Run], limits: Limits | None) -> list[Unit]:
-    """Return the runs judged by limits and against each other; a lot are the units of one maker and type."""
+    """Return the runs judged by limits and against each other.
+
+    A lot are the units of one maker and type, each by its last accepted run.
+    """
     out = []
-    lots: dict[tuple[str, str], list[Run]] = {}
+    lots: dict[tuple[str, str], dict[str, Run]] = {}
     for run in runs:
         if run.accepted:
-            lots.setdefault((run.maker, run.type), []).append(run)
-    outliers = {key: found for lot in lots.values() for key, found in _outliers(lot).items()}
+            lots.setdefault((run.maker, run.type), {})[run.unit] = run
+    outliers = {key: found for lot in lots.values() for key, found in _outliers(list(lot.values())).items()}
     for run in runs:
         own = () if run.parts is None else tuple(judged(run.parts, limits))
         out.append(Unit(run, own, tuple(outliers.get(run.key, ()))))

@@ -227,3 +227,8 @@ def test_pages_are_complete_and_escape_names(tmp_path):
     found = history_of(hostile, dated, LIMITS)
     write_history(found, LIMITS, tmp_path / "history.html")
     assert "<h1>&lt;b&gt;&amp;</h1>" in (tmp_path / "history.html").read_text()
+
+
+def test_repeated_runs_of_few_units_are_no_lot():
+    runs = [replace(run(k, 5.0 * (k % 4)), unit=f"unit-{k % 4}") for k in range(12)]
+    assert not any(unit.outliers for unit in units_of(runs, None))
