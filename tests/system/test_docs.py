@@ -175,3 +175,14 @@ def test_the_reference_is_made_from_docstrings(tmp_path):
         "size_effect",
     ):
         assert text in front
+
+
+def test_the_citation_names_the_version_and_the_paper():
+    from ruamel.yaml import YAML
+
+    from kreisel import __version__
+
+    found = YAML(typ="safe").load((DOCS.parent / "CITATION.cff").read_text(encoding="utf-8"))
+    assert found["version"] == __version__
+    assert found["date-released"].isoformat() >= "2026-11-22"
+    assert found["references"][0]["year"] == 2005
