@@ -19,15 +19,20 @@ NAME = "unit.json"
 """Its file, in the result's folder."""
 
 
-def unit_document(unit: Unit, limits: Limits | None, report: str | None = None) -> dict[str, Any]:
+def unit_document(
+    unit: Unit, limits: Limits | None, report: str | None = None, decided: tuple[str, str] | None = None
+) -> dict[str, Any]:
     """Return outcome, exit status and figures of a unit as plain data; numbers that are not finite are None.
 
     Parameters
     ----------
     report
         Path of its report, relative to the document.
+    decided
+        Outcome and reason where more is known than this run: earlier tests of the unit.
     """
     run = unit.run
+    outcome, reason = decided or (unit.outcome, "")
     return {
         "schema": SCHEMA,
         "software": f"kreisel {__version__}",
@@ -36,10 +41,10 @@ def unit_document(unit: Unit, limits: Limits | None, report: str | None = None) 
         "type": run.type,
         "recording": run.name,
         "date": run.date,
-        "outcome": unit.outcome,
-        "status": STATUS.get(unit.outcome, 0),
+        "outcome": outcome,
+        "status": STATUS.get(outcome, 0),
         "error": run.error,
-        "reasons": reasons_of(unit),
+        "reasons": [reason] if reason else reasons_of(unit),
         "outliers": [one.text for one in unit.outliers],
         "limits": None if limits is None else {"source": limits.grade or limits.file, "coverage_factor": COVERAGE},
         "figures": _figures(unit),
@@ -88,8 +93,10 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def write_unit(unit: Unit, limits: Limits | None, folder: Path, report: str | None = None) -> None:
+def write_unit(
+    unit: Unit, limits: Limits | None, folder: Path, report: str | None = None, decided: tuple[str, str] | None = None
+) -> None:
     """Write the document of a unit into its result's folder, which is made where there is none."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(unit_document(unit, limits, report), indent=1, ensure_ascii=False)
+    text = json.dumps(unit_document(unit, limits, report, decided), indent=1, ensure_ascii=False)
     (folder / NAME).write_text(text + "\n", encoding="utf-8")

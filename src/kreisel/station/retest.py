@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -17,9 +18,18 @@ DECISIVE = tuple(outcome for outcome in OUTCOMES if outcome != "failed")
 """Outcomes that say something of the unit; the others leave it untested."""
 
 
-def count_tests(attempts: Sequence[Attempt]) -> int:
-    """Return how often a unit was tested."""
-    return sum(attempt.kind == "unit" and attempt.outcome in DECISIVE for attempt in attempts)
+DAYS = 30.0
+"""Days within which tests of a unit are repetitions; what is older is an earlier calibration. Chosen: no unit is
+calibrated again as soon, and none waits as long for its second test."""
+
+
+def recent_tests(attempts: Sequence[Attempt], now: datetime) -> list[Attempt]:
+    """Return the attempts at a unit that count as tests of it now."""
+    return [
+        one for one in attempts
+        if one.kind == "unit" and one.outcome in DECISIVE
+        and now - datetime.fromisoformat(one.begun) < timedelta(days=DAYS)
+    ]  # fmt: skip
 
 
 def outcome_of(unit: Unit, earlier: Sequence[Run], limits: Limits | None) -> tuple[str, str]:

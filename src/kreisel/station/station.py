@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -35,7 +35,7 @@ from kreisel.certificate.statement import digest_of
 from kreisel.errors import KreiselError, SettingsError
 from kreisel.station.golden_unit import golden_check
 from kreisel.station.production_line import Line
-from kreisel.station.retest import count_tests, outcome_of
+from kreisel.station.retest import outcome_of, recent_tests
 
 SILENT = 3.0
 """Seconds without readings after which an attempt ends. Chosen: devices that connect again need one or two."""
@@ -94,7 +94,7 @@ class Station:
         if kind == "unit":
             if due := self.golden_due():
                 raise SettingsError(due)
-            tests = count_tests(self._store.attempts(serial))
+            tests = len(recent_tests(self._store.attempts(serial), self._now()))
             if tests > self.line.retests:
                 raise SettingsError(f"unit {serial} was tested {_times(tests)}, as often as allowed: set it aside")
         begun = self._now().isoformat(timespec="seconds")
@@ -114,6 +114,7 @@ class Station:
         attempt = self._attempt(number)
         self._change(replace(attempt, printed=attempt.printed + 1))
         self._note(f"certificate of attempt {number}, unit {attempt.unit}, printed")
+        self.refresh()
 
     def certificate(self, number: int) -> Path:
         """Return the certificate of an attempt; the file need not exist."""
@@ -280,11 +281,13 @@ class Station:
         if attempt.kind == "golden":
             self._end_golden(attempt, run)
             return
-        earlier = {one.key: one for one in self._store.of_unit(attempt.unit) if one.key != run.key}
-        outcome, reason = outcome_of(unit, list(earlier.values()), line.limits)
-        write_unit(unit, line.limits, batch.results / name, "report.html" if run.parts is not None else None)
+        tests = {one.key for one in recent_tests(self._store.attempts(attempt.unit), self._now())}
+        earlier = [one for one in self._store.of_unit(attempt.unit) if one.key in tests - {run.key}]
+        outcome, reason = outcome_of(unit, earlier, line.limits)
+        report = "report.html" if run.parts is not None else None
+        write_unit(unit, line.limits, batch.results / name, report, (outcome, reason))
         if outcome in GOOD:
-            self._certify(attempt)
+            reason = self._certify(attempt)
         self._end(replace(attempt, key=run.key), outcome, reason or "; ".join(reasons_of(unit)))
 
     def _end_golden(self, attempt: Attempt, run: Run) -> None:
@@ -298,15 +301,19 @@ class Station:
         text = f"agrees with what is known of it, largest difference {found.worst:.1f} deviations"
         self._end(attempt, outcome, text if found.passed else "; ".join(found.reasons))
 
-    def _certify(self, attempt: Attempt) -> None:
+    def _certify(self, attempt: Attempt) -> str:
+        """Write the certificate of a good unit; return why there is none, empty where there is one."""
         result, path = self._result(attempt), self.line.output / "certificates" / f"{_name_of(attempt)}.html"
-        calibration = Calibration.load(result)
-        made = certificate_of(
-            calibration, fields_of(calibration, {}), self.line.limits, self.line.language,
-            date.fromisoformat(self._now().astimezone().date().isoformat()), digest_of(result),
-        )  # fmt: skip
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html(made), encoding="utf-8")
+        try:
+            calibration = Calibration.load(result)
+            today = self._now().astimezone().date()
+            fields, digest = fields_of(calibration, {}), digest_of(result)
+            made = certificate_of(calibration, fields, self.line.limits, self.line.language, today, digest)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(html(made), encoding="utf-8")
+        except (KreiselError, OSError) as error:
+            return f"no certificate: {error}"
+        return ""
 
     def progress(self, status: Status) -> None:
         """Take the recorder's status for the page."""

@@ -78,6 +78,8 @@ def test_documents_of_all_outcomes_follow_the_schema(tmp_path):
     assert {(one["axis"], one["limit"]) for one in found["good"]["figures"] if one["name"] == "accel_bias_mg"} == {
         ("x", 10.0), ("y", 10.0), ("z", 10.0),
     }  # fmt: skip
+    again = unit_document(units_of(runs, LIMITS)[0], LIMITS, decided=("does not conform", "the mean of 2 tests"))
+    assert (again["outcome"], again["status"], again["reasons"]) == ("does not conform", 3, ["the mean of 2 tests"])
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({**found["good"], "status": 2}, SCHEMA)
 

@@ -1,6 +1,7 @@
 """Rules of a station: units tested again, and the unit that is known."""
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from kreisel.batch.lot import units_of
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.result_sections import Measured, Verdict
 from kreisel.station.golden_unit import SCORE, golden_check
-from kreisel.station.retest import count_tests, outcome_of
+from kreisel.station.retest import DAYS, outcome_of, recent_tests
 
 from ..batch.test_lot import run
 from ..calibration.example import calibration
@@ -41,10 +42,13 @@ def test_rejected_runs_do_not_enter_the_mean():
 
 
 def test_only_decisive_attempts_count_as_tests():
-    one = Attempt(1, "a", "unit", "", "", "", state=ENDED)
+    now = datetime(2026, 3, 1, tzinfo=UTC)
+    one = Attempt(1, "a", "unit", "", "", (now - timedelta(days=2)).isoformat(), state=ENDED)
     outcomes = ("conforms", "does not conform", "rejected", "no decision", "interrupted", "failed", "")
-    assert count_tests([replace(one, outcome=outcome) for outcome in outcomes]) == 4
-    assert count_tests([replace(one, kind="golden", outcome="conforms")]) == 0
+    assert len(recent_tests([replace(one, outcome=outcome) for outcome in outcomes], now)) == 4
+    assert recent_tests([replace(one, kind="golden", outcome="conforms")], now) == []
+    # a unit that comes back after a year is calibrated anew
+    assert recent_tests([replace(one, outcome="conforms")], now + timedelta(days=DAYS)) == []
 
 
 def known(scale, sd=3.0, bias=0.0, *, accepted=True):
