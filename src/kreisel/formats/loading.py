@@ -100,4 +100,10 @@ def mapped_recording(
         raise unknown_columns(path, progress)
     from kreisel.formats.mapping import merged
 
-    return load_mapped(path, settings, merged(settings.columns, given))
+    columns_of = merged(settings.columns, given)
+    own = columns_of.imu
+    if settings.columns is None and not usual and None in (own.time, own.rate, own.acceleration):
+        from kreisel.formats.proposal import unknown_columns
+
+        raise unknown_columns(path, progress, columns_of)  # some entries alone: they stand in the proposal
+    return load_mapped(path, settings, columns_of)

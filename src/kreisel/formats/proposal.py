@@ -6,6 +6,7 @@ and the user chooses.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from kreisel.formats.write import toml_table
 from kreisel.progress import Progress
 from kreisel.recording.header import UNITS
 from kreisel.recording.recording import ImuSamples
+from kreisel.recording.recording_settings import ColumnsTable
 
 CONFIRMED = 0.9
 """Share of the rotation that rates explain, from which a mapping is confirmed."""
@@ -84,11 +86,16 @@ class _Option:
     why: str = ""
 
 
-def unknown_columns(path: Path, progress: Progress | None = None) -> UnknownColumnsError:
-    """Return the error for tables of which nobody said what their columns are, with a proposal where there is one."""
+def unknown_columns(
+    path: Path, progress: Progress | None = None, given: ColumnsTable | None = None
+) -> UnknownColumnsError:
+    """Return the error for tables of which nobody said what their columns are, with a proposal where there is one.
+
+    given: entries that stand in the proposal in the place of its own.
+    """
     found = tables_in(path)
     try:
-        text = proposal(path, progress)
+        text = _with_entries(proposal(path, progress), given)
     except RecordingError as error:
         return UnknownColumnsError(
             f"the columns are not assigned, and the data suggest no mapping ({error.message}); write [columns] "
@@ -105,6 +112,28 @@ def unknown_columns(path: Path, progress: Progress | None = None) -> UnknownColu
         text,
         file=path,
     )
+
+
+def _with_entries(text: str, given: ColumnsTable | None) -> str:
+    """Return a proposal with given entries; each replaces that of its name, or stands first in its table."""
+    if given is None:
+        return text
+    stated = given.model_dump(exclude_none=True)
+    lines: list[str] = []
+    own: dict[str, object] = {}
+    for line in text.splitlines():
+        if line.startswith("["):
+            own = stated.pop(line.strip("[]").rpartition(".")[2], {})
+            lines += [line, *(_entry(key, value) for key, value in own.items())]
+        elif line.partition(" = ")[0] not in own:
+            lines.append(line)
+    for table, entries in stated.items():
+        lines += ["", f"[columns.{table}]", *(_entry(key, value) for key, value in entries.items())]
+    return "\n".join(lines)
+
+
+def _entry(key: str, value: object) -> str:
+    return f"{key} = {json.dumps(value, ensure_ascii=False)}"
 
 
 _CHOOSE = "# several are possible: remove the marks before the lines of one"

@@ -76,13 +76,26 @@ def test_the_data_propose_the_mapping(shape: Shape, tmp_path: Path, monkeypatch:
         "kreisel.formats.proposal.proposal", lambda path, *more: made.setdefault(path, proposal(path, *more))
     )
     path = written(shape, tmp_path)
-    with pytest.raises(UnknownColumnsError, match="is not said") as error:
+    with pytest.raises(UnknownColumnsError, match="no mapping says") as error:
         load(path)
     text = error.value.proposal
     assert made == {path: text}
     tomllib.loads(text)
     (tmp_path / "recording.toml").write_text(text)
     assert_same(load(path), recorded()[1])
+
+
+def test_single_entries_stand_in_the_proposal(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text(imu_text(recorded()[1]))
+    with pytest.raises(UnknownColumnsError, match="no mapping says") as error:
+        load(
+            tmp_path / "imu.csv",
+            columns=["imu.temperature=T [degC]", "reference.orientation=quaternion wxyz: a, b, c, d"],
+        )
+    found = tomllib.loads(error.value.proposal)["columns"]
+    own = tomllib.loads(proposal(tmp_path / "imu.csv"))["columns"]
+    assert found["imu"] == own["imu"] | {"temperature": "T [degC]"}
+    assert found["reference"] == {"orientation": "quaternion wxyz: a, b, c, d"}
 
 
 def test_a_proposal_without_poses_names_the_imu(tmp_path: Path) -> None:
