@@ -32,7 +32,7 @@ def browser():
 @pytest.fixture
 def line(tmp_path):
     (tmp_path / "limits.toml").write_text("[limits]\ngyro_scale_error_ppm = 1e5\naccel_scale_error_ppm = 1e5\n")
-    own = StationLine(tmp_path, more=("--limits", str(tmp_path / "limits.toml"), "--retests", "1"))
+    own = StationLine(tmp_path, more=("--limits", str(tmp_path / "limits.toml"), "--retests", "0"))
     yield own
     own.end()
 
@@ -87,8 +87,6 @@ def test_a_shift(line, browser):
     assert operator.result("B 2/é") == "! NOT TESTED"
     operator.again()
     assert operator.result("B 2/é") == "✓ PASS"
-    operator.again()  # one more is allowed
-    assert operator.result("B 2/é") == "✓ PASS"
     operator.press("F2")
     assert "set it aside" in operator.refusal()
     page.close()
@@ -97,12 +95,12 @@ def test_a_shift(line, browser):
     assert {row[1:4] for row in found} == {("west", "ada", "ended")}
     assert [(unit, outcome) for unit, *_, outcome in found] == [
         ("A-1", "conforms"), ("B 2/é", "interrupted"), ("B 2/é", "interrupted"), ("B 2/é", "interrupted"),
-        ("B 2/é", "conforms"), ("B 2/é", "conforms"),
+        ("B 2/é", "conforms"),
     ]  # fmt: skip
     # nothing lost: every attempt has its recording, also those of the pulled plug and of the kill
     for (recording,) in rows(line, "select recording from attempts"):
         assert load(line.output / recording).imu.stamps_ns.size > 100
-    assert len(rows(line, "select key from runs where unit = 'B 2/é'")) == 2
+    assert len(rows(line, "select key from runs where unit = 'B 2/é'")) == 1
     schema = json.loads(resources.files("kreisel.batch").joinpath("unit-schema.json").read_text())
     for path in line.output.glob("results/*/unit.json"):
         jsonschema.validate(json.loads(path.read_text()), schema)
@@ -155,5 +153,5 @@ def test_the_known_unit_comes_first(line, browser, tmp_path):
     operator.busy()
     assert operator.result("G-1 (known unit)") == "✓ PASS"
     operator.scan("A-1")
-    assert operator.result("A-1") == "✓ PASS"
+    operator.busy()
     page.close()
