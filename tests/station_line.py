@@ -74,7 +74,7 @@ class Plug:
 class StationLine:
     """The station's program and the device that is clamped; both are processes of their own."""
 
-    def __init__(self, folder, seconds=7, speed=12, more=()):
+    def __init__(self, folder, seconds=10, speed=9, more=()):
         self.folder, self.output = folder, folder / "line"
         self._seconds, self._speed, self._more = seconds, speed, list(more)
         self.imu, self.robot = Plug(), Plug()
@@ -163,7 +163,8 @@ class Operator:
 
     def recording(self, share=0.2):
         """Wait until a share of the recording is there."""
-        self.wait(lambda: float(self.page.locator("#bar").get_attribute("aria-valuenow") or 0) >= 100 * share)
+        bar = self.page.locator("#bar")
+        self.wait(lambda: bar.is_visible() and float(bar.get_attribute("aria-valuenow") or 0) >= 100 * share)
 
     def result(self, unit):
         """Return the word that the page shows for a unit in the end."""

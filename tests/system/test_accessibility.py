@@ -1,7 +1,9 @@
 """Every page that is written or served, checked by axe-core in a real browser, in light and in dark."""
 
+import fcntl
 import itertools
 import json
+import os
 import re
 import shutil
 from contextlib import contextmanager
@@ -80,8 +82,18 @@ def small():
 
 @pytest.fixture(scope="module")
 def folder(small, tmp_path_factory):
-    """Every page as a file, those that are served beside what they are sent."""
-    out = tmp_path_factory.mktemp("pages")
+    """Every page as a file, those that are served beside what they are sent; made once for all workers."""
+    base = tmp_path_factory.getbasetemp()
+    out = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "accessible-pages"
+    with out.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not out.is_dir():
+            out.mkdir()
+            write_pages(small, out)
+    return out
+
+
+def write_pages(small, out):
     outcome = run_calibration(small, CalibrationSettings(), validate=True, budget=True)
     write_report(outcome, out / "report.html", injection=inject(outcome))
     lost = "gyroscope.cross_coupling[0,1]", "accelerometer.offset[2]"
@@ -102,7 +114,6 @@ def folder(small, tmp_path_factory):
     served(out, "live", "page.html", live_messages(small, out))
     served(out, "station", "station.html", [STATION])
     served(out, "guide", "guide.html", [Guide({"accelerometer.offset": 1e-3}).look(turned).document])
-    return out
 
 
 def served(out, name, file, messages):
@@ -181,8 +192,7 @@ def test_the_live_page_says_what_it_shows(browser, folder, width):
         assert {name for name, _ in offered} == set(last["quantities"])
         for name, title in offered:
             page.select_option("#group", name)
-            page.wait_for_timeout(50)
-            assert title in page.inner_text("#table caption")
+            page.wait_for_function("t => document.querySelector('#table caption').innerText.includes(t)", arg=title)
             cells = page.evaluate("[...document.querySelectorAll('#table td')].map(c => c.textContent)")
             values, deviations = last["quantities"][name]
             expected = [pair(v, sd).replace(" ± ", "|± ").split("|") for v, sd in zip(values, deviations, strict=True)]

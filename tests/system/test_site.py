@@ -88,8 +88,7 @@ def test_pages_have_no_serious_finding_of_accessibility(site, scheme, width):
         browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
         found = {}
-        for name in ("index", "tutorial/tour", "gallery", "explanation/model", "explanation/robustness",
-                     "how-to/production", "reference/commands", "notebooks/own-data"):  # fmt: skip
+        for name in ("index", "explanation/model", "how-to/production", "notebooks/own-data"):
             page.goto((site / f"{name}.html").as_uri())
             page.wait_for_timeout(200)
             violations = axe.Axe().run(page).response["violations"]

