@@ -150,11 +150,15 @@ def test_a_kuka_arm_brakes_when_the_process_hangs(tmp_path):
         while abs(states(port, 0.2)[-1, 0]) < 0.05:
             pass
         process.send_signal(signal.SIGSTOP)
-        seen = states(port, seconds=5.0)  # on a busy machine the simulated controller waits for longer
+        seen = states(port, seconds=1.0)
+        for _ in range(15):  # on a busy machine the simulated controller waits for longer, and fewer states are seen
+            if len(seen) > 2 and np.ptp(seen, axis=0).max() < 1e-9:
+                break
+            seen = states(port, seconds=1.0)
     finally:
         for one in (process, cell):
             if one is not None:
                 one.kill()
                 one.communicate()
-    assert np.ptp(seen[len(seen) // 2 :], axis=0).max() < 1e-9
+    assert np.ptp(seen, axis=0).max() < 1e-9
     assert 0.01 < abs(seen[-1, 0]) < np.radians(29.0)  # on its way from 0 to 30 deg

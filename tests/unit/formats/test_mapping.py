@@ -242,8 +242,9 @@ def test_counted_rows_are_those_of_the_stream(tmp_path: Path) -> None:
 
 def test_one_entry_may_be_a_plain_text(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text(imu_text(recorded()[1]))
-    with pytest.raises(RecordingError, match=r"columns\.imu\.rate is missing"):
+    with pytest.raises(UnknownColumnsError, match="no mapping says") as error:
         load(tmp_path / "imu.csv", columns="imu.time=t [s]")
+    assert tomllib.loads(error.value.proposal)["columns"]["imu"]["time"] == "t [s]"
 
 
 def test_a_header_of_numbers_is_no_row(tmp_path: Path) -> None:
