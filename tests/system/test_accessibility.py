@@ -24,7 +24,7 @@ from kreisel.calibration.injection import inject
 from kreisel.calibration.method_comparison import compare_methods
 from kreisel.dashboard import feed as of_feed
 from kreisel.dashboard.feed import Feed
-from kreisel.dashboard.live_goals import tell_goals
+from kreisel.dashboard.live_goals import write_goals
 from kreisel.dashboard.online import Online
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.resting_noise import allan_report
@@ -131,7 +131,7 @@ def live_messages(recording, out):
         with file.open("ab") as stream:
             stream.write(part[file.stat().st_size :])
         if part == parts[2]:
-            tell_goals(file, {"accelerometer.offset": 1e-5, "gyroscope.offset": 1e-3})
+            write_goals(file, {"accelerometer.offset": 1e-5, "gyroscope.offset": 1e-3})
         messages += [*feed.news(), feed.look()]
     return [message for message in messages if message is not None]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.batch.capability import capabilities, capability_table
-from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of
+from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of, title_of
 from kreisel.batch.outcomes import OUTCOMES
 from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
@@ -94,7 +94,7 @@ def _spread_table(units: Sequence[Unit], limits: Limits | None) -> Table:
             spread = 1.4826 * float(np.median(np.abs(own - middle)))
             usual = float(np.nanmedian(deviations[:, axis]))
             cells = (number(middle), number(spread), number(float(own.min())), number(float(own.max())), number(usual))
-            title = f"{quantity.title} {label_of(quantity, axis)}"
+            title = title_of(quantity, axis)
             rows.append(
                 Row((title, quantity.unit, *cells, f"± {number(most[axis])}" if np.isfinite(most[axis]) else ""))
             )
@@ -123,11 +123,7 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
             data.append(plots.markers(place[marked] + shift, values[marked, axis], "", "alert", symbol="cross", size=9))
     extreme = float(np.nanmax(np.abs(values)))
     most = [limit for limit in limits_of(limits, quantity).tolist() if _drawn(limit, extreme)]
-    data += [
-        plots.line(Curve(np.array([0.5, len(runs) + 0.5], dtype=np.float32), np.full(2, limit, dtype=np.float32)),
-                   "limit" if i == 0 else "", "alert", dash="dash", legend=i == 0)
-        for i, limit in enumerate(sorted({sign * x for x in most for sign in (1.0, -1.0)}))
-    ]  # fmt: skip
+    data += _limit_lines(most, (0.5, len(runs) + 0.5), "limit")
     x = plots.axis("unit, in the order of the table", range=[0.5, len(runs) + 0.5])
     caption = "Each accepted unit; crosses are outliers of the lot." + (
         " Bars: expanded uncertainty." if len(runs) <= 60 else ""
@@ -139,12 +135,22 @@ def _spread(quantity: Quantity, units: Sequence[Unit], limits: Limits | None) ->
 
 
 _FAR = 5.0
-"""A limit so many times as far from zero as the values is not drawn: they would be one line. Chosen."""
+"""Distance of a limit from zero, over that of the values, from which on it is not drawn. Chosen: values stay seen."""
 
 
 def _drawn(limit: float, *values: float) -> bool:
     """Return whether a limit is drawn beside values."""
     return bool(limit < _FAR * max(map(abs, values)))
+
+
+def _limit_lines(limits: Sequence[float], ends: tuple[float, float], name: str) -> list[Trace]:
+    """Return a line for every limit of either sign, the first with a name in the legend if there is one."""
+    x = np.array(ends, dtype=np.float32)
+    return [
+        plots.line(Curve(x, np.full(2, limit, dtype=np.float32)), name if i == 0 else "", "alert", dash="dash",
+                   legend=bool(name) and i == 0)
+        for i, limit in enumerate(sorted({sign * limit for limit in limits for sign in (1.0, -1.0)}))
+    ]  # fmt: skip
 
 
 def write_history(history: History, limits: Limits | None, path: Path) -> None:
@@ -180,7 +186,7 @@ def ageing_table(history: History) -> Table:
             rows.append(
                 Row(
                     (
-                        f"{trend.quantity.title} {label_of(trend.quantity, axis)}",
+                        title_of(trend.quantity, axis),
                         trend.quantity.unit,
                         pair(ageing.level, ageing.level_sd),
                         change,
@@ -227,10 +233,7 @@ def _trend(history: History, trend: Trend) -> Figure:
         limit = float(trend.limits[axis])
         if _drawn(limit, low, high):
             low, high = min(low, -1.05 * limit), max(high, 1.05 * limit)
-            ends = np.array([decimal + t[0], decimal + t[-1]], dtype=np.float32)
-            for sign in (-1.0, 1.0):
-                flat = Curve(ends, np.full(2, sign * limit, dtype=np.float32))
-                data.append(plots.line(flat, "", "alert", dash="dash", legend=False))
+            data += _limit_lines([limit], (decimal + t[0], decimal + t[-1]), "")
         room = 0.05 * (high - low) or 1.0
         y = plots.axis(f"{label_of(trend.quantity, axis)} ({trend.quantity.unit})", range=[low - room, high + room])
         panels.append(plots.panel(data, y, height=130, texts=True))

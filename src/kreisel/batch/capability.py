@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.batch.lot import MIN, OF_DEVICE, Unit, figures_of, label_of
+from kreisel.batch.lot import MIN, OF_DEVICE, Unit, figures_of, title_of
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import Limits, limits_of
 from kreisel.report.cells import Row, Table, number
@@ -73,7 +73,7 @@ def capability_table(found: Sequence[Capability]) -> Table:
     """Return the capabilities as a table, the lowest Cpk first."""
     rows = [
         Row((
-            f"{one.quantity.title} {label_of(one.quantity, one.axis)}", one.quantity.unit, f"± {number(one.limit)}",
+            title_of(one.quantity, one.axis), one.quantity.unit, f"± {number(one.limit)}",
             number(one.mean), number(one.sd), number(one.calibration_sd, 2), f"{one.cp:.2f}", f"{one.cpk:.2f}",
             f"{one.cpk_interval[0]:.2f} to {one.cpk_interval[1]:.2f}",
         ))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.batch.job_result import Run
-from kreisel.batch.lot import OF_DEVICE, figures_of, label_of
+from kreisel.batch.lot import OF_DEVICE, figures_of, title_of
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import Limits, limits_of
 from kreisel.errors import SettingsError
@@ -27,6 +27,9 @@ APPRAISERS = (*CertificateTable.model_fields, *DeviceTable.model_fields)
 
 _PASSES = 500
 """Steps of the iteration; a complete design needs two. Chosen: incomplete ones need some dozens."""
+
+_FULL_STEPS = 20
+"""Steps of full length; half ones then leave a cycle that full ones may enter. Chosen: most designs need fewer."""
 
 _SETTLED = 1e-9
 """Relative change of the variances after which the iteration ends."""
@@ -61,7 +64,7 @@ class Components:
 
     @property
     def categories(self) -> int:
-        """How many classes of units can be told apart (ndc of AIAG MSA)."""
+        """How many classes of units can be distinguished (ndc of AIAG MSA)."""
         return math.floor(math.sqrt(2.0) * self.unit / self.gauge) if self.gauge > 0.0 else 0
 
 
@@ -90,7 +93,7 @@ class Gauged:
 
 
 def variance_components(values: Array, units: Sequence[str], appraisers: Sequence[str]) -> Components:
-    """Return the components of values (n,) of so many units by so many appraisers.
+    """Return the components of values (n,), each of a unit by an appraiser.
 
     Raises
     ------
@@ -129,7 +132,7 @@ def _restricted(y: Array, designs: Sequence[Array]) -> Array:
     y = y / math.sqrt(scale)
     theta = np.full(len(designs), 1.0 / len(designs))
     one = np.ones(y.size)
-    for _ in range(_PASSES):
+    for step in range(_PASSES):
         inverse = np.linalg.inv(sum(t * V for t, V in zip(theta, designs, strict=True)))
         left = inverse @ one
         P = inverse - np.outer(left, left) / (one @ left)
@@ -140,7 +143,7 @@ def _restricted(y: Array, designs: Sequence[Array]) -> Array:
         new[0] = max(new[0], 1e-12)
         if np.max(np.abs(new - theta)) < _SETTLED:
             return np.asarray(scale * new)
-        theta = 0.5 * (theta + new) if _ > 20 else new  # a cycle, which full steps may enter, is left by half ones
+        theta = 0.5 * (theta + new) if step > _FULL_STEPS else new
     return np.asarray(scale * theta)
 
 
@@ -203,7 +206,7 @@ def gauge_table(found: Sequence[Gauged]) -> Table:
         parts = (own.repeatability, own.reproducibility, own.unit)
         ratio = own.repeatability / one.calibration_sd
         rows.append(Row(
-            (f"{one.quantity.title} {label_of(one.quantity, one.axis)}", one.quantity.unit,
+            (title_of(one.quantity, one.axis), one.quantity.unit,
              *(number(part, 3) for part in parts), share, f"{own.categories}", f"{ratio:.2f}"),
             weak=one.of_tolerance > POOR,
         ))  # fmt: skip

@@ -40,9 +40,7 @@ class Outlier:
     @property
     def text(self) -> str:
         """The figure in words."""
-        return (
-            f"{self.quantity.title} {label_of(self.quantity, self.axis)}, {self.score:+.1f} deviations from the median"
-        )
+        return f"{title_of(self.quantity, self.axis)}, {self.score:+.1f} deviations from the median"
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,11 @@ class Unit:
 def label_of(quantity: Quantity, axis: int) -> str:
     """Return the axis, or pair of axes, of one of three figures."""
     return (("x", "y", "z") if quantity.of == "axes" else ("xy", "xz", "yz"))[axis]
+
+
+def title_of(quantity: Quantity, axis: int) -> str:
+    """Return the words for one of three figures."""
+    return f"{quantity.title} {label_of(quantity, axis)}"
 
 
 def units_of(runs: Sequence[Run], limits: Limits | None) -> list[Unit]:

@@ -42,6 +42,9 @@ create table events (time text not null, station text not null, text text not nu
 _COLUMNS = ", ".join("document" if field.name == "text" else field.name for field in fields(Run))
 
 
+_OF_ATTEMPT = tuple(field.name for field in fields(Attempt))[1:]
+"""Columns of attempts, less their number, which stands first."""
+
 _PATIENCE = 60.0
 """Seconds to wait for another program that writes the file."""
 
@@ -142,10 +145,9 @@ class Store:
         RecordingError
             If the file cannot be written.
         """
-        names = [field.name for field in fields(Attempt) if field.name != "id"]
-        text = f"insert into attempts ({', '.join(names)}) values ({', '.join('?' * len(names))})"
-        number = self._write(text, *(getattr(attempt, name) for name in names))
-        return replace(attempt, id=number)
+        places = ", ".join("?" * len(_OF_ATTEMPT))
+        text = f"insert into attempts ({', '.join(_OF_ATTEMPT)}) values ({places})"
+        return replace(attempt, id=self._write(text, *astuple(attempt)[1:]))
 
     def change(self, attempt: Attempt) -> None:
         """Write an attempt as it is now.
@@ -155,9 +157,8 @@ class Store:
         RecordingError
             If the file cannot be written.
         """
-        names = [field.name for field in fields(Attempt) if field.name != "id"]
-        text = f"update attempts set {', '.join(f'{name} = ?' for name in names)} where id = ?"
-        self._write(text, *(getattr(attempt, name) for name in names), attempt.id)
+        text = f"update attempts set {', '.join(f'{name} = ?' for name in _OF_ATTEMPT)} where id = ?"
+        self._write(text, *astuple(attempt)[1:], attempt.id)
 
     def note(self, time: str, station: str, text: str) -> None:
         """Write an event of a station."""
@@ -184,7 +185,7 @@ class Store:
         return self._attempts("where begun >= ? order by id", begun)
 
     def _attempts(self, chosen: str, *values: object) -> list[Attempt]:
-        names = ", ".join(field.name for field in fields(Attempt))
+        names = ", ".join(("id", *_OF_ATTEMPT))
         return [Attempt(*row) for row in self._query(f"select {names} from attempts {chosen}", *values)]
 
     def _write(self, text: str, *values: object) -> int:

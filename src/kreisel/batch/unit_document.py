@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kreisel._version import __version__
-from kreisel.batch.lot import Unit, label_of
+from kreisel.batch.lot import Unit, label_of, title_of
 from kreisel.batch.outcomes import STATUS
 from kreisel.calibration.limits import COVERAGE, Limits
 
@@ -62,7 +62,7 @@ def reasons_of(unit: Unit) -> list[str]:
     if unit.outcome not in STATUS:
         return []
     return [
-        f"{one.quantity.title} {label_of(one.quantity, axis)}: {value:.4g} ± {uncertainty:.2g} {one.quantity.unit}, "
+        f"{title_of(one.quantity, axis)}: {value:.4g} ± {uncertainty:.2g} {one.quantity.unit}, "
         f"limit ± {limit:.4g}: {decision.value}"
         for one in unit.judged
         for axis, (value, uncertainty, limit, decision) in enumerate(

@@ -14,7 +14,7 @@ from datetime import date, timedelta
 import numpy as np
 
 from kreisel.batch.job_result import Run
-from kreisel.batch.lot import OF_DEVICE, figures_of, label_of
+from kreisel.batch.lot import OF_DEVICE, figures_of, title_of
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import COVERAGE, Limits, limits_of
 from kreisel.errors import SettingsError
@@ -275,7 +275,7 @@ def _due(trends: Sequence[Trend], last: date) -> Due:
     for trend in trends:
         for axis, ageing in enumerate(trend.ageing):
             value, sd = ageing.at(ahead)
-            label = f"{trend.quantity.title} {label_of(trend.quantity, axis)}"
+            label = title_of(trend.quantity, axis)
             if np.isfinite(limit := trend.limits[axis]):
                 over = np.abs(value) + COVERAGE * sd > limit
                 text = f"{label} may reach its limit of {limit:.3g} {trend.quantity.unit}{_not_known(ageing)}"

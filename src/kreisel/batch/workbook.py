@@ -54,9 +54,10 @@ def write_workbook(units: Sequence[Unit], limits: Limits | None, path: Path) -> 
 
 def _units(book: Any, units: Sequence[Unit]) -> None:
     sheet = _sheet(book, "units", list(csv.reader(StringIO(table(units)))))
+    formats = {good: book.add_format({"bg_color": colour}) for good, colour in _COLOURS.items()}
     for i, unit in enumerate(units):
         good = unit.outcome in GOOD or (None if unit.outcome == "no decision" else False)
-        sheet.write_string(i + 1, 5, unit.outcome, book.add_format({"bg_color": _COLOURS[good]}))
+        sheet.write_string(i + 1, 5, unit.outcome, formats[good])
 
 
 def _sheet(book: Any, name: str, rows: Sequence[Sequence[str]]) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from kreisel.batch.outcomes import STATUS, most_serious
 from kreisel.cli import completion
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from kreisel.batch.execution import Map
     from kreisel.batch.job_result import Run
@@ -56,7 +55,7 @@ def batch(
     from kreisel.batch.unit_document import write_unit
     from kreisel.batch.workbook import check_workbook, write_workbook
     from kreisel.calibration.limits import limits_named
-    from kreisel.cli.output import check_output
+    from kreisel.cli.output import alone_in, check_output
     from kreisel.errors import SettingsError
     from kreisel.formats.folder import is_folder
     from kreisel.model.calibration_settings import CalibrationSettings
@@ -134,32 +133,6 @@ def history(
         typer.echo(f"· left out: {name}, {reason}")
     typer.echo(f"next due: {due}; {found.due.reason}")
     typer.echo(f"written: {output}")
-
-
-@contextmanager
-def alone_in(output: Path, other: str = "batch") -> Iterator[None]:
-    """Keep other commands of a kind out of a folder, where the system has locks.
-
-    Raises
-    ------
-    SettingsError
-        If one is at work there.
-    """
-    from contextlib import suppress
-
-    from kreisel.errors import SettingsError
-    from kreisel.files import open_lock
-
-    with open_lock(output / ".lock") as file:
-        try:
-            with suppress(ImportError):
-                import fcntl
-
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            busy = f"-o {output}: another {other} is at work there; wait for it, or give another folder"
-            raise SettingsError(busy) from error
-        yield
 
 
 def _map(jobs: int | None, scheduler: str | None) -> Map:

@@ -1,11 +1,14 @@
-"""Check of the output folder before the work begins, so that no result is lost at its end."""
+"""Checks of the output folder before the work begins, so that no result is lost at its end."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.files import open_lock
 
 
 def check_output(folder: Path) -> None:
@@ -27,3 +30,24 @@ def check_output(folder: Path) -> None:
             folder.rmdir()  # a command that fails leaves nothing
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}; choose another -o", file=folder) from error
+
+
+@contextmanager
+def alone_in(output: Path, other: str = "batch") -> Iterator[None]:
+    """Keep other commands of a kind out of a folder, where the system has locks.
+
+    Raises
+    ------
+    SettingsError
+        If one is at work there.
+    """
+    with open_lock(output / ".lock") as file:
+        try:
+            with suppress(ImportError):
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            busy = f"-o {output}: another {other} is at work there; wait for it, or give another folder"
+            raise SettingsError(busy) from error
+        yield

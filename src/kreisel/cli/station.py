@@ -55,8 +55,7 @@ def station(
     from kreisel.batch.result_store import Store
     from kreisel.calibration.limits import limits_named
     from kreisel.certificate.words import LANGUAGES
-    from kreisel.cli.batch import alone_in
-    from kreisel.cli.output import check_output
+    from kreisel.cli.output import alone_in, check_output
     from kreisel.cli.record import description
     from kreisel.devices.address import IMUS, ROBOTS, parse_address
     from kreisel.errors import SettingsError, unknown_name

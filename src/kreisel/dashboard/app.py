@@ -174,7 +174,8 @@ def make_app(
 
     async def page(_: Request) -> Response:
         text = resources.files("kreisel.dashboard").joinpath(page_file).read_text(encoding="utf-8")
-        policy = f"{POLICY}; connect-src 'self'; frame-src 'self'"
+        frames = "; frame-src 'self'" if more else ""
+        policy = f"{POLICY}; connect-src 'self'{frames}"
         return HTMLResponse(text, headers={"Content-Security-Policy": policy})
 
     async def live(socket: WebSocket) -> None:

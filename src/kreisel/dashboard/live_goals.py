@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 
-def tell_goals(path: Path, goals: Mapping[str, float]) -> bool:
+def write_goals(path: Path, goals: Mapping[str, float]) -> bool:
     """Write standard deviations that are to be reached (SI), by group of parameters; return whether it was possible.
 
     path: the file of the recording, or its folder.

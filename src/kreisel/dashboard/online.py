@@ -19,7 +19,7 @@ import numpy as np
 from kreisel.acquisition.tail import Tail
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.dashboard.live_estimate import LiveEstimate
-from kreisel.dashboard.live_goals import tell_goals
+from kreisel.dashboard.live_goals import write_goals
 from kreisel.errors import ExcitationError, KreiselError
 from kreisel.formats.loading import load
 from kreisel.model.calibration_settings import CalibrationSettings
@@ -120,16 +120,17 @@ class Targets:
 
     def __init__(self, path: Path, targets: dict[str, float], say: Callable[[str], None]) -> None:
         self.reached = self.over = False
-        self._path, self._told = path, False
+        self._path, self._goals_written = path, False
         self._targets, self._say = targets, say
 
     def look(self) -> None:
-        """Calibrate repeatedly until `over` is set; to be run in a separate thread. The page is told the targets."""
+        """Calibrate repeatedly until `over` is set; to be run in a separate thread. The targets go to the page."""
         online = Online(Tail(self._path, bounded=True))
         while not self.over:
             with suppress(KreiselError):
                 found = online.look()
-                self._told = self._told or (online.tail.begun and tell_goals(self._path, self._targets))
+                if not self._goals_written and online.tail.begun:
+                    self._goals_written = write_goals(self._path, self._targets)
                 if found is not None and found.names:
                     self._compare(found)
             time.sleep(0.3)

@@ -116,7 +116,7 @@ class Repetition:
         return cls(places, total, moving, tuple(spread), tuple(gain))
 
     def deviation(self, part: int, times: float, places: Indices) -> float:
-        """Return the rms deviation of some parameters if a part is repeated so many times; -1 is all of them."""
+        """Return the rms deviation of some parameters if a part is repeated; -1 is all parts."""
         own = np.isin(self.places, places)
         now = self.spread[part][own].sum(axis=1)
         then = (self.spread[part][own] / (1.0 + times * self.gain[part])).sum(axis=1)

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.batch.lot import label_of
+from kreisel.batch.lot import title_of
 from kreisel.calibration.data_sheet import QUANTITIES
 from kreisel.calibration.repeatability import MAY_CHANGE
 from kreisel.calibration.result_sections import CalibrationParts
 
 SCORE = 3.5
-"""Deviations of a difference beyond which the station is in doubt. By chance one of 18 normal figures is, in 1 of 120
-checks."""
+"""Deviations of a difference beyond which a figure does not agree; by chance one of 18 does not in 1 of 120 checks."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def golden_check(reference: CalibrationParts, found: CalibrationParts) -> Golden
             scores = np.where(sd > 0.0, (new.value - old.value) / sd, 0.0)
         worst = max(worst, float(np.nanmax(np.abs(scores))))
         reasons += [
-            f"{quantity.title} {label_of(quantity, axis)}: {new.value[axis]:.4g} {quantity.unit}, known as "
+            f"{title_of(quantity, axis)}: {new.value[axis]:.4g} {quantity.unit}, known as "
             f"{old.value[axis]:.4g}: {scores[axis]:+.1f} deviations"
             for axis in np.flatnonzero(np.abs(scores) > SCORE).tolist()
         ]

@@ -11,7 +11,7 @@ from kreisel.calibration.result_sections import Measured, Timing
 from kreisel.dashboard import online as of_online
 from kreisel.dashboard.feed import Feed
 from kreisel.dashboard.live_estimate import LiveEstimate
-from kreisel.dashboard.live_goals import goals_of, tell_goals
+from kreisel.dashboard.live_goals import goals_of, write_goals
 from kreisel.dashboard.live_quantities import quantities_of
 from kreisel.dashboard.online import Targets
 from kreisel.units import MM, MS
@@ -38,9 +38,9 @@ def test_goals_are_beside_the_recording_and_reach_the_page(tmp_path, file):
     path = tmp_path / file
     goals = {"accelerometer.offset": 5e-4}
     assert goals_of(path) == {}
-    assert not tell_goals(path, goals)  # there is no such folder yet
+    assert not write_goals(path, goals)  # there is no such folder yet
     (tmp_path / "run").mkdir()
-    assert tell_goals(path, goals)
+    assert write_goals(path, goals)
     assert goals_of(path) == goals
     assert goals_of(tmp_path / "run" / "another.mcap") == {}
     (tmp_path / "run" / "recording.mcap").write_bytes(b"")
