@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import sys
 
 import pytest
@@ -43,7 +44,9 @@ def test_a_terminal_shows_one_line_and_is_left_clean(monkeypatch):
         with shown(True) as show:
             work(show)
         terminal.flush()
-        text = os.read(reader, 65536).decode()
+        text = ""
+        while select.select([reader], [], [], 1.0)[0]:  # the terminal hands on what was written in parts
+            text += os.read(reader, 65536).decode()
     os.close(reader)
     assert "checks" in text
     assert text.endswith("\x1b[1A\x1b[2K") or "\x1b[2K" in text.rpartition("checks")[2]
