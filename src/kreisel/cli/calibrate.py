@@ -121,6 +121,7 @@ def calibrate(
 
     Exit status 3 if the result is rejected; with --limits also if it does not conform, and 4 without a decision.
     """
+    from kreisel.array.tray import imu_names
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.injection import inject as inject_errors
     from kreisel.calibration.limits import limits_named
@@ -172,6 +173,14 @@ def calibrate(
         _statically(read_one, recordings[0], settings, output, within, as_json=json)
         return
     injection: Injection | None = None
+    several = () if imu is not None or columns else imu_names(recordings[0])
+    if len(several) > 1:
+        if inject:
+            raise SettingsError("--inject is for one IMU; choose it with --imu")
+        from kreisel.cli.tray import calibrate_units
+
+        calibrate_units(read_one(recordings[0]), several, settings, output, within, validate=validate, as_json=json)
+        return
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
         outcome = run_calibration(

@@ -40,16 +40,24 @@ def simulate(
     changes = {name: value for name, value in given.items() if value is not None}
     if changes:
         described = parse_cell({**described.model_dump(), **changes}, cell or Path("CELL.toml"))
-    from kreisel.formats.write import write
+    from kreisel.formats.write import write, write_imu
     from kreisel.simulation.cell import simulate as simulate_cell
     from kreisel.simulation.cell import write_truth
 
+    if described.tray.units > 1 and output.suffix:
+        raise SettingsError("several IMUs are written as a folder; name one, without a suffix")
     with progress_bar() as show:
         truth, recording = simulate_cell(described, output, show)
         if show is not None:
             show("write", 0.9)
         write(recording, output)
         write_truth(truth, output / "truth.json" if output.is_dir() else output.with_suffix(".truth.json"))
+        for unit in range(1, described.tray.units):
+            own_truth, own = simulate_cell(described, output, unit=unit)
+            write_imu(own.imu, output / f"imu{unit}")
+            write_truth(own_truth, output / f"imu{unit}" / "truth.json")
+            if show is not None:
+                show("simulate and write further IMUs", (unit + 1) / described.tray.units)
     imu, poses = recording.imu, recording.reference
     typer.echo(
         f"{output}: {imu.seconds[-1]:.0f} s, {imu.stamps_ns.size} IMU samples, "

@@ -74,7 +74,22 @@ def load_folder(
     datasheet = _read_datasheet(root / imu / "sensor.yaml", own[0])
     warnings = [one for part in own for one in part]
     urdf = _read_urdf(path, settings, warnings, needed=joints is not None)
+    settings = settings.of_imu(imu)
     return Recording(path, samples, poses, joints, settings, tuple(warnings), datasheet, urdf, table=turned)
+
+
+def imus_in(path: Path) -> tuple[str, ...]:
+    """Return the names of the IMUs in a recording folder, `imu0`, `imu1`, …, in the order of their numbers."""
+    root = path if (path / "imu0").is_dir() else path / "mav0"
+    found = [folder.name for folder in root.glob("imu*") if re.fullmatch(r"imu\d+", folder.name) and folder.is_dir()]
+    return tuple(sorted(found, key=lambda name: int(name[3:])))
+
+
+def load_imu(path: Path, name: str) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
+    """Return the readings of one IMU in a recording folder, as they were recorded, and what was found in them."""
+    warnings: list[DataWarning] = []
+    root = path if (path / "imu0").is_dir() else path / "mav0"
+    return _read_imu(_imu_folder(root, name), warnings), tuple(warnings)
 
 
 def _imu_folder(root: Path, name: str) -> Path:

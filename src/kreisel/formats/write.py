@@ -12,7 +12,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.formats.input_formats import SUFFIXES
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.recording_settings import RecordingSettings
 
 _IMU_HEADER = "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
@@ -125,11 +125,7 @@ def add_reference(path: Path, reference: ReferencePoses | None, joints: JointAng
 
 
 def _write_streams(recording: Recording, path: Path) -> None:
-    imu = recording.imu
-    header, readings = _IMU_HEADER, np.hstack([imu.rates, imu.accelerations])
-    if imu.temperature is not None:
-        header, readings = f"{header},temperature [degC]", np.column_stack([readings, imu.temperature])
-    _write_table(path / "imu0", header, imu.stamps_ns, readings)
+    write_imu(recording.imu, path / "imu0")
     _write_reference(path, recording.reference, recording.joints)
     if recording.table is not None:
         table = recording.table
@@ -164,6 +160,15 @@ def _folder_name(name: str) -> str:
     return f"pose_{name}" if name.startswith(("imu", "cam", "joint", "table")) else name
 
 
+def write_imu(imu: ImuSamples, folder: Path) -> None:
+    """Write an IMU's readings as the table of a new folder, with its temperature where it was recorded."""
+    header, parts = _IMU_HEADER, [imu.rates, imu.accelerations]
+    if imu.temperature is not None:
+        header += ",temperature [degC]"
+        parts.append(imu.temperature[:, None])
+    _write_table(folder, header, imu.stamps_ns, np.hstack(parts))
+
+
 def write_imu_table(path: Path, stamps: Stamps, rates: Array, accelerations: Array) -> None:
     """Write readings (n, 3) each, rad/s and m/s^2, as a table in a file of its own."""
     _write_rows(path, _IMU_HEADER, stamps, np.hstack([rates, accelerations]))
@@ -187,6 +192,7 @@ def _write_rows(path: Path, header: str, stamps: Stamps, values: Array) -> None:
 def settings_toml(settings: RecordingSettings) -> str:
     """Return the settings that are set as TOML, empty where none is."""
     tables = settings.model_dump(exclude_none=True)
+    tables |= tables.pop("imus") | tables.pop("devices")
     return "\n".join(toml_table(name, table) for name, table in tables.items() if table)
 
 

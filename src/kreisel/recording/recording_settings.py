@@ -148,8 +148,9 @@ class ColumnsTable(_Table):
 class RecordingSettings(_Table):
     """The whole of `recording.toml`.
 
-    `fixed` and `prior` are what the user knows of single parameters, or of groups of them, as texts by their names:
-    "true" or a value in JSON, and "value +- standard deviation"; see `model.stated_parameters`.
+    `imus` and `devices` are tables of single IMUs, [imu1] and [device1] for the readings in `imu1`; without one [imu]
+    and [device] hold. `fixed` and `prior` are what the user knows of single parameters, or of groups of them, as texts
+    by their names: "true" or a value in JSON, and "value +- standard deviation"; see `model.stated_parameters`.
     """
 
     imu: ImuTable = ImuTable()
@@ -159,8 +160,16 @@ class RecordingSettings(_Table):
     device: DeviceTable = DeviceTable()
     certificate: CertificateTable = CertificateTable()
     columns: ColumnsTable | None = None
+    imus: dict[str, ImuTable] = {}
+    devices: dict[str, DeviceTable] = {}
     fixed: dict[str, str] = {}
     prior: dict[str, str] = {}
+
+    def of_imu(self, name: str) -> RecordingSettings:
+        """Return the settings with the tables of one IMU, named as its folder."""
+        number = name.removeprefix("imu")
+        own = {"imu": self.imus.get(name, self.imu), "device": self.devices.get(f"device{number}", self.device)}
+        return self.model_copy(update=own)
 
     @field_validator("fixed", "prior", mode="before")
     @classmethod
@@ -184,6 +193,9 @@ def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
 
 _OPEN = ("fixed", "prior")
 """Tables whose keys are names of parameters."""
+
+_OF_ONE_IMU = {"imu": "imus", "device": "devices"}
+"""Tables that single IMUs have too, with the IMU's number behind the name, and where they are kept."""
 
 _TABLES: dict[str, type[BaseModel]] = {
     "imu": ImuTable,
@@ -217,18 +229,27 @@ def read_settings(path: Path) -> RecordingSettings:
             f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
         ) from error
     for name, table in content.items():
-        if name not in _TABLES and name not in _OPEN:
+        kind = _kind_of(name)
+        if kind not in _TABLES and kind not in _OPEN:
             raise RecordingError(unknown_name("table", name, (*_TABLES, *_OPEN)), file=path)
         if not isinstance(table, dict):
             raise RecordingError(f"'{name}' must be a table: write [{name}]", file=path)
-        for key in table if name in _TABLES else ():
-            if key not in _TABLES[name].model_fields:
-                raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[name].model_fields), file=path)
+        for key in table if kind in _TABLES else ():
+            if key not in _TABLES[kind].model_fields:
+                raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[kind].model_fields), file=path)
+    for name in [name for name in content if _kind_of(name) != name]:
+        content.setdefault(_OF_ONE_IMU[_kind_of(name)], {})[name] = content.pop(name)
     try:
         # strict: "0.001" and true are not numbers
         return RecordingSettings.model_validate(content, strict=True)
     except ValidationError as error:
         raise RecordingError(what_is_wrong(error), file=path) from error
+
+
+def _kind_of(name: str) -> str:
+    """Return which table one of this name is: [imu1] is one of [imu]."""
+    plain = name.rstrip("0123456789")
+    return plain if plain in _OF_ONE_IMU else name
 
 
 def what_is_wrong(error: ValidationError) -> str:

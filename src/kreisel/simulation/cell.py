@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import SettingsError
-from kreisel.geometry.rotation import Array, Mask, apply, conjugate, exp, from_matrix, multiply
+from kreisel.geometry.rotation import Array, Mask, apply, conjugate, exp, from_matrix, log, multiply
 from kreisel.inertial.earth import earth_rate_n, normal_gravity
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SensorParameters
@@ -90,6 +90,12 @@ class Truth:
 _SAME_IN_ALL_RUNS = ("sensor", "effects", "arm", "site")
 """Streams of a cell that its recordings have in common: device, arm and place."""
 
+_OWN_OF_UNITS = ("sensor", "imu", "effects", "slip", "drift", "faults", "stamps", "own_clock")
+"""Streams that every IMU on a tool has for itself; motion, arm, poses and vibration are those of all."""
+
+_UNITS = 1 << 24
+"""Added to the number of an IMU, so that its random numbers are those of no run."""
+
 _RUNS = 1 << 20
 """Added to the number of a run, so that its random numbers are those of no trial."""
 
@@ -115,15 +121,20 @@ class _Streams:
     reference: np.random.Generator
     stamps: np.random.Generator
     physics: np.random.Generator
+    own_clock: np.random.Generator
 
     @classmethod
-    def of(cls, cell: Cell, trial: int | None) -> _Streams:
+    def of(cls, cell: Cell, trial: int | None, unit: int = 0) -> _Streams:
         key = () if trial is None else (trial,)
         streams = cls._from(cell.seed, key)
-        if cell.run == 0:
+        if cell.run != 0:
+            same = {name: getattr(streams, name) for name in _SAME_IN_ALL_RUNS}
+            streams = replace(cls._from(cell.seed, (*key, _RUNS + cell.run)), **same)
+        if unit == 0:
             return streams
-        same = {name: getattr(streams, name) for name in _SAME_IN_ALL_RUNS}
-        return replace(cls._from(cell.seed, (*key, _RUNS + cell.run)), **same)
+        of_unit, of_run = (cls._from(cell.seed, (*key, *more, _UNITS + unit)) for more in ((), (_RUNS + cell.run,)))
+        own = {name: getattr(of_unit if name in _SAME_IN_ALL_RUNS else of_run, name) for name in _OWN_OF_UNITS}
+        return replace(streams, **own)
 
     @classmethod
     def _from(cls, seed: int, key: tuple[int, ...]) -> _Streams:
@@ -137,6 +148,7 @@ def simulate(
     progress: Progress | None = None,
     trial: int | None = None,
     program: Program | None = None,
+    unit: int = 0,
 ) -> tuple[Truth, Recording]:
     """Return the recording of a virtual cell, and its true values; nothing is written.
 
@@ -148,6 +160,8 @@ def simulate(
         Number of a trial of a study: its random numbers come from that child of the cell's seed.
     program
         What the arm does, in the place of the cell's motion; its moves are straight in joint angles.
+    unit
+        Number of the IMU on the tool; see `cell_settings.Tray`.
 
     Raises
     ------
@@ -157,7 +171,7 @@ def simulate(
     if cell.motion.kind != "arm":  # what an arm errs by from rest to rest
         none = {"repeatability_position_sd": 0.0, "repeatability_orientation_sd": 0.0}
         cell = cell.model_copy(update={"errors": cell.errors.model_copy(update=none)})
-    streams = _Streams.of(cell, trial)
+    cell, streams = _cell_of(cell, unit), _Streams.of(cell, trial, unit)
     say = progress or (lambda _step, _share: None)
     say("plan motion", 0.0)
     nominal = load_arm(cell.robot.model, cell.robot.tcp)
@@ -172,6 +186,8 @@ def simulate(
         effects,
         draw_slip(streams.slip, cell.imu, min(cell.seconds, planned.seconds)),
         RandomPhysics.of(cell.unlisted, streams.physics, partial(_jacobian, nominal)),
+        _OwnClock.of(cell, streams.own_clock, unit),
+        f"imu{unit}",
     )
     say("move the IMU", 0.2)
     motion = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
@@ -188,8 +204,9 @@ def simulate(
     draws = ReferenceDraws(streams.path, streams.jitter, streams.clock, streams.reference)
     reference, joints = report_poses(cell, planned, measure, draws, path, device.physics)
     r = cell.reference
+    offset, skew = device.clock.against(int(reference.stamps_ns[0]), r.clock_offset, r.clock_drift_ppm * 1e-6)
     truth = Truth(
-        device.sensors, r.clock_offset, r.clock_drift_ppm * 1e-6, gravity, earth, own, actual,
+        device.sensors, offset, skew, gravity, earth, own, actual,
         device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing,
     )  # fmt: skip
     return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
@@ -266,6 +283,56 @@ class _Device:
     effects: DeviceEffects
     slip: Slip | None
     physics: RandomPhysics
+    clock: _OwnClock
+    name: str
+
+
+@dataclass(frozen=True)
+class _OwnClock:
+    """The clock of a further IMU: its stamps of the times t since the first sample of the first IMU.
+
+    Attributes
+    ----------
+    offset, drift
+        s and 1.
+    phase
+        Share of a sampling interval by which it samples later.
+    """
+
+    offset: float = 0.0
+    drift: float = 0.0
+    phase: float = 0.0
+
+    @classmethod
+    def of(cls, cell: Cell, rng: np.random.Generator, unit: int) -> _OwnClock:
+        if unit == 0:
+            return cls()
+        offset, drift = rng.normal(size=2) * [cell.tray.clock_offset, 1e-6 * cell.tray.clock_drift_ppm]
+        return cls(float(offset), float(drift), float(rng.uniform()) if offset or drift else 0.0)
+
+    def stamped(self, t: Array) -> Array:
+        """Return what it shows at times t (n,), s."""
+        return np.asarray(t + (self.offset + self.drift * t))
+
+    def against(self, first_pose_ns: int, offset: float, skew: float) -> tuple[float, float]:
+        """Return offset and drift against the reference's clock, from those of the first IMU's."""
+        at = 1e-9 * (first_pose_ns - START_NS) + offset
+        return float(self.stamped(np.array([at]))[0] - at + offset), skew + self.drift * (1.0 + skew)
+
+
+def _cell_of(cell: Cell, unit: int) -> Cell:
+    """Return the cell with the place of one of the IMUs on its tool."""
+    tray = cell.tray
+    still = {"slip_deg": 0.0} if tray.slipping not in (None, unit) else {}
+    if unit == 0:
+        return cell.model_copy(update={"imu": cell.imu.model_copy(update=still)})
+    width = int(np.ceil(np.sqrt(tray.units)))
+    place = np.array(cell.imu.lever_arm) + tray.spacing * np.array([unit % width, unit // width, 0.0])
+    mount = exp(DEG * np.array(cell.imu.mounting_deg))
+    if unit % 2:
+        mount = multiply(mount, exp(DEG * np.array(tray.turned_deg)))
+    own = {"lever_arm": tuple(place), "mounting_deg": tuple(log(mount) / DEG)} | still
+    return cell.model_copy(update={"imu": cell.imu.model_copy(update=own)})
 
 
 def _imu(
@@ -275,7 +342,7 @@ def _imu(
     grade = GRADES[cell.imu.grade]
     rate = cell.imu.rate or grade.rate
     n = round(min(cell.seconds, planned.seconds) * rate) + 1
-    t = np.arange(n) / rate
+    t = np.asarray((np.arange(n) + device.clock.phase) / rate, dtype=float)
     shake = vibration(streams.vibration, cell.imu, planned, t)
     temperature = temperature_of(cell.imu, t)
     temperature_difference = None if temperature is None else temperature - temperature.mean()
@@ -290,13 +357,13 @@ def _imu(
     readings = with_faults(streams.faults, cell.imu, *readings)
     r = cell.reference
     own_clock = t + 1e-6 * r.clock_drift_ppm * (t - MARGIN) if r.clock_is_true else t
-    stamps = START_NS + np.round(own_clock * 1e9).astype(np.int64)
-    keep = streams.imu.uniform(size=n) >= cell.imu.drop_share
+    stamps = START_NS + np.round(device.clock.stamped(own_clock) * 1e9).astype(np.int64)
+    keep: Mask = streams.imu.uniform(size=n) >= cell.imu.drop_share
     keep &= ~_in_gap(streams.faults.spawn(1)[0], cell.imu.gap, t)
     keep[[0, -1]] = True
     samples = ImuSamples(
         stamped(cell.imu, streams.stamps, stamps, keep),
-        readings[0][keep], readings[1][keep], path / "imu0" / "data.csv",
+        readings[0][keep], readings[1][keep], path / device.name / "data.csv",
         temperature=None if temperature is None else temperature[keep],
     )  # fmt: skip
     return samples, offset_change(drift, (noises[0].slow, noises[1].slow))

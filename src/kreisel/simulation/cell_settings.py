@@ -240,6 +240,17 @@ class Unlisted(_Table):
     reference_drift: float = _key(0.0, "m and rad per root s: its random walk", ge=0.0, le=0.1)
 
 
+class Tray(_Table):
+    """Further IMUs on the same tool, each a device of its own."""
+
+    units: int = _key(1, "IMUs on the tool, in a square grid from the lever arm on", ge=1, le=256)
+    spacing: float = _key(0.05, "m between neighbours, along x and y of the tool", ge=0.0, le=1.0)
+    turned_deg: tuple[float, float, float] = _key((0.0, 0.0, 0.0), "rotation vector of odd units against even ones")
+    clock_offset: float = _key(0.0, "s: standard deviation of the offset of a further unit's clock", ge=0.0, le=1e4)
+    clock_drift_ppm: float = _key(0.0, "the same of its drift", ge=0.0, le=5000.0)
+    slipping: int | None = _key(None, "number of the only unit that imu.slip_deg turns", ge=0, lt=256)
+
+
 class Cell(_Table):
     """A virtual cell."""
 
@@ -256,6 +267,7 @@ class Cell(_Table):
     site: Site = Site()
     stated: Stated = Stated()
     unlisted: Unlisted = Unlisted()
+    tray: Tray = Tray()
 
 
 def read_cell(path: Path) -> Cell:

@@ -115,6 +115,27 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     return Correlation(clock, final)
 
 
+def correlate_imus(imu: ImuSamples, other: ImuSamples) -> Correlation:
+    """Return the clock relation of two IMUs on one body, found by correlation of their rates' norms.
+
+    tau of the clock counts the seconds of `other`. Stamps of one clock need no search. The coefficient is that of what
+    was found, however small; NaN where one of them does not move.
+    """
+    step = max(0.01, 0.5 * max(imu.interval, other.interval), float(imu.seconds[-1]) / _FINE_POINTS)
+    window = max(0.06, 2.0 * max(imu.interval, other.interval))
+    x, y = (
+        _even_norm(one.seconds, one.rates, np.median(one.rates[quietest_second(one)], axis=0), 0.0, step, window)
+        for one in (imu, other)
+    )
+    if min(np.std(x.value), np.std(y.value)) == 0.0:
+        return Correlation(Clock(0.0), float("nan"))
+    same = Clock(1e-9 * float(int(other.stamps_ns[0]) - int(imu.stamps_ns[0])))
+    if _coefficient(x, y, same) >= _SURE_IN_PART:
+        clock = _track(x, y, same)
+        return Correlation(clock, _coefficient(x, y, clock))
+    return Correlation(*_related(x, y))
+
+
 def _related(x: _Norm, y: _Norm) -> tuple[Clock, float]:
     """Return the clock relation by which two norms correlate best, and their coefficient."""
     clock = _track(x, y, _search(x, y))

@@ -1,0 +1,61 @@
+"""Where two units lie against each other, by the frames of their accelerometers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.calibration.device_axes import linearised
+from kreisel.geometry.rotation import Array, from_matrix, log, skew
+from kreisel.inertial.sensor_model import SensorParameters
+
+
+@dataclass(frozen=True)
+class RelativePose:
+    """Frame of one unit in the frame of the reference unit; see `device_axes.AXES`, imu.
+
+    Attributes
+    ----------
+    position : (3,)
+        Of the middle of its accelerometers, m.
+    rotation : (3, 3)
+        Turns a vector from its axes to those of the reference unit.
+    covariance : (6, 6)
+        Of position, m, and of a rotation vector in axes of the reference unit, rad.
+    """
+
+    position: Array
+    rotation: Array
+    covariance: Array
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `array.yaml` says of it."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return {
+            "position": self.position.tolist(),
+            "rotation": self.rotation.tolist(),
+            "rotation_vector": log(from_matrix(self.rotation)).tolist(),
+            "standard_deviation": {"position": sd[:3].tolist(), "rotation": sd[3:].tolist()},
+        }
+
+
+def relative_pose(reference: SensorParameters, own: SensorParameters, covariance: Array) -> RelativePose:
+    """Return where a unit lies against the reference unit.
+
+    Parameters
+    ----------
+    covariance : (66, 66)
+        Of the parameters `device_axes.NAMES` of the reference unit, and of the unit.
+    """
+    base, unit = linearised(reference, "imu"), linearised(own, "imu")
+    C = base.rotation.T @ unit.rotation
+    p = base.rotation.T @ (unit.origin - base.origin)
+    J = np.zeros((6, 66))
+    J[:3, :33] = -base.rotation.T @ base.J_mounting[3:] + skew(p) @ base.J_mounting[:3]
+    J[:3, 33:] = base.rotation.T @ unit.J_mounting[3:]
+    J[3:, :33] = -base.J_mounting[:3]
+    J[3:, 33:] = C @ unit.J_mounting[:3]
+    return RelativePose(p, C, J @ covariance @ J.T)

@@ -1,0 +1,86 @@
+"""Readings of an IMU at the times of another one, by cubics through four neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Mask
+from kreisel.inertial.slopes import LONGEST_GAP, usual_interval
+from kreisel.recording.recording import ImuSamples
+from kreisel.synchronization.clock import Clock
+
+_CLIPPED = 3
+"""Equal readings at an end of the range, and next to each other, from which on they count as clipped. Chosen: noise
+rarely gives the largest reading thrice; a device at its limit always does."""
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """Readings at given times.
+
+    Attributes
+    ----------
+    rates, forces : (n, 3)
+        Raw.
+    temperature : (n,) or None
+    known : (n,)
+        Whether there are readings around; the others are zero.
+    """
+
+    rates: Array
+    forces: Array
+    temperature: Array | None
+    known: Mask
+
+
+def resampled(imu: ImuSamples, clock: Clock, times: Array) -> Resampled:
+    """Return the readings of an IMU at times of another one.
+
+    Parameters
+    ----------
+    clock
+        t = start + (1 + skew) tau, with tau the seconds of `imu`.
+    times : (n,)
+        t, ascending.
+    """
+    own = imu.seconds
+    tau = clock.reference_time(times)
+    last = np.clip(np.searchsorted(own, tau, side="right"), 1, own.size - 1)
+    first = np.clip(last - 2, 0, own.size - 4)
+    known = (tau >= own[0]) & (tau <= own[-1])
+    known &= (own[last] - own[last - 1]) <= max(LONGEST_GAP, 5.0 * usual_interval(own))
+    clipped = clipped_samples(imu.rates) | clipped_samples(imu.accelerations)
+    places = first[:, None] + np.arange(4)
+    known &= ~clipped[places].any(axis=1)
+    weights = _lagrange(own[places] - tau[:, None])
+    values = np.where(known[:, None], np.einsum("nk,nkj->nj", weights, _joined(imu)[places]), 0.0)
+    temperature = values[:, 6] if imu.temperature is not None else None
+    return Resampled(values[:, :3], values[:, 3:6], temperature, known)
+
+
+def _joined(imu: ImuSamples) -> Array:
+    parts = [imu.rates, imu.accelerations]
+    return np.hstack(parts if imu.temperature is None else [*parts, imu.temperature[:, None]])
+
+
+def _lagrange(x: Array) -> Array:
+    """Return weights (n, 4) of values at x (n, 4) in that at zero of the cubic through them."""
+    out = np.ones_like(x)
+    for k in range(4):
+        for j in range(4):
+            if j != k:
+                out[:, k] *= x[:, j] / (x[:, j] - x[:, k])
+    return out
+
+
+def clipped_samples(values: Array) -> Mask:
+    """Return which samples of a triad (n, 3) lie at the end of its range, (n,)."""
+    out = np.zeros(len(values), dtype=bool)
+    for column in np.abs(values).T:
+        at_end = column >= column.max() * (1.0 - 1e-12)
+        runs = at_end[2:] & at_end[1:-1] & at_end[:-2]
+        if int(at_end.sum()) >= _CLIPPED and runs.any():
+            out |= at_end
+    return out

@@ -1,0 +1,404 @@
+"""A tray of units on one robot: the mean is calibrated by the reference, each unit by the mean's motion.
+
+The likelihood of all readings is that of the mean's given the motion, times that of the units' differences from it,
+which does not depend on the reference. So one run of the estimator, with all that it finds of arm and clocks, serves
+all units; each of them costs a linear fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from kreisel.array.common_motion import BodyMotion, MotionErrors
+from kreisel.array.mean_imu import Aligned, MeanImu, align, gains_of
+from kreisel.array.mount_watch import Turn, turn_of
+from kreisel.array.relative_pose import RelativePose, relative_pose
+from kreisel.array.resampled import Resampled, resampled
+from kreisel.array.tray_result import mover_of, own_covariance, spread_of, unit_calibration
+from kreisel.array.unit_clock import clock_of
+from kreisel.array.unit_fit import UnitFit, fit_unit
+from kreisel.calibration.calibrate import run_calibration
+from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.result import Calibration
+from kreisel.calibration.result_sections import Verdict
+from kreisel.errors import KreiselError, RecordingError, SettingsError
+from kreisel.formats.folder import load_imu
+from kreisel.geometry.rotation import Array
+from kreisel.inertial.correction import Block
+from kreisel.inertial.effects import EFFECTS
+from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.progress import Progress
+from kreisel.recording.recording import Recording
+from kreisel.synchronization.clock import Clock
+from kreisel.tasks import Executor, sequential
+from kreisel.validation.checks import check_streams
+
+_ROOM = 1 << 29
+"""Bytes of readings that are kept; others are read again. Chosen: sixteen units of an hour, or 50 of ten minutes."""
+
+_PASSING = ("gyro_gauss_markov", "accel_gauss_markov")
+
+MIN_UNITS = 3
+"""Units among which one that disagrees with the others can be named."""
+
+_NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
+
+
+@dataclass(frozen=True)
+class UnitOutcome:
+    """One unit of a tray.
+
+    Attributes
+    ----------
+    share : (2,)
+        Of gyros and accelerometers in the mean.
+    turn
+        Its turn on its mount during the recording, where there was one.
+    """
+
+    name: str
+    calibration: Calibration
+    fit: UnitFit
+    share: Array
+    turn: Turn | None
+
+
+@dataclass(frozen=True)
+class TrayOutcome:
+    """The units of a tray, the mean by which they were calibrated, and which could not be used, with the reasons.
+
+    Attributes
+    ----------
+    poses
+        Where the units lie against the first one, by name.
+    gain : (2,)
+        How many equal units have the noise of the mean, of gyros and accelerometers.
+    """
+
+    recording: Recording
+    mean: Outcome
+    units: tuple[UnitOutcome, ...]
+    left_out: tuple[tuple[str, str], ...]
+    poses: dict[str, RelativePose]
+    gain: Array
+
+    @property
+    def reference(self) -> str:
+        """The unit in whose axes the others' places are given."""
+        return self.units[0].name
+
+    @property
+    def clocks(self) -> dict[str, Clock]:
+        """Clocks of the other units by name: seconds of the reference unit from those of a unit, each from its first."""
+        base = self.units[0].fit.clock
+        return {unit.name: _against(base, unit.fit.clock) for unit in self.units[1:]}
+
+    def _clock_document(self, name: str) -> dict[str, float]:
+        """Return what `array.yaml` says of a unit's clock."""
+        clock = self.clocks[name]
+        first = {unit.name: unit.calibration.recording for unit in self.units}
+        begin, own = first[self.reference], first[name]
+        offset = 0.0
+        if begin is not None and own is not None and begin.begin_ns is not None and own.begin_ns is not None:
+            offset = clock.offset(begin.begin_ns, own.begin_ns)
+        found = {"offset": offset, "offset_sd": clock.start_sd, "skew": clock.skew, "skew_sd": clock.skew_sd}
+        return {name: float(value) for name, value in found.items()}
+
+    @property
+    def array_document(self) -> dict[str, object]:
+        """The content of `array.yaml`."""
+        return {
+            "schema": "kreisel-array-1",
+            "reference": self.reference,
+            "axes": "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; "
+            "origin in the middle of its accelerometers; rotation turns vectors of a unit into them",
+            "clock": "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s",
+            "imus": {name: {**pose.document, "clock": self._clock_document(name)} for name, pose in self.poses.items()},
+            "left_out": dict(self.left_out),
+        }
+
+
+def _against(base: Clock, own: Clock) -> Clock:
+    """Return the clock of a unit against that of the base unit, both given against a third one."""
+    start, skew = base.reference_time(np.array([own.start]))[0], (1.0 + own.skew) / (1.0 + base.skew) - 1.0
+    return Clock(
+        float(start), skew, float(np.hypot(base.start_sd, own.start_sd)), float(np.hypot(base.skew_sd, own.skew_sd))
+    )
+
+
+def calibrate_tray(
+    read: Callable[[str], Recording],
+    names: Sequence[str],
+    settings: CalibrationSettings,
+    progress: Progress | None = None,
+    *,
+    executor: Executor = sequential,
+    validate: bool = False,
+) -> TrayOutcome:
+    """Return the calibrations of all units of a recording folder.
+
+    Parameters
+    ----------
+    read
+        Returns the recording with the readings of one IMU; see `unit_reader`.
+    names
+        Of the IMUs; the reference and what is stated of it are those of the first one's recording.
+    progress
+        Called with the name of the step and the share of it that is done.
+
+    Raises
+    ------
+    KreiselError
+        If the recording cannot be used, or no two units move together.
+    """
+    _check(settings)
+    tray = _Tray.of(_Kept(read), names, progress)
+    turned: dict[str, Turn] = {}
+    while True:
+        mean = run_calibration(
+            tray.mean_recording(), settings, progress, executor=executor, validate=validate, budget=True
+        )
+        found = _fitted(tray, mean, progress)
+        worst = max(
+            (name for name in found.turns if name not in turned), key=lambda n: found.turns[n].weight, default=None
+        )
+        if worst is None or len(tray.units) - len(turned) <= MIN_UNITS - 1:
+            break
+        turned[worst] = found.turns[worst]
+        tray.take_out(worst)
+    return _outcome(tray, mean, found, turned)
+
+
+def _check(settings: CalibrationSettings) -> None:
+    if settings.size_effect is not SizeEffect.COMPLETED:
+        raise SettingsError("several IMUs are calibrated with the completed size effect; leave out --size-effect")
+    if settings.only is not None or settings.use is not None:
+        raise SettingsError("--only and --use are for one IMU; choose it with --imu")
+    fixed = [group for group in _NEEDED if group in settings.fixed]
+    if fixed:
+        raise SettingsError(f"--fix {fixed[0]} is for one IMU; choose it with --imu")
+
+
+class _Kept:
+    """Recordings of units, read again where not all have room in memory."""
+
+    def __init__(self, read: Callable[[str], Recording]) -> None:
+        self._read, self._size = read, 0
+        self._kept: dict[str, Recording] = {}
+
+    def __call__(self, name: str) -> Recording:
+        if name in self._kept:
+            return self._kept[name]
+        recording = self._read(name)
+        size = recording.imu.rates.nbytes + recording.imu.accelerations.nbytes + recording.imu.stamps_ns.nbytes
+        if self._size + size <= _ROOM:
+            self._kept[name] = recording
+            self._size += size
+        return recording
+
+
+class _Tray:
+    """The units of a tray that can be used, how each is brought to the first one's readings, and their mean."""
+
+    def __init__(
+        self, read: _Kept, base: Recording, units: dict[str, Aligned], left_out: dict[str, str], mean: MeanImu
+    ) -> None:
+        self.recording, self.base, self.units, self.left_out, self._mean = read, base, units, left_out, mean
+        self.in_mean = set(units)
+
+    @classmethod
+    def of(cls, read: _Kept, names: Sequence[str], progress: Progress | None) -> _Tray:
+        """Return the tray; units that cannot be used are left out with the reason."""
+        base = read(names[0])
+        times = base.imu.seconds
+        mean, units, left_out = MeanImu(times), {}, {}
+        own = resampled(base.imu, Clock(0.0), times)
+        for k, name in enumerate(names):
+            if progress is not None:
+                progress("bring units together", k / len(names))
+            try:
+                imu = read(name).imu
+                clock = Clock(0.0) if k == 0 else clock_of(imu, base.imu)
+                readings = own if k == 0 else resampled(imu, clock, times)
+                units[name] = align(name, imu, clock, readings, own)
+            except KreiselError as error:
+                if k == 0:
+                    raise
+                left_out[name] = _words(error)
+                continue
+            mean.add(units[name], readings)
+        if len(units) < 2:
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+            raise RecordingError(
+                f"no other IMU moves with {names[0]}: {reasons}; choose one with --imu", file=base.path
+            )
+        return cls(read, base, units, left_out, mean)
+
+    def readings(self, name: str) -> Resampled:
+        """Return a unit's readings at the base unit's times."""
+        return resampled(self.recording(name).imu, self.units[name].clock, self.base.imu.seconds)
+
+    def take_out(self, name: str) -> None:
+        """Take a unit out of the mean."""
+        self._mean.add(self.units[name], self.readings(name), -1.0)
+        self.in_mean.discard(name)
+
+    def mean_recording(self) -> Recording:
+        """Return the recording of the mean."""
+        return self._mean.recording(self.base)
+
+    @property
+    def gain(self) -> Array:
+        """See `TrayOutcome.gain`."""
+        return self._mean.gain
+
+    def shares(self) -> dict[str, Array]:
+        """Return the share of each unit in the mean; those that were taken out have none."""
+        names = sorted(self.in_mean)
+        shares = dict(zip(names, gains_of([self.units[name] for name in names]), strict=True))
+        return {name: shares.get(name, np.zeros(2)) for name in self.units}
+
+
+def unit_reader(base: Recording) -> Callable[[str], Recording]:
+    """Return what reads the recordings of single IMUs of a folder, with the reference of the first one's.
+
+    Its function raises a RecordingError if readings cannot be read, or are not possible.
+    """
+
+    def read(name: str) -> Recording:
+        if base.imu.source.parent.name == name:
+            return base
+        imu, warnings = load_imu(base.path, name)
+        alone = Recording(base.path, imu, None, settings=base.settings.of_imu(name), warnings=warnings)
+        return replace(check_streams(alone), reference=base.reference, joints=base.joints, urdf=base.urdf)
+
+    return read
+
+
+def _words(error: KreiselError) -> str:
+    return str(error).replace("\n", " ")
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Fits of all units that can be fitted, and which turned on their mounts."""
+
+    fits: dict[str, UnitFit]
+    turns: dict[str, Turn]
+    failed: dict[str, str]
+
+
+def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None) -> _Fitted:
+    """Return the fits of all units by the mean's motion."""
+    imu, calibration = mean.preparation.recording.imu, mean.calibration
+    warmth = imu.temperature_difference
+    raw = Block(imu.seconds, imu.rates, imu.accelerations, warmth)
+    motion = BodyMotion.of(raw, calibration.sensors)
+    errors = MotionErrors.of(raw, *mover_of(calibration))
+    sizes = _sizes(calibration)
+    # the mean's seconds may be those of the reference, or begin later
+    own = tray.base.imu
+    shift = 1e-9 * float(int(imu.stamps_ns[0]) - int(own.stamps_ns[0]))
+    scale = float(imu.seconds[-1]) / (1e-9 * float(int(imu.stamps_ns[-1]) - int(imu.stamps_ns[0])))
+    fits, turns, failed = {}, {}, {}
+    for k, (name, unit) in enumerate(tray.units.items()):
+        if progress is not None:
+            progress("fit units", k / len(tray.units))
+        clock = unit.clock
+        clock = Clock((clock.start - shift) * scale, (1.0 + clock.skew) * scale - 1.0)
+        try:
+            fits[name] = fit_unit(
+                tray.recording(name).imu, clock, motion, errors, _start(calibration.sensors, unit), sizes,
+                imu.usual_temperature,
+            )  # fmt: skip
+        except KreiselError as error:
+            failed[name] = _words(error)
+            continue
+        turn = turn_of(fits[name].parts)
+        if turn is not None:
+            turns[name] = turn
+    return _Fitted(fits, turns, failed)
+
+
+def _sizes(calibration: Calibration) -> dict[str, int]:
+    """Return the effects that were estimated of the mean, and their numbers of parameters."""
+    values = calibration.sensors.effects
+    return {
+        group: np.asarray(values[group]).size
+        for group in EFFECTS
+        if group in values and group not in _PASSING and np.any(values[group])
+    }
+
+
+def _start(mean: SensorParameters, aligned: Aligned) -> SensorParameters:
+    """Return start values of a unit's parameters, by those of the mean and how it is brought to it."""
+    C_w, C_a = aligned.gyro, aligned.accel
+    k_w, k_a = mean.k_w.copy(), mean.k_a.copy()
+    k_w[0] = np.linalg.solve(C_w[:, :3], mean.k_w[0] + C_w[:, 3])
+    k_a[0] = np.linalg.solve(C_a[:, :3], mean.k_a[0] + C_a[:, 3])
+    others = {group: value for group, value in mean.others.items() if group not in _PASSING}
+    return SensorParameters(mean.K_omega @ C_w[:, :3], k_w, mean.K_a @ C_a[:, :3], k_a, mean.lever_arms.copy(), others)
+
+
+def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]) -> TrayOutcome:
+    """Return calibrations and relative poses of all units."""
+    prepared = mean.preparation.recording.imu
+    seconds = float(prepared.seconds[-1])
+    clock, shares = mean.estimate.run.parameters.clock, tray.shares()
+    turns = found.turns | turned
+    units = []
+    for name, fit in found.fits.items():
+        spread = spread_of(fit, mean.calibration, seconds)
+        turn = turns.get(name)
+        own = tray.recording(name)
+        calibration = unit_calibration(fit, mean.calibration, own, spread, _verdict(mean, turn), own.warnings, clock)
+        units.append(UnitOutcome(name, calibration, fit, shares[name], turn))
+    left_out = tuple((tray.left_out | found.failed).items())
+    return TrayOutcome(tray.base, mean, tuple(units), left_out, _poses(mean, units), tray.gain)
+
+
+def _verdict(mean: Outcome, turn: Turn | None) -> Verdict:
+    """Return the verdict of a unit: that of the mean, and against a unit that turned."""
+    verdict = mean.verdict
+    if turn is None:
+        return verdict
+    angle = 1e3 * float(np.linalg.norm(turn.angle))
+    reason = f"it turned on its mount by {angle:.2g} mrad, {turn.seconds:.0f} s after the beginning; fasten it"
+    sensors = dict.fromkeys(verdict.sensors, "rejected")
+    return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
+
+
+def _poses(mean: Outcome, units: Sequence[UnitOutcome]) -> dict[str, RelativePose]:
+    """Return where the units lie against the first."""
+    n = mover_of(mean.calibration)[1]
+    P = mean.calibration.covariance[:n, :n]
+    base = units[0]
+    R0, T0 = own_covariance(base.fit)
+    out = {}
+    for unit in units[1:]:
+        R, T = own_covariance(unit.fit)
+        both = np.vstack([T0, T])
+        covariance = both @ P @ both.T
+        # differences from a mean that contains them: the noise of two units is not independent
+        among = -0.5 * (_odds(base.share) * R0 + _odds(unit.share) * R)
+        covariance += np.block([[R0, among], [among.T, R]])
+        out[unit.name] = relative_pose(base.calibration.sensors, unit.calibration.sensors, covariance)
+    return out
+
+
+def _odds(share: Array) -> float:
+    """Return share / (1 - share), of the mean over both kinds of sensors."""
+    own = float(np.mean(share))
+    return own / max(1.0 - own, 1e-9)
+
+
+def imu_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the IMUs in a recording folder; empty where the path is none."""
+    from kreisel.formats.folder import imus_in, is_folder
+
+    return imus_in(path) if is_folder(path) else ()

@@ -1,0 +1,26 @@
+"""The clock of an IMU against that of another one on the same body, by the norms of their rates."""
+
+from __future__ import annotations
+
+from kreisel.errors import SynchronizationError
+from kreisel.recording.recording import ImuSamples
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.correlation import MIN_CORRELATION, correlate_imus
+
+
+def clock_of(imu: ImuSamples, reference: ImuSamples) -> Clock:
+    """Return the clock t = start + (1 + skew) tau, with tau the seconds of `imu` and t those of `reference`.
+
+    Raises
+    ------
+    SynchronizationError
+        If their rates do not correlate: they did not move as one body.
+    """
+    found = correlate_imus(reference, imu)
+    if not found.coefficient >= MIN_CORRELATION:
+        raise SynchronizationError(
+            f"does not turn as {reference.source.parent.name} does: the best correlation of their rates over all "
+            f"shifts is {found.coefficient:.2f}, expected {MIN_CORRELATION} or more",
+            correlation=found.coefficient,
+        )
+    return found.clock

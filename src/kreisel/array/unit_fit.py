@@ -1,0 +1,459 @@
+"""One unit's parameters by a known common motion: least squares of its raw readings.
+
+The readings are predicted from the motion, so that noise of the unit is in what is explained, and not in what explains
+it. Noise of the motion itself, of which the unit's is a part, has the same covariance with the unit's readings as with
+itself where units count by their noise: it does not pull matrices towards zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.array.common_motion import BodyMotion, MotionErrors
+from kreisel.array.resampled import Resampled, resampled
+from kreisel.errors import EstimationError
+from kreisel.geometry.rotation import Array, Indices, Mask, skew
+from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.recording.recording import ImuSamples
+from kreisel.synchronization.clock import Clock
+
+_ROUNDS = 4
+"""Times that the fit is repeated. Chosen: accelerometers are bilinear in axes and positions, and clocks begin within
+milliseconds; the third round moves nothing by a thousandth of a deviation."""
+
+_MEAN = 0.01
+"""Seconds over which rows are averaged. Chosen: an arm moves little in less."""
+
+_GROSS = 6.0
+"""Standard deviations beyond which a row is left out. Chosen: none of a million rows of noise is."""
+
+_LENGTHS = (1.0, 4.0, 16.0)
+"""Seconds of the parts whose scatter shows what the model of the noise leaves out; the longest tenfold in ten minutes.
+Chosen: periods of an arm's moves, and a few of them."""
+
+_FEW = 12
+"""Parts below which a scatter is not known well enough. Chosen: its deviation is then a fifth."""
+
+
+@dataclass(frozen=True)
+class UnitFit:
+    """A unit's parameters.
+
+    Attributes
+    ----------
+    sensors
+        From its readings to the motion of b.
+    clock
+        Against the clock of the motion's times, with its deviations.
+    names
+        Columns of what follows: parameters of the sensors by name, and `clock.shift` (s) and `clock.stretch`, what the
+        clock gains from the middle of the recording to its end (s).
+    covariance : (p, p)
+        Of errors that are the unit's own, against the mean.
+    by_motion : (p, q)
+        Change by each parameter of the calibration that the motion is from.
+    noise : (2, 3)
+        Standard deviations of rows of the gyros, rad/s, and of the accelerometers, m/s^2.
+    excess : (p,)
+        Factors by which deviations exceed those by the noise alone; the covariance contains them.
+    parts
+        Rows in parts, for tests of their constancy.
+    """
+
+    sensors: SensorParameters
+    clock: Clock
+    names: tuple[str, ...]
+    covariance: Array
+    by_motion: Array
+    noise: Array
+    excess: Array
+    parts: RowParts
+
+
+@dataclass(frozen=True)
+class RowParts:
+    """Sums over parts of the recording, for each triad (gyros, accelerometers).
+
+    Attributes
+    ----------
+    seconds : (parts + 1,)
+        Where parts begin, and the last one ends.
+    info, score : (2, parts, 6, 6), (2, parts, 6)
+        Of a turn of the unit (rad, in b) and a change of its offsets, if they began with the part.
+    cross : (2, parts, 6, p)
+        With all parameters.
+    whole, of_fit : (p, p), (parts, p)
+        Information about all parameters, and what each part says of them.
+    """
+
+    seconds: Array
+    info: Array
+    score: Array
+    cross: Array
+    whole: Array
+    of_fit: Array
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Rows of one axis: derivatives (n, c) by some of all parameters, their places (c,), and what is left (n,)."""
+
+    columns: Array
+    places: Indices
+    left: Array
+
+
+def fit_unit(
+    imu: ImuSamples,
+    clock: Clock,
+    motion: BodyMotion,
+    errors: MotionErrors,
+    start: SensorParameters,
+    sizes: Mapping[str, int],
+    usual_temperature: float | None = None,
+) -> UnitFit:
+    """Return the parameters of a unit.
+
+    Parameters
+    ----------
+    clock
+        That of the unit against the motion's times, to some milliseconds.
+    errors
+        What the parameters of the motion's calibration do to it.
+    start
+        Start values.
+    sizes
+        Effects to be estimated, and how many parameters each has.
+    usual_temperature
+        At which temperature effects are zero, degrees Celsius.
+
+    Raises
+    ------
+    EstimationError
+        If the readings do not determine the parameters.
+    """
+    sensors = start
+    layout = _Layout.of(sizes)
+    for _ in range(_ROUNDS):
+        readings = resampled(imu, clock, motion.seconds)
+        rows = _rows(readings, motion, sensors, layout, usual_temperature)
+        solved = _solve(rows, readings.known, motion.seconds, layout.count)
+        sensors, clock = layout.moved(sensors, solved.change), _clock_moved(clock, motion.seconds, solved.change[-2:])
+    J = layout.as_parameters(sensors)
+    factor = _excess(solved, motion.seconds)
+    P = factor[:, None] * np.linalg.inv(solved.information) * factor
+    by_motion = -np.linalg.solve(*_response(solved, errors, motion, sensors))
+    deviation = np.sqrt(np.diag(P)[-2:])
+    half = 0.5 * float(motion.seconds[-1] - motion.seconds[0])
+    return UnitFit(
+        sensors,
+        replace(clock, start_sd=float(np.hypot(*deviation)), skew_sd=float(deviation[1]) / half),
+        layout.names,
+        J @ P @ J.T,
+        J @ by_motion,
+        solved.noise.reshape(2, 3),
+        factor,
+        _parts(solved, motion, sensors),
+    )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where parameters stand: for each axis of the gyros g_j, k_j; of the accelerometers s_j, k_j, r_j; effects; clock.
+
+    g_j and s_j are rows of the inverses of K_omega and K_a: readings are linear in them.
+    """
+
+    sizes: Mapping[str, int]
+
+    @classmethod
+    def of(cls, sizes: Mapping[str, int]) -> _Layout:
+        return cls({group: sizes[group] for group in EFFECTS if group in sizes})
+
+    @property
+    def count(self) -> int:
+        return 12 + 21 + sum(self.sizes.values()) + 2
+
+    def begin(self, sensor: str) -> int:
+        """Return where the effects of a sensor begin."""
+        return 33 + (0 if sensor == "gyroscope" else sum(self.sizes[g] for g in groups_of(self.sizes, "gyroscope")))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters after `as_parameters`."""
+        from kreisel.calibration.device_axes import NAMES
+        from kreisel.model.parameters import parameter_names
+
+        effects: list[str] = []
+        for sensor in ("gyroscope", "accelerometer"):
+            for group in groups_of(self.sizes, sensor):
+                order = 1 + self.sizes[group] // 3 if group.endswith("polynomial") else 1
+                effects += parameter_names(group, order)
+        return (*NAMES, *effects, "clock.shift", "clock.stretch")
+
+    def effects_of(self, change: Array) -> dict[str, Array]:
+        """Return changes of the effects by group."""
+        out, at = {}, 33
+        for sensor in ("gyroscope", "accelerometer"):
+            for group in groups_of(self.sizes, sensor):
+                out[group] = change[at : at + self.sizes[group]]
+                at += self.sizes[group]
+        return out
+
+    def moved(self, p: SensorParameters, change: Array) -> SensorParameters:
+        """Return parameters moved by changes of what readings are linear in."""
+        G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
+        gyro, accel = change[:12].reshape(3, 4), change[12:33].reshape(3, 7)
+        k_w, k_a, others = p.k_w.copy(), p.k_a.copy(), dict(p.others)
+        k_w[0] += gyro[:, 3]
+        k_a[0] += accel[:, 3]
+        for group, step in self.effects_of(change).items():
+            if group == "gyro_polynomial":
+                k_w[1:] += step.reshape(-1, 3)
+            elif group == "accel_polynomial":
+                k_a[1:] += step.reshape(-1, 3)
+            else:
+                others[group] = np.asarray(others.get(group, 0.0)) + step
+        K_omega, K_a = (_inverse(M) for M in (G + gyro[:, :3], S + accel[:, :3]))
+        return SensorParameters(K_omega, k_w, K_a, k_a, p.lever_arms + accel[:, 4:], others)
+
+    def as_parameters(self, p: SensorParameters) -> Array:
+        """Return the derivative of the parameters, in the order of `names`, by what readings are linear in."""
+        out = np.zeros((self.count, self.count))
+        out[33:, 33:] = np.eye(self.count - 33)
+        for j in range(3):
+            for row in range(3):
+                for column in range(3):  # dK = -K dG K
+                    out[3 * row + column, 4 * j : 4 * j + 3] = -p.K_omega[row, j] * p.K_omega[:, column]
+                    at = 12 + 7 * j
+                    out[12 + 3 * row + column, at : at + 3] = -p.K_a[row, j] * p.K_a[:, column]
+            out[9 + j, 4 * j + 3] = 1.0
+            out[21 + j, 12 + 7 * j + 3] = 1.0
+            out[24 + 3 * j : 27 + 3 * j, 12 + 7 * j + 4 : 12 + 7 * j + 7] = np.eye(3)
+        return out
+
+
+def _inverse(M: Array) -> Array:
+    return np.asarray(np.linalg.inv(M), dtype=float)
+
+
+def _field(motion: BodyMotion) -> Array:
+    """Return [alpha x] + [omega x]^2, (n, 3, 3)."""
+    W = skew(motion.rates)
+    return np.asarray(skew(motion.angular_accelerations) + W @ W)
+
+
+def _rows(
+    readings: Resampled, motion: BodyMotion, p: SensorParameters, layout: _Layout, usual_temperature: float | None
+) -> list[_Axis]:
+    """Return the rows of all six axes."""
+    G, S, n = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), motion.seconds.size
+    field = _field(motion)
+    ideal = motion.rates @ G.T - p.k_w[0]
+    at = motion.forces[:, None, :] + np.einsum("nkl,jl->njk", field, p.lever_arms)  # force at each accelerometer
+    pulled = np.einsum("njk,jk->nj", at, S) - p.k_a[0]
+    warm = np.zeros(n)
+    if readings.temperature is not None and usual_temperature is not None:
+        warm = readings.temperature - usual_temperature
+    shown = RawReadings(motion.seconds, ideal, pulled, motion.cubics.slopes, motion.cubics.curvatures, warm)
+    middle = 0.5 * (motion.seconds[0] + motion.seconds[-1])
+    along = (motion.seconds - middle) / (0.5 * float(motion.seconds[-1] - motion.seconds[0]))
+    one, clock, out = -np.ones((n, 1)), np.array([layout.count - 2, layout.count - 1]), []
+    for sensor, predicted, raw in (
+        ("gyroscope", ideal, readings.rates), ("accelerometer", pulled, readings.forces)
+    ):  # fmt: skip
+        features, places = features_of(shown, layout.sizes, sensor).T, places_of(layout.sizes, sensor)
+        values = np.concatenate([np.zeros(0), *(np.ravel(p.effects.get(g, np.zeros(layout.sizes[g])))
+                                                for g in groups_of(layout.sizes, sensor))])  # fmt: skip
+        slopes = motion.cubics.slopes(predicted)
+        for j in range(3):
+            own = places[:, j] >= 0
+            predicted_j = predicted[:, j] - features[:, own] @ values[places[own, j]]
+            late = slopes[:, j, None] * np.column_stack([np.ones(n), along])
+            if sensor == "gyroscope":
+                first, begin = np.hstack([motion.rates, one]), np.arange(4 * j, 4 * j + 4)
+            else:
+                # s_j . (Omega r) = r . (Omega' s_j)
+                by_arm = np.einsum("nkl,k->nl", field, S[j])
+                first, begin = np.hstack([at[:, j], one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
+            out.append(
+                _Axis(
+                    np.hstack([first, -features[:, own], late]),
+                    np.concatenate([begin, layout.begin(sensor) + places[own, j], clock]),
+                    raw[:, j] - predicted_j,
+                )
+            )
+    return out
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """A step of the fit: averaged rows with their weights, the change, and the information."""
+
+    axes: list[_Axis]
+    weights: Array
+    noise: Array
+    change: Array
+    information: Array
+    width: int
+
+
+def _solve(rows: list[_Axis], known: Mask, seconds: Array, count: int) -> _Solved:
+    """Return the least squares solution; rows far off are left out, and counted by the scatter of the others."""
+    width = max(1, round(_MEAN / float(np.median(np.diff(seconds)))))
+    n = seconds.size // width
+    whole = known[: n * width].reshape(n, width).all(axis=1)
+    axes = [
+        _Axis(_averaged(axis.columns, width), axis.places, _averaged(axis.left[:, None], width)[:, 0]) for axis in rows
+    ]
+    noise, change, weights = np.ones(6), np.zeros(count), np.tile(whole.astype(float), (6, 1))
+    for step in range(3):
+        A, b = np.zeros((count, count)), np.zeros(count)
+        for k, axis in enumerate(axes):
+            w = weights[k] / noise[k] ** 2
+            X = axis.columns * w[:, None]
+            A[np.ix_(axis.places, axis.places)] += X.T @ axis.columns
+            b[axis.places] += X.T @ axis.left
+        change = _solution(A, b)
+        for k, axis in enumerate(axes):
+            left = axis.left - axis.columns @ change[axis.places]
+            used = left[whole]
+            noise[k] = 1.4826 * float(np.median(np.abs(used))) + 1e-15
+            near = np.abs(left) < _GROSS * noise[k]
+            if step:
+                weights[k] = whole & near
+            noise[k] = max(float(np.sqrt(np.mean(left[whole & near] ** 2))), 1e-15)
+    return _Solved(axes, weights / noise[:, None] ** 2, noise, change, A, width)
+
+
+def _solution(A: Array, b: Array) -> Array:
+    """Return x with A x = b, by columns of unit size.
+
+    Raises
+    ------
+    EstimationError
+        If a direction is not determined.
+    """
+    size = np.sqrt(np.diag(A))
+    if not (size > 0.0).all():
+        raise EstimationError("its readings, or the motion, do not determine its parameters: an axis does not change")
+    scaled = A / size[:, None] / size
+    if float(np.linalg.eigvalsh(scaled)[0]) < 1e-12:
+        raise EstimationError("the motion does not determine its parameters: turn about all axes")
+    return np.asarray(np.linalg.solve(scaled, b / size) / size)
+
+
+def _averaged(values: Array, width: int) -> Array:
+    n = len(values) // width
+    return np.asarray(values[: n * width].reshape(n, width, -1).mean(axis=1))
+
+
+def _clock_moved(clock: Clock, seconds: Array, change: Array) -> Clock:
+    """Return a clock moved by a shift in the middle, and by what it gains until the end."""
+    middle, half = 0.5 * float(seconds[0] + seconds[-1]), 0.5 * float(seconds[-1] - seconds[0])
+    rate = float(change[1]) / half
+    start = clock.start + float(change[0]) + rate * (clock.start - middle)
+    return Clock(start, (1.0 + clock.skew) * (1.0 + rate) - 1.0)
+
+
+def _parted(values: Array, length: int) -> Array:
+    """Return sums (parts, …) of rows over parts; a last one that is not whole is left out."""
+    n = len(values) // length
+    return np.asarray(values[: n * length].reshape(n, length, *values.shape[1:]).sum(axis=1))
+
+
+def _scores(solved: _Solved) -> Array:
+    """Return what each row says of all parameters at the solution, (n, p)."""
+    out = np.zeros((solved.axes[0].left.size, solved.change.size))
+    for k, axis in enumerate(solved.axes):
+        left = axis.left - axis.columns @ solved.change[axis.places]
+        out[:, axis.places] += axis.columns * (solved.weights[k] * left)[:, None]
+    return out
+
+
+def _excess(solved: _Solved, seconds: Array) -> Array:
+    """Return factors on the deviations by which they follow the scatter of parts of several lengths, (p,)."""
+    inverse = np.linalg.inv(solved.information)
+    usual, scores = np.sqrt(np.diag(inverse)), _scores(solved)
+    row = solved.width * float(np.median(np.diff(seconds)))
+    factor = np.ones(usual.size)
+    for length in _LENGTHS:
+        parts = _parted(scores, max(1, round(length / row)))
+        if len(parts) < _FEW:
+            break
+        influence = parts @ inverse
+        seen = np.sqrt(np.sum(influence**2, axis=0) * len(parts) / (len(parts) - 1.0))
+        factor = np.maximum(factor, seen / usual)
+    return factor
+
+
+def _response(solved: _Solved, errors: MotionErrors, motion: BodyMotion, p: SensorParameters) -> tuple[Array, Array]:
+    """Return information, and the sums of what errors of the motion do to the readings, over an excerpt."""
+    rows = np.unique(errors.samples // solved.width)
+    rows = rows[rows < solved.axes[0].left.size]
+    own = np.flatnonzero(np.isin(errors.samples // solved.width, rows))
+    place = np.searchsorted(rows, errors.samples[own] // solved.width)
+    count = np.bincount(place, minlength=rows.size)[:, None]
+    q, G, S = errors.rates.shape[2], np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
+    rates, alphas, forces = (part[own] for part in (errors.rates, errors.angular_accelerations, errors.forces))
+    omega = motion.rates[errors.samples[own]]
+    A, B = np.zeros((solved.change.size,) * 2), np.zeros((solved.change.size, q))
+    for k, axis in enumerate(solved.axes):
+        j = k % 3
+        if k < 3:
+            moved = np.einsum("mkp,k->mp", rates, G[j])
+        else:
+            moved = np.einsum("mkp,k->mp", forces + _lever_change(omega, rates, alphas, p.lever_arms[j]), S[j])
+        mean = np.zeros((rows.size, q))
+        np.add.at(mean, place, moved)
+        X = axis.columns[rows] * solved.weights[k][rows, None]
+        A[np.ix_(axis.places, axis.places)] += X.T @ axis.columns[rows]
+        B[axis.places] += X.T @ (mean / count)
+    return A, B
+
+
+def _lever_change(omega: Array, rates: Array, alphas: Array, r: Array) -> Array:
+    """Return changes (m, 3, p) of alpha x r + omega x (omega x r) by those of rate and angular acceleration."""
+
+    def cross(a: Array, b: Array) -> Array:
+        return np.cross(a, b, axis=1)
+
+    r3, w3 = r[None, :, None], omega[:, :, None]
+    turned = np.cross(omega, r)[:, :, None]
+    return np.asarray(cross(alphas, r3) + cross(rates, turned) + cross(w3, cross(rates, r3)))
+
+
+def _parts(solved: _Solved, motion: BodyMotion, p: SensorParameters) -> RowParts:
+    """Return sums over parts of the longest length that gives enough of them."""
+    seconds = motion.seconds
+    row = solved.width * float(np.median(np.diff(seconds)))
+    n = solved.axes[0].left.size
+    length = max(1, min(round(_LENGTHS[1] / row), n // 40))
+    G, S, count = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), n // length
+    size = solved.change.size
+    info, score, cross = np.zeros((2, count, 6, 6)), np.zeros((2, count, 6)), np.zeros((2, count, 6, size))
+    rates, forces = _averaged(motion.rates, solved.width), _averaged(motion.forces, solved.width)
+    for k, axis in enumerate(solved.axes):
+        triad, j = divmod(k, 3)
+        # a turn phi of the unit: raw change g_j . (omega x phi) = phi . (g_j x omega)
+        turned = np.cross(G[j], rates) if triad == 0 else np.cross(S[j], forces)
+        Z = np.hstack([turned, np.zeros((n, 3))])
+        Z[:, 3 + j] = -1.0
+        w = solved.weights[k][:, None]
+        left = (axis.left - axis.columns @ solved.change[axis.places])[:, None]
+        info[triad] += _products(Z * w, Z, length)
+        score[triad] += _parted(Z * w * left, length)
+        cross[triad][:, :, axis.places] += _products(Z * w, axis.columns, length)
+    edges = seconds[0] + row * length * np.arange(count + 1)
+    return RowParts(edges, info, score, cross, solved.information, _parted(_scores(solved), length))
+
+
+def _products(left: Array, right: Array, length: int) -> Array:
+    """Return left' right summed over parts, (parts, a, b)."""
+    n = len(left) // length
+    a, b = (part[: n * length].reshape(n, length, -1) for part in (left, right))
+    return np.asarray(np.swapaxes(a, 1, 2) @ b)

@@ -1,0 +1,113 @@
+"""`kreisel calibrate` of a folder with several IMUs: all units of a tray at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from kreisel.array.tray import TrayOutcome
+    from kreisel.calibration.limits import Limits
+    from kreisel.model.calibration_settings import CalibrationSettings
+    from kreisel.recording.recording import Recording
+
+_FILES = ("array.yaml", "report.html")
+
+
+def calibrate_units(
+    base: Recording, names: tuple[str, ...], settings: CalibrationSettings, output: Path | None, limits: Limits | None,
+    *, validate: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Calibrate all IMUs of a folder, write and print the results; end with the exit status for them."""
+    import json
+
+    from kreisel.array.tray import calibrate_tray, unit_reader
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.cli.threads import in_threads, releasing_memory
+
+    with releasing_memory(), progress_bar() as show:
+        outcome = calibrate_tray(
+            unit_reader(base), names, settings, show, executor=in_threads, validate=validate and output is not None
+        )
+        if output is not None:
+            _write(outcome, output, limits)
+    decisions, status = _judged(outcome, limits)
+    if as_json:
+        typer.echo(json.dumps(_document(outcome, decisions, output)))
+    else:
+        _say(outcome, decisions, output)
+    if status:
+        raise typer.Exit(status)
+
+
+def _write(outcome: TrayOutcome, output: Path, limits: Limits | None) -> None:
+    """Write a folder for each unit and for the mean, `array.yaml`, and the page of all."""
+    from kreisel.batch.job_result import run_of_result
+    from kreisel.batch.lot import units_of
+    from kreisel.batch.unit_document import write_unit
+    from kreisel.calibration.result import RESULT_FILES, write_document
+    from kreisel.files import replaced_together
+    from kreisel.report.report_page import write_report
+    from kreisel.report.tray_page import write_tray
+
+    for unit in outcome.units:
+        unit.calibration.save(output / unit.name)
+        if limits is not None:
+            [own] = units_of([run_of_result(unit.calibration)], limits)
+            write_unit(own, limits, output / unit.name, "../report.html")
+    with replaced_together(output / "mean", RESULT_FILES) as writing:
+        outcome.mean.calibration.write(writing)
+        write_report(outcome.mean, writing / "report.html")
+    with replaced_together(output, _FILES) as writing:
+        write_document(outcome.array_document, writing / "array.yaml")
+        write_tray(outcome, writing / "report.html")
+
+
+def _judged(outcome: TrayOutcome, limits: Limits | None) -> tuple[dict[str, Any], int]:
+    """Return what is decided of each unit, and the exit status: 3 also if a unit could not be used."""
+    from kreisel.batch.outcomes import REJECTED
+    from kreisel.cli.conformity import as_table, conformity, sentence, status_of
+
+    decisions, statuses = {}, {REJECTED} if outcome.left_out else set()
+    for unit in outcome.units:
+        decision = None
+        if limits is not None and unit.calibration.accepted:
+            judged, decision = conformity(unit.calibration, limits)
+            decisions[unit.name] = {**as_table(judged, decision, limits), "sentence": sentence(judged, decision)}
+        statuses.add(status_of(unit.calibration, decision))
+    worst = next((status for status in (1, 3, 4) if status in statuses), 0)
+    return decisions, worst
+
+
+def _document(outcome: TrayOutcome, decisions: dict[str, Any], output: Path | None) -> dict[str, Any]:
+    """Return the JSON object of a tray."""
+    document: dict[str, Any] = {
+        "array": outcome.array_document,
+        "mean": outcome.mean.calibration.document,
+        "imus": {unit.name: dict(unit.calibration.document) for unit in outcome.units},
+        "left_out": dict(outcome.left_out),
+    }
+    for name, decision in decisions.items():
+        document["imus"][name]["conformity"] = {key: value for key, value in decision.items() if key != "sentence"}
+    return document if output is None else {**document, "output": str(output)}
+
+
+def _say(outcome: TrayOutcome, decisions: dict[str, Any], output: Path | None) -> None:
+    from kreisel.cli.terminal_tables import print_result, print_rows, print_sentences
+    from kreisel.report.tray_page import COLUMNS, POSE_COLUMNS, facts_of, pose_rows, unit_rows
+
+    print_result(outcome.mean.calibration, outcome.mean.warnings)
+    typer.echo(f"the results above are of the mean of {len(outcome.units)} units")
+    print_rows(f"{outcome.recording.name}: units", list(COLUMNS), unit_rows(outcome), 3)
+    print_rows(f"places in the axes of {outcome.reference}", list(POSE_COLUMNS), pose_rows(outcome), 1)
+    print_sentences(facts_of(outcome))
+    for name, decision in decisions.items():
+        typer.echo(f"{name}: {decision['sentence']}")
+    if output is None:
+        typer.echo("nothing written; -o OUT writes the results and a report")
+        return
+    folders = ", ".join(unit.name for unit in outcome.units[:3]) + (", …" if len(outcome.units) > 3 else "")
+    typer.echo(f"written: {output}/array.yaml, report.html, mean/report.html, and calibration.yaml in {folders}")
