@@ -38,7 +38,7 @@ class Applied:
     warnings: tuple[str, ...] = ()
 
 
-def check_usable(calibration: Calibration, *, force: bool) -> None:
+def check_usable(calibration: Calibration, *, force: bool, name: str = "this calibration") -> None:
     """Raise an error for a rejected calibration.
 
     Raises
@@ -48,7 +48,7 @@ def check_usable(calibration: Calibration, *, force: bool) -> None:
     """
     if not calibration.accepted and not force:
         reason = calibration.verdict.reasons[0] if calibration.verdict.reasons else "no reason is in the file"
-        raise SettingsError(f"this calibration was rejected ({reason}); --force uses it nevertheless")
+        raise SettingsError(f"{name} was rejected ({reason}); --force uses it nevertheless")
 
 
 def apply_to_file(

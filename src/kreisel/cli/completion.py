@@ -24,7 +24,7 @@ ESTIMATORS = {
     "inverse": "predicts readings from a smooth motion",
     "batch": "least squares of everything",
 }
-TARGETS = ("kalibr", "openvins", "ros", "px4", "ardupilot", "imu_tk", "c", "rust", "matlab", "json")
+TARGETS = ("kalibr", "openvins", "ros", "px4", "ardupilot", "imu_tk", "c", "rust", "matlab", "json", "urdf", "ros-tf")
 SOURCES = ("kalibr", "openvins", "px4")
 AXES = {
     "tool": "those of b, the body on the robot or in motion capture",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from kreisel.array.array_file import ArrayUnit
 from kreisel.calibration.result import Calibration
 from kreisel.exchange.exported_noise import ExportNoise
 from kreisel.inertial.sensor_model import SensorParameters
@@ -53,5 +55,41 @@ class Exported:
 
     files: dict[str, str]
     held: SensorParameters
+    lost: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlacedUnit:
+    """A unit of a tray as it is exported: where it is, and the request of its own export, in axes `imu`."""
+
+    unit: ArrayUnit
+    request: ExportRequest
+
+
+@dataclass(frozen=True)
+class ArrayRequest:
+    """What is exported of a tray.
+
+    Attributes
+    ----------
+    title
+        What the files are said to be of.
+    units
+        The reference unit first.
+    left_out
+        Units that are not exported, with the reasons.
+    """
+
+    title: str
+    units: tuple[PlacedUnit, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ExportedArray:
+    """The result of an export of a tray; fields as those of `Exported`."""
+
+    files: dict[str, str]
     lost: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
 from kreisel.exchange.kalibr_model import (
+    InKalibrsFrame,
     KalibrModel,
     imu_table,
     in_kalibrs_frame,
@@ -21,12 +22,21 @@ from kreisel.exchange.kalibr_model import (
     parameters_of,
     rotation_of,
     triangle_of,
+    uncoupled,
 )
 from kreisel.exchange.losses import RATE, losses
 from kreisel.geometry.rotation import Array
 from kreisel.units import MG
 
 MODELS = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
+
+FORMULA = (
+    "a = M C_i_b f + b, w = M C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b, with these biases b, which the format"
+)
+FRAME_I = (
+    "Frame i: x along the sensitive axis of accelerometer x, y in the plane of those of x and y; origin at",
+    "accelerometer x.",
+)
 
 
 def export(request: ExportRequest) -> Exported:
@@ -37,48 +47,67 @@ def export(request: ExportRequest) -> Exported:
     SettingsError
         If noise figures are missing.
     """
-    calibration, noise = request.calibration, request.noise.complete()
+    calibration = request.calibration
     own = in_kalibrs_frame(calibration.sensors)
-    model, C_ib, origin = own.model, own.C_ib, own.origin
-    lost = _with_coupling(losses(own.sensors, own.held), model)
-    T_i_b = np.eye(4)
+    T_i_b, time_offset = np.eye(4), 0.0
     if calibration.axes == "tool":
-        T_i_b[:3, :3], T_i_b[:3, 3] = C_ib, -C_ib @ origin
-    table = {
+        T_i_b[:3, :3], T_i_b[:3, 3] = own.C_ib, -own.C_ib @ own.origin
+        time_offset = -calibration.timing.offset
+    lost = losses_of(own)
+    head = _comments(calibration, own.model, request.noise.sources, lost)
+    return Exported({"": head + dumped({"imu0": imu_entry(request, own.model, T_i_b, time_offset)})}, own.held, lost)
+
+
+def imu_entry(request: ExportRequest, model: KalibrModel, T_i_b: Array, time_offset: float) -> dict[str, Any]:
+    """Return what Kalibr writes of an IMU.
+
+    Parameters
+    ----------
+    T_i_b : (4, 4)
+        p_i = T_i_b p_b.
+    time_offset
+        s, added to stamps of this IMU.
+
+    Raises
+    ------
+    SettingsError
+        If noise figures are missing.
+    """
+    figures = request.noise.complete().figures
+    return {
         "T_i_b": T_i_b.tolist(),
-        "accelerometer_noise_density": noise.figures["accel_density"],
-        "accelerometer_random_walk": noise.figures["accel_walk"],
+        "accelerometer_noise_density": figures["accel_density"],
+        "accelerometer_random_walk": figures["accel_walk"],
         "accelerometers": {
             "M": model.M_a.tolist(),
             **{f"r{axis}_i": row for axis, row in zip("xyz", model.arms.tolist(), strict=True)},
         },
-        "gyroscope_noise_density": noise.figures["gyro_density"],
-        "gyroscope_random_walk": noise.figures["gyro_walk"],
+        "gyroscope_noise_density": figures["gyro_density"],
+        "gyroscope_random_walk": figures["gyro_walk"],
         "gyroscopes": {"A": model.A.tolist(), "C_gyro_i": model.C_gyro_i.tolist(), "M": model.M_w.tolist()},
         "model": MODELS[2],
         "rostopic": request.topic,
-        "time_offset": -calibration.timing.offset if calibration.axes == "tool" else 0.0,
+        "time_offset": time_offset,
         "update_rate": request.rate_hz,
     }
-    head = _comments(calibration, model, noise.sources, lost)
-    return Exported({"": head + dumped({"imu0": table})}, own.held, lost)
 
 
-def _with_coupling(lost: tuple[str, ...], model: KalibrModel) -> tuple[str, ...]:
-    """Add what Kalibr's size effect leaves out: its positions act on components in i, not along sensitive axes."""
-    error = 0.0
-    for j in range(3):
-        for k in range(j):
-            error += abs(model.M_a[j, k]) * float(np.linalg.norm(model.arms[j] - model.arms[k])) * RATE**2
+def losses_of(own: InKalibrsFrame) -> tuple[str, ...]:
+    """Return what Kalibr's files do not hold of parameters, with what its size effect leaves out."""
+    lost = losses(own.sensors, own.held)
+    error = uncoupled(own.model) * RATE**2
     if error < 1e-3 * MG:
         return lost
     return (*lost, f"the size effect along axes that are not orthogonal: {error / MG:.2g} mg at 100 deg/s")
 
 
-def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, str], lost: tuple[str, ...]) -> str:
-    def listed(values: Array) -> str:
-        return ", ".join(f"{x:.9g}" for x in values)
+def bias_text(model: KalibrModel) -> str:
+    """Return the biases, which the format does not hold."""
+    gyro, accel = (", ".join(f"{x:.9g}" for x in bias) for bias in (model.bias_w, model.bias_a))
+    return f"gyroscope [{gyro}] rad/s, accelerometer [{accel}] m/s^2"
 
+
+def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, str], lost: tuple[str, ...]) -> str:
     frames = (
         [
             "T_i_b: from b, the body whose pose the reference gave, to i: p_i = T_i_b p_b. (Kalibr's own b is imu0.)",
@@ -88,15 +117,14 @@ def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, s
         if calibration.axes == "tool"
         else [
             "T_i_b: identity, because this is imu0, to which Kalibr's b belongs. time_offset: 0 for the same reason.",
-            "Frame i: x along the sensitive axis of accelerometer x, y in the plane of those of x and y; origin at",
-            "accelerometer x.",
+            *FRAME_I,
         ]
     )
     title = "IMU" if calibration.recording is None else calibration.recording.title
     lines = [
         f"{title}, by kreisel, as Kalibr writes its results. Direction: true to measured.",
-        "a = M C_i_b f + b, w = M C_gyro_i C_i_b omega + A C_gyro_i C_i_b f + b, with these biases b, which the format",
-        f"does not hold: gyroscope [{listed(model.bias_w)}] rad/s, accelerometer [{listed(model.bias_a)}] m/s^2.",
+        FORMULA,
+        f"does not hold: {bias_text(model)}.",
         *frames,
         *(f"{name}: {source}" for name, source in sources.items()),
         *(f"Not held: {text}" for text in lost),

@@ -114,10 +114,26 @@ def in_kalibrs_frame(p: SensorParameters) -> InKalibrsFrame:
     """Return parameters in Kalibr's frame i, with its model of them."""
     model, C_ib, origin = kalibr_model(p)
     sensors = turned(p, C_ib.T, origin)
+    return InKalibrsFrame(model, sensors, held_by_kalibr(sensors), C_ib, origin)
+
+
+def held_by_kalibr(p: SensorParameters) -> SensorParameters:
+    """Return what Kalibr's files hold of parameters, in the same axes; see `InKalibrsFrame.held`."""
     sensitivity = {group: value for group, value in p.others.items() if group == "gyro_g_sensitivity"}
     still = np.zeros((1, 3))
-    held = replace(without_effects_of(sensors), k_w=still, k_a=still, others=sensitivity)
-    return InKalibrsFrame(model, sensors, held, C_ib, origin)
+    return replace(without_effects_of(p), k_w=still, k_a=still, others=sensitivity)
+
+
+def uncoupled(model: KalibrModel) -> float:
+    """Return the largest error of Kalibr's size effect, m: times the square of a rate, or an angular acceleration.
+
+    Its positions act on components in i, not along sensitive axes.
+    """
+    error = 0.0
+    for j in range(3):
+        for k in range(j):
+            error += abs(model.M_a[j, k]) * float(np.linalg.norm(model.arms[j] - model.arms[k]))
+    return error
 
 
 def parameters_of(model: KalibrModel) -> SensorParameters:

@@ -11,7 +11,7 @@ from kreisel.inertial.effects import OF_CHANGE, RawReadings, added
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import DELAYS, SMOOTHINGS
-from kreisel.units import DEG, DEG_PER_HOUR, MG, MRAD, PPM, STANDARD_GRAVITY
+from kreisel.units import DEG, DEG_PER_HOUR, MG, MRAD, MS, PPM, STANDARD_GRAVITY
 
 RATE = 100.0 * DEG
 """Rate at which losses are stated, rad/s."""
@@ -29,6 +29,9 @@ _MOVING = {
 
 TEMPERATURE_CHANGE = 10.0
 """Kelvin above the calibration's temperature at which losses are stated."""
+
+LASTING = 600.0
+"""Seconds from the first stamp after which the loss of a clock's skew is stated."""
 
 _SMALLEST_MG, _SMALLEST_DEG_H, _SMALLEST_PPM = 1e-3, 1e-3, 0.1
 """Smaller losses are not stated. Chosen: a hundredth of the offset of the best grade, ring-laser (0.1 mg), a thirtieth
@@ -64,6 +67,12 @@ def losses(full: SensorParameters, held: SensorParameters) -> tuple[str, ...]:
         left = np.asarray(value, dtype=float).ravel() - np.asarray(held.effects.get(group, 0.0), dtype=float).ravel()
         out += _effect(group, left)
     return tuple(out)
+
+
+def clock_losses(skew: float) -> tuple[str, ...]:
+    """Return what is lost where a format holds no ratio of clocks, 1 + skew."""
+    gained = abs(skew) * LASTING / MS
+    return tuple(_told("the clock's skew", abs(skew) / PPM, _SMALLEST_PPM, "ppm", f"{gained:.3g} ms after ten minutes"))
 
 
 def without_effects_of(p: SensorParameters) -> SensorParameters:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.exchange import autopilots, kalibr, number_files, openvins, source_code
-from kreisel.exchange.exported import Exported, ExportRequest
+from kreisel.exchange import autopilots, kalibr, kalibr_chain, number_files, openvins, ros_frames, source_code
+from kreisel.exchange.exported import ArrayRequest, Exported, ExportedArray, ExportRequest
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,24 @@ TARGETS = {
     "json": Target("the whole result file as JSON", ".json", number_files.export_json),
 }
 
+
+@dataclass(frozen=True)
+class ArrayTarget:
+    """A format of several IMUs; fields as those of `Target`."""
+
+    what: str
+    suffix: str
+    export: Callable[[ArrayRequest], ExportedArray]
+    noise: bool = False
+
+
+ARRAY_TARGETS = {
+    "kalibr": ArrayTarget("Kalibr's YAML of several IMUs", ".yaml", kalibr_chain.export, noise=True),
+    "urdf": ArrayTarget("a URDF with fixed joints", ".urdf", ros_frames.export_urdf),
+    "ros-tf": ArrayTarget("a launch file of static transforms for ROS 2", ".launch.xml", ros_frames.export_tf),
+}
+"""Of a tray; other formats are of a single IMU."""
+
 READERS: dict[str, Callable[[Path, int], Calibration]] = {
     "kalibr": lambda path, _: kalibr.read(path),
     "openvins": lambda path, _: openvins.read(path),
@@ -49,11 +67,31 @@ def target_named(name: str) -> Target:
     Raises
     ------
     SettingsError
-        If it does not exist; the message lists those that do.
+        If it does not exist, or is one of several IMUs; the message lists those that do.
     """
+    if name in ARRAY_TARGETS and name not in TARGETS:
+        raise SettingsError(f"--to {name} is of several IMUs: give the result folder that has array.yaml")
     if name not in TARGETS:
-        raise SettingsError(unknown_name("format", name, TARGETS))
+        raise SettingsError(unknown_name("format", name, {**TARGETS, **ARRAY_TARGETS}))
     return TARGETS[name]
+
+
+def array_target_named(name: str, units: Iterable[str]) -> ArrayTarget:
+    """Return a format of several IMUs; units: names of those there are.
+
+    Raises
+    ------
+    SettingsError
+        If it does not exist, or is one of a single IMU.
+    """
+    if name in TARGETS and name not in ARRAY_TARGETS:
+        raise SettingsError(
+            f"--to {name} is of a single IMU: export the folders of the units ({', '.join(units)}) one by one; of "
+            f"several IMUs are: {', '.join(sorted(ARRAY_TARGETS))}"
+        )
+    if name not in ARRAY_TARGETS:
+        raise SettingsError(unknown_name("format", name, {**TARGETS, **ARRAY_TARGETS}))
+    return ARRAY_TARGETS[name]
 
 
 def read_from(name: str, path: Path, instance: int = 0) -> Calibration:

@@ -18,7 +18,7 @@ from kreisel.cli import completion
 from kreisel.cli.main import app
 from kreisel.cli.targets import targets
 from kreisel.devices.address import IMUS, MOVERS, ROBOTS
-from kreisel.exchange.targets import READERS, TARGETS
+from kreisel.exchange.targets import ARRAY_TARGETS, READERS, TARGETS
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.model import calibration_settings as settings
@@ -51,7 +51,7 @@ def completed(*words: str) -> list[str]:
         (("calibrate", "r", "--estimate"), settings.BY_CHOICE),
         (("calibrate", "r", "--limits"), GRADES),
         (("robot", "r", "--estimate"), [name for name in settings.BY_CHOICE if name.startswith("robot_")]),
-        (("export", "r", "--to"), TARGETS),
+        (("export", "r", "--to"), {**TARGETS, **ARRAY_TARGETS}),
         (("export", "r", "--from"), READERS),
         (("export", "r", "--axes"), AXES),
         (("export", "r", "--grade"), GRADES),
