@@ -54,6 +54,7 @@ COMMANDS = {
         (
             "kreisel export result --to c -o imu.h",
             "kreisel export result --to kalibr --grade fog-mems -o imu.yaml",
+            "kreisel export tray --to urdf -o imus.urdf",
         ),
     ),
     "certificate": CommandHelp(
