@@ -75,7 +75,7 @@ def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: R
         )
     accel, _ = _linear(readings.forces[both], base.forces[both])
     noise = [
-        float(np.sqrt(imu.interval * np.mean((part[:, :3] @ _noise(own)) ** 2)))
+        float(np.sqrt(imu.interval * np.mean((part[:, :3] @ white_noise(own)) ** 2)))
         for part, own in ((gyro, imu.rates), (accel, imu.accelerations))
     ]
     return Aligned(name, clock, gyro, accel, np.array(noise))
@@ -90,7 +90,7 @@ def _linear(x: Array, y: Array) -> tuple[Array, float]:
     return np.column_stack([matrix, centre_y - matrix @ centre_x]), 1.0 - left
 
 
-def _noise(values: Array) -> Array:
+def white_noise(values: Array) -> Array:
     """Return standard deviations (3,) of white noise by third differences, whose median motion hardly touches."""
     difference = np.abs(np.diff(values, 3, axis=0))
     # of third differences the variance is 20 times that of the noise; 0.6745 makes a median absolute value a deviation
