@@ -12,15 +12,20 @@ from kreisel.cli import completion
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from kreisel.array.fused_imu import FusedImu
     from kreisel.calibration.result import Calibration
+    from kreisel.geometry.rotation import Array
 
     Write = Callable[[bytes], None]
 
 _STREAM = "-"
+_TOPIC = "/imu/data_calibrated"
 
 
 def apply(
-    calibration: Path = typer.Argument(..., help="Result folder, or its calibration.yaml."),
+    calibration: Path = typer.Argument(
+        ..., help="Result folder, or its calibration.yaml; with --fuse that of several IMUs."
+    ),
     raw: str = typer.Argument(
         ...,
         help="Raw readings: a table, a recording folder, an .mcap file, a bag, - for a table on standard input, or the "
@@ -43,22 +48,36 @@ def apply(
         help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
         autocompletion=completion.columns,
     ),
-    topic: str = typer.Option("/imu/data_calibrated", help="Topic of corrected readings in the copy of a bag."),
+    topic: str = typer.Option(_TOPIC, help="Topic of corrected readings in the copy of a bag."),
     seconds: float | None = typer.Option(None, min=0.1, help="End after so many seconds; for devices."),
     force: bool = typer.Option(
         False, "--force", help="Use a calibration that was rejected, and readings in implausible units."
     ),
+    fuse: bool = typer.Option(
+        False, "--fuse", help="Fuse all IMUs of a recording folder to one, with the best weights."
+    ),
+    json: bool = typer.Option(False, "--json", help="With --fuse: print weights and noise as one JSON object."),
 ) -> None:
     """Write true angular rate and specific force of raw readings.
 
     Derivatives for lever arms are those of the cubic closest to seven samples: a stream is late by three samples.
     """
     from kreisel.application.corrected_files import apply_to_file, check_usable
+    from kreisel.array.array_file import is_array
     from kreisel.calibration.result import Calibration
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
     from kreisel.progress import of_step
 
+    if fuse:
+        others = {"--axes": axes not in (None, "tool"), "--imu": imu, "--map": columns, "--seconds": seconds}
+        _refuse({**others, "--topic": topic != _TOPIC, "-o -": output == _STREAM, raw: raw == _STREAM or "://" in raw})
+        _apply_fused(calibration, Path(raw), Path(output), force=force, as_json=json)
+        return
+    if json:
+        raise SettingsError("--json is for --fuse")
+    if is_array(calibration):
+        raise SettingsError(f"{calibration} is of several IMUs; give the folder of one in it, or --fuse")
     found = Calibration.load(calibration)
     check_usable(found, force=force)
     if found.verdict.caution:
@@ -93,6 +112,64 @@ def apply(
     for warning in done.warnings:
         typer.echo(f"· {warning}", err=True)
     typer.echo(f"written: {done.path}, {done.samples} samples", err=True)
+
+
+def _refuse(options: dict[str, object]) -> None:
+    """Raise an error for options that do not go with --fuse; options: whether each was given."""
+    from kreisel.errors import SettingsError
+
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise SettingsError(f"{given[0]} does not go with --fuse: it writes a file of a folder's IMUs, in axes of b")
+
+
+def _apply_fused(calibration: Path, raw: Path, output: Path, *, force: bool, as_json: bool) -> None:
+    """Write the readings of the fused IMU, and say how it consists of the units."""
+    import json
+
+    from kreisel.application.fused_files import fuse_files
+    from kreisel.array.array_file import is_array, load_array
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.errors import SettingsError
+
+    if calibration.exists() and not is_array(calibration):
+        raise SettingsError(f"--fuse is for the result of several IMUs, with array.yaml; {calibration} is of one")
+    array = load_array(calibration)
+    with progress_bar() as show:
+        done = fuse_files(array, raw, output, force=force, progress=show)
+    for warning in done.warnings:
+        typer.echo(f"· {warning}", err=True)
+    if as_json:
+        typer.echo(json.dumps({**done.imu.document, "warnings": list(done.warnings), "output": str(done.path)}))
+    else:
+        _say_fused(raw.resolve().name, done.imu)
+    typer.echo(f"written: {done.path}, {done.imu.stamps_ns.size} samples", err=True)
+
+
+def _say_fused(title: str, imu: FusedImu) -> None:
+    """Print weights and noise of the units and of the fused IMU, and which were left out."""
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
+    from kreisel.units import DEG_PER_ROOT_HOUR, MG
+
+    def noise(density: Array | None) -> list[str]:
+        if density is None:
+            return ["-", "-"]
+        return [f"{density[0] / DEG_PER_ROOT_HOUR:.3g}", f"{1e3 * density[1] / MG:.3g}"]
+
+    rows = [
+        [unit.name, *(f"{100.0 * w:.1f}" for w in unit.weight), *noise(unit.density), f"{100.0 * unit.share:.4g}"]
+        for unit in imu.units
+    ]
+    rows.append(["fused, by the weights", "100", "100", *noise(imu.predicted), "100"])
+    rows.append(["fused, measured", "", "", *noise(imu.measured), ""])
+    heads = ("unit", "gyros, %", "accelerometers, %", "gyros, deg/sqrt(h)", "accelerometers, ug/sqrt(Hz)", "samples, %")
+    print_rows(f"{title}: weights and noise densities", heads, rows, 1)
+    how = "at standstills" if imu.at_rest else "by third differences, for there are hardly any standstills"
+    lines = [f"noise densities {how}; stamps are those of {imu.units[0].name}"]
+    if imu.lost:
+        lines.append(f"· {imu.lost} samples were left out: no unit has readings there that are not clipped")
+    lines += [f"· left out: {name}: {reason}" for name, reason in imu.left_out.items()]
+    print_sentences(lines)
 
 
 def _tell(calibration: Calibration) -> None:

@@ -70,7 +70,7 @@ def test_without_it_nothing_is_printed_on_standard_output(ended):
 )
 def test_a_missing_file_is_an_object_with_status_1(words, ended, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    more = {"batch": ["-o", "lot"], "repeat": ["none"]}.get(words[0], [])
+    more = {"batch": ["-o", "lot"], "repeat": ["none"], "apply": ["raw", "-o", "f.csv", "--fuse"]}.get(words[0], [])
     given = ["--only", "none"] if words == ("study", "robustness") else ["none"]
     code, out, err = ended(*words, *given, *more, "--json")
     assert code == 1
@@ -93,6 +93,15 @@ def test_a_missing_file_is_an_object_with_status_1(words, ended, tmp_path, monke
         (("static", "r", "--live", "csv://127.0.0.1:9"), "one of them"),
         (("static", "r", "--until", "accelerometer.offset=1mg"), "with --live"),
         (("watch", "r", "--dashboard"), "give one of them"),
+        (("apply", "r", "raw", "-o", "f.csv"), "--json is for --fuse"),
+        (("apply", "r", "raw", "-o", "f.csv", "--fuse", "--axes", "imu"), "--axes does not go with --fuse"),
+        (("apply", "r", "raw", "-o", "f.csv", "--fuse", "--imu", "imu1"), "--imu does not go with --fuse"),
+        (("apply", "r", "raw", "-o", "f.csv", "--fuse", "--map", "imu.time=t"), "--map does not go with --fuse"),
+        (("apply", "r", "raw", "-o", "f.csv", "--fuse", "--topic", "/t"), "--topic does not go with --fuse"),
+        (("apply", "r", "raw", "-o", "f.csv", "--fuse", "--seconds", "3"), "--seconds does not go with --fuse"),
+        (("apply", "r", "raw", "-o", "-", "--fuse"), "-o - does not go with --fuse"),
+        (("apply", "r", "-", "-o", "f.csv", "--fuse"), "- does not go with --fuse"),
+        (("apply", "r", "csv://h:4000", "-o", "f.csv", "--fuse"), "csv://h:4000 does not go with --fuse"),
         (("study", "robustness", "--random", "2", "--only", "clean"), "leave out --only"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
