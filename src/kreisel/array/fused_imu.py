@@ -198,11 +198,12 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     stamps = _filled(base.imu.stamps_ns)
     times = (stamps - stamps[0]) * 1e-9
     noise = np.array([unit.noise for unit in group.units])
-    still = standstills(times, *_mean_rates(group, times, noise[:, 0]))
+    rates, there, known = _mean(group, times, noise)
+    still = standstills(times, (rates, there), known)
     found = _densities(group, times, still)
     density = noise if found is None else found
-    rates, known = _mean_rates(group, times, density[:, 0])
-    forces, there = _mean_forces(group, times, density[:, 1], rates, known)
+    rates, there, known = _mean(group, times, density)
+    forces = _at_origin(group, times, density[:, 1], (rates, there), known)
     own = [still.density(values, known) for values in (rates, there)]
     measured = None if found is None or None in own else np.array(own, dtype=float)
     weights = density**-2.0 / np.sum(density**-2.0, axis=0)
@@ -298,34 +299,34 @@ def _filled(stamps: Stamps) -> Stamps:
     return np.sort(np.concatenate([stamps, *more]))
 
 
-def _mean_rates(group: _Group, times: Array, density: Array) -> tuple[Array, Mask]:
-    """Return the mean of rates (n, 3) weighted by densities (units,), and where there are any."""
-    sums, weights = np.zeros((times.size, 3)), np.zeros((times.size, 1))
+def _mean(group: _Group, times: Array, density: Array) -> tuple[Array, Array, Mask]:
+    """Return means of rates, and of forces where the units are, (n, 3), weighted by densities (units, 2).
+
+    The last value says where there are any; they are zero elsewhere.
+    """
+    sums, weights = np.zeros((2, times.size, 3)), np.zeros((2, times.size, 1))
     for unit, clock, own in zip(group.units, group.clocks, density, strict=True):
         seen = unit.at(clock, times)
-        weight = seen.known[:, None] * own**-2.0
-        sums += weight * seen.rates
+        weight = own[:, None, None] ** -2.0 * seen.known[:, None]
+        sums += weight * np.stack([seen.rates, seen.forces])
         weights += weight
-    known = weights[:, 0] > 0.0
-    return sums / np.where(known[:, None], weights, 1.0), known
+    known = weights[0, :, 0] > 0.0
+    rates, forces = sums / np.where(weights > 0.0, weights, 1.0)
+    return rates, forces, known
 
 
-def _mean_forces(group: _Group, times: Array, density: Array, rates: Array, known: Mask) -> tuple[Array, Array]:
-    """Return means of forces (n, 3) weighted by densities (units,): at the origin of b, and where the units are.
-
-    They are zero where they are not known.
-    """
-    t, w = times[known], rates[known]
+def _at_origin(group: _Group, times: Array, density: Array, mean: tuple[Array, Array], known: Mask) -> Array:
+    """Return mean forces at the origin of b (n, 3) by mean rates and forces where the units are; density: (units,)."""
+    t, w = times[known], mean[0][known]
     slopes = local_cubics(t, usual_interval(t)).slopes(w)
-    sums, weights = np.zeros((2, t.size, 3)), np.zeros((t.size, 1))
+    sums, weights = np.zeros((t.size, 3)), np.zeros((t.size, 1))
     for unit, clock, own in zip(group.units, group.clocks, density, strict=True):
-        seen = unit.at(clock, t)
-        weight = seen.known[:, None] * own**-2.0
-        sums += weight * np.stack([seen.forces + unit.to_origin(w, slopes), seen.forces])
+        weight = unit.at(clock, t).known[:, None] * own**-2.0
+        sums += weight * unit.to_origin(w, slopes)
         weights += weight
-    forces = np.zeros((2, times.size, 3))
-    forces[:, known] = sums / weights
-    return forces[0], forces[1]
+    forces = mean[1].copy()
+    forces[known] += sums / weights
+    return forces
 
 
 def _densities(group: _Group, times: Array, still: Standstills) -> Array | None:

@@ -6,6 +6,7 @@ samples within them; in motion they are many times as large.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +24,9 @@ _EXCESS = 4.0
 """Largest ratio of the differences of averages to what the scatter within them says, at rest. Chosen: that of white
 noise through a low-pass of a tenth of the sample rate is 3, that of a steady slope is 120."""
 
-_ENERGY = 4.0
-"""Largest ratio of a window's differences to the usual ones of all windows at rest."""
+_ENERGY = 2.5
+"""Largest ratio of a window's differences to the lower quartile of those of windows at rest. Chosen: a thousandth of
+windows of white noise have larger ones; three quarters may be slow motion."""
 
 MIN_PAIRS = 50
 """Pairs of averages below which no density is given; its deviation is then a twentieth, with three axes."""
@@ -66,22 +68,29 @@ class Standstills:
         return float(np.sqrt(0.5 * self.seconds * np.mean((mean[pairs + 1] - mean[pairs]) ** 2)))
 
 
-def standstills(times: Array, rates: Array, known: Mask) -> Standstills:
-    """Return the standstills that rates (n, 3) at times (n,) show."""
+def standstills(times: Array, readings: Sequence[Array], known: Mask) -> Standstills:
+    """Return the standstills that readings at times (n,) show.
+
+    readings
+        Of several sensors, (n, 3) each; all of them must be at rest.
+    """
     step = float(np.median(np.diff(times)))
     width = max(4, round(AVERAGED / step))
-    t, parts = _parts(times, width), _parts(rates, width)
+    t = _parts(times, width)
     regular = _whole(known, width) & (t[:, -1] - t[:, 0] < 1.5 * width * step)
-    mean, within = parts.mean(axis=1), parts.var(axis=1, ddof=1).sum(axis=1) / width
-    between = 0.5 * np.sum(np.diff(mean, axis=0) ** 2, axis=1)
-    good = regular[1:] & regular[:-1]
-    starts = np.arange(0, max(mean.shape[0] - _PARTS + 1, 0), _PARTS // 2)
+    starts = np.arange(0, max(regular.size - _PARTS + 1, 0), _PARTS // 2)
     places = starts[:, None] + np.arange(_PARTS - 1)
-    still = good[places].all(axis=1)
-    energy, scatter = between[places].mean(axis=1), within[places].mean(axis=1)
-    still &= energy <= _EXCESS * scatter
-    if still.any():
-        still &= energy <= _ENERGY * float(np.median(energy[still]))
+    still = (regular[1:] & regular[:-1])[places].all(axis=1)
+    energies = []
+    for values in readings:
+        parts = _parts(values, width)
+        within = parts.var(axis=1, ddof=1).sum(axis=1) / width
+        between = 0.5 * np.sum(np.diff(parts.mean(axis=1), axis=0) ** 2, axis=1)
+        energies.append(between[places].mean(axis=1))
+        still &= energies[-1] <= _EXCESS * within[places].mean(axis=1)
+    limits = [_ENERGY * float(np.percentile(energy[still], 25.0)) if still.any() else 0.0 for energy in energies]
+    for energy, limit in zip(energies, limits, strict=True):
+        still &= energy <= limit
     return Standstills(width, width * step, np.unique(places[still]))
 
 

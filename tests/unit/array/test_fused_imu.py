@@ -190,9 +190,21 @@ def test_one_unit_is_none_to_be_fused():
 def test_standstills_are_the_true_ones():
     t = np.arange(round(SECONDS * RATE)) / RATE
     rng = np.random.default_rng(5)
+    known = np.ones(t.size, dtype=bool)
     rates = MOTION.at(t)[0] + rng.normal(0.0, 1e-3, (t.size, 3))
-    found = standstills(t, rates, np.ones(t.size, dtype=bool))
+    found = standstills(t, [rates], known)
     assert found.pairs.size > 200
     samples = found.pairs[:, None] * found.width + np.arange(2 * found.width)
     assert np.abs(MOTION.at(t[samples.ravel()])[0]).max() < 1e-3
     assert found.density(rates, np.zeros(t.size, dtype=bool)) is None
+
+
+def test_slow_motion_that_accelerometers_alone_show_is_no_standstill():
+    """Half of the time the body turns too slowly for its gyros; densities are those of the noise nevertheless."""
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    rng = np.random.default_rng(6)
+    slow = np.where(t % 8.0 > 4.0, t % 4.0, 0.0)[:, None] * [1e-2, 0.0, 0.0]
+    rates, forces = (rng.normal(0.0, size, (t.size, 3)) for size in (1e-3, 5e-3))
+    known = np.ones(t.size, dtype=bool)
+    found = standstills(t, [rates, forces + slow], known)
+    assert found.density(forces + slow, known) == pytest.approx(5e-3 * RATE**-0.5, rel=0.1)
