@@ -47,6 +47,7 @@ COMMANDS = {
         (
             "kreisel apply result raw.csv -o corrected.csv --axes imu",
             "kreisel apply result csv://127.0.0.1:4000 -o - --seconds 60",
+            "kreisel apply tray recording/ --fuse -o fused.csv",
         ),
     ),
     "export": CommandHelp(
