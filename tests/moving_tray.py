@@ -59,13 +59,13 @@ class Device:
     phase: float
     noise: np.ndarray
 
-    def record(self, motion, seconds, path=Path("recording"), noise=1.0):
-        """Return raw readings; noise: factor on its own."""
+    def record(self, motion, seconds, path=Path("recording"), noise=1.0, rate=RATE):
+        """Return raw readings; noise: factor on its own; rate: samples a second."""
         rng = np.random.default_rng(int(self.name[3:]))
-        t = (np.arange(round(seconds * RATE)) + self.phase) / RATE
+        t = (np.arange(round(seconds * rate)) + self.phase) / rate
         omega, alpha, f = motion.at(t)
         p = self.calibration.sensors
-        white = noise * RATE**0.5 * rng.normal(size=(2, t.size, 3)) * self.noise[:, None, None]
+        white = noise * rate**0.5 * rng.normal(size=(2, t.size, 3)) * self.noise[:, None, None]
         rates = (omega + white[0]) @ np.linalg.inv(p.K_omega).T - p.k_w[0]
         accelerations = (f + white[1]) @ np.linalg.inv(p.K_a).T - p.k_a[0] + size_effect(omega, alpha, p)
         stamps = START_NS + np.round((t + self.offset + self.drift * t) * 1e9).astype(np.int64)

@@ -8,7 +8,7 @@ from pathlib import Path
 from kreisel.application.corrected_files import check_usable
 from kreisel.application.unit_check import check_units
 from kreisel.array.array_file import ArrayResult, ArrayUnit
-from kreisel.array.fused_imu import FusedImu, UnitReadings, fuse
+from kreisel.array.fused_imu import FusedImu, UnitReadings, fuse, in_words
 from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.formats.folder import imus_in, is_folder, load_imu
 from kreisel.formats.write import write_imu_table
@@ -62,8 +62,8 @@ def fuse_files(
         units.append(readings)
         warnings += found
     if len(units) < 2:
-        reasons = "".join(f"; {name}: {reason}" for name, reason in left_out.items())
-        raise RecordingError(f"{len(units)} of the units can be used, expected two or more{reasons}", file=raw)
+        told = f"{len(units)} of the units can be used, expected two or more; {in_words(left_out)}"
+        raise RecordingError(told, file=raw)
     try:
         imu = fuse(units, of_step(progress, "bring units together"))
     except RecordingError as error:

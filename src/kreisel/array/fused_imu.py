@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.array.clock_refinement import refined_clock
+from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.mean_imu import MIN_EXPLAINED, white_noise
 from kreisel.array.resampled import Resampled, clipped_samples, resampled
 from kreisel.array.rest_density import Standstills, standstills
@@ -30,6 +31,9 @@ from kreisel.synchronization.clock import Clock
 MAX_TURNED = 0.02
 """Share of the rates by which a unit may differ from the base in proportion to them. Chosen: scale factors of the
 cheapest gyros change by less after a calibration, and a mount is turned by more before it is seen, 1.1 degrees."""
+
+_TOLD = 3
+"""Reasons in one line."""
 
 SENSORS = ("gyro", "accel")
 
@@ -86,6 +90,14 @@ class UnitReadings:
         last = np.clip(np.searchsorted(self.imu.seconds, clock.reference_time(times)), 2, self.imu.seconds.size - 2)
         clipped = self.doubtful[last[:, None] + np.arange(-2, 2)].any(axis=1)
         return Resampled(seen.rates, seen.forces, None, seen.known & ~clipped)
+
+    def for_rate(self, interval: float) -> UnitReadings:
+        """Return the readings smoothed for one sample each `interval`, s, where they have more."""
+        window = window_for(self.imu, interval)
+        if window == 1:
+            return self
+        imu, _ = smoothed(self.imu, window)
+        return replace(self, imu=imu, doubtful=np.convolve(self.doubtful, np.ones(window), "same") > 0.5)
 
     def to_origin(self, rates: Array, slopes: Array) -> Array:
         """Return what brings its forces to the origin of b, (n, 3), by the rate of b and its derivative."""
@@ -197,6 +209,7 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     base = group.units[0]
     stamps = _filled(base.imu.stamps_ns)
     times = (stamps - stamps[0]) * 1e-9
+    group = replace(group, units=tuple(unit.for_rate(base.imu.interval) for unit in group.units))
     noise = np.array([unit.noise for unit in group.units])
     rates, there, known = _mean(group, times, noise)
     still = standstills(times, (rates, there), known)
@@ -222,6 +235,13 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     )  # fmt: skip
 
 
+def in_words(left_out: Mapping[str, str]) -> str:
+    """Return names and reasons of the first units that are left out, and how many more there are."""
+    told = [f"{name}: {reason}" for name, reason in left_out.items()][:_TOLD]
+    more = len(left_out) - len(told)
+    return "; ".join([*told, f"and {more} more"] if more else told)
+
+
 @dataclass(frozen=True)
 class _Group:
     """Units that move together, the base first, with their clocks against it."""
@@ -242,7 +262,7 @@ def _moving_together(units: Sequence[UnitReadings], progress: StepProgress | Non
     if best is None or len(best.units) < 2:
         reasons = "there is one unit only"
         if best is not None and best.left_out:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in best.left_out.items())
+            reasons = in_words(best.left_out)
         raise RecordingError(f"no two units move together: {reasons}")
     return best
 

@@ -7,6 +7,7 @@ import pytest
 
 from kreisel.array.clock_refinement import refined_clock
 from kreisel.array.fused_imu import UnitReadings, fuse
+from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.rest_density import standstills
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import exp, matrix
@@ -111,6 +112,32 @@ def test_a_clock_refined_from_milliseconds_off_has_errors_within_its_deviations(
         assert abs(found.clock.skew - true.skew) < 4.0 * found.clock.skew_sd
         assert found.turned < 0.002
         assert found.explained > 0.99
+
+
+def test_units_of_other_sample_rates_lower_the_noise_by_all_their_samples():
+    rates = (RATE, 0.5 * RATE, 2.0 * RATE, 4.0 * RATE)
+    raw = {unit.name: unit.record(MOTION, SECONDS, rate=rate) for unit, rate in zip(UNITS, rates, strict=True)}
+    out = fused(raw)
+    np.testing.assert_allclose([unit.density for unit in out.units], NOISE, rtol=0.12)
+    _, w, f = errors(out.stamps_ns, out.rates, out.forces)
+    best = np.sum(NOISE**-2.0, axis=0) ** -0.5
+    assert density(w) == pytest.approx(best[0], rel=0.1)
+    assert density(f, 0.5) == pytest.approx(best[1], rel=0.1)
+
+
+def test_smoothed_readings_are_the_true_ones_also_beside_a_gap():
+    imu = UNITS[1].record(MOTION, 20.0, noise=0.0, rate=800.0)
+    keep = np.ones(imu.stamps_ns.size, dtype=bool)
+    keep[8000:8200] = False
+    imu = part(imu, keep)
+    window = window_for(imu, 1.0 / RATE)
+    assert (window, window_for(imu, 1.0 / 800.0)) == (9, 1)
+    found, done = smoothed(imu, window)
+    assert 0 < int(np.sum(~done)) <= 4 * (window - 1)
+    np.testing.assert_allclose(found.stamps_ns, imu.stamps_ns, atol=2)
+    np.testing.assert_allclose(found.rates, imu.rates, atol=2e-5)
+    few, none = smoothed(part(imu, np.arange(5)), window)
+    assert (few.stamps_ns.size, none.any()) == (5, False)
 
 
 @pytest.mark.parametrize("name", ["imu0", "imu2"])
